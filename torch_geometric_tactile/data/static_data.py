@@ -1,0 +1,223 @@
+r"""One topology, many samples."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile.typing import Transform
+
+# The number of dimensions that these attributes have when all samples share them.
+_SHARED_DIM = {"pos": 2, "normal": 2, "edge_attr": 2, "edge_weight": 1}
+
+
+class StaticData(Data):
+    r"""Many samples on one topology: :obj:`x` holds all samples, :obj:`edge_index` stands once.
+
+    It is a :class:`~torch_geometric.data.Data` object whose per-sample attributes carry a leading
+    sample dimension, so that it moves between devices, prints and takes attributes as any other.
+
+    An attribute belongs to the samples if its name says so (:obj:`x`; :obj:`pos`, :obj:`normal` and
+    :obj:`edge_attr` with three dimensions, :obj:`edge_weight` with two), and otherwise if its first
+    dimension is the number of samples. Attributes whose name contains :obj:`index` or
+    :obj:`face`, and those named in :obj:`shared`, stand once for all samples.
+
+    Args:
+        x (torch.Tensor, optional): Readings :math:`(S, N, F)`.
+        edge_index (torch.Tensor, optional): The edges of every sample :math:`(2, |\mathcal{E}|)`.
+        edge_attr (torch.Tensor, optional): Edge features, shared :math:`(|\mathcal{E}|, D)` or per
+            sample :math:`(S, |\mathcal{E}|, D)`.
+        y (torch.Tensor, optional): Labels :math:`(S,)` or :math:`(S, C)`.
+        pos (torch.Tensor, optional): Taxel positions in metres, shared :math:`(N, 3)` or per sample
+            :math:`(S, N, 3)`.
+        shared (iterable of str): Names of further attributes that stand once for all samples.
+        **kwargs: Further attributes.
+
+    Raises:
+        ValueError: If :obj:`x` has not three dimensions.
+
+    Examples:
+        >>> data = StaticData(x=torch.zeros(5, 4, 3), edge_index=torch.tensor([[0, 1], [1, 0]]))
+        >>> data.num_samples, data.num_nodes, data.num_features
+        (5, 4, 3)
+        >>> data.sample(0)
+        Data(x=[4, 3], edge_index=[2, 2])
+    """
+
+    def __init__(
+        self,
+        x: Tensor | None = None,
+        edge_index: Tensor | None = None,
+        edge_attr: Tensor | None = None,
+        y: Tensor | None = None,
+        pos: Tensor | None = None,
+        *,
+        shared: Iterable[str] = (),
+        **kwargs: Any,
+    ) -> None:
+        if x is not None and x.dim() != 3:
+            raise ValueError(
+                f"'x' must have shape (num_samples, num_nodes, num_features) (got {tuple(x.shape)})"
+            )
+        self.__dict__["_shared"] = frozenset(shared)
+        super().__init__(
+            x=x, edge_index=edge_index, edge_attr=edge_attr, y=y, pos=pos, **kwargs
+        )
+
+    def __cat_dim__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> Any:
+        if key in ("x", "pos", "normal"):
+            return -2  # the taxels, from which PyG reads the number of nodes
+        return super().__cat_dim__(key, value, *args, **kwargs)
+
+    @property
+    def num_samples(self) -> int:
+        r"""The number of samples :math:`S`."""
+        return self.x.size(0)
+
+    @property
+    def shared(self) -> frozenset[str]:
+        r"""The names given as :obj:`shared`."""
+        shared: frozenset[str] = self.__dict__["_shared"]
+        return shared
+
+    def is_shared(self, key: str) -> bool:
+        r"""Tells whether an attribute stands once for all samples.
+
+        Args:
+            key (str): Name of the attribute.
+        """
+        value = self[key]
+        if key == "x":
+            return False
+        if not isinstance(value, Tensor) or key in self.shared or "index" in key or "face" in key:
+            return True
+        if key in _SHARED_DIM:
+            return value.dim() == _SHARED_DIM[key]
+        return value.dim() == 0 or value.size(0) != self.num_samples
+
+    def sample(self, i: int) -> Data:
+        r"""Returns one sample as PyG's :class:`~torch_geometric.data.Data`.
+
+        Args:
+            i (int): Its index.
+
+        Raises:
+            IndexError: If there is no such sample.
+        """
+        if not -self.num_samples <= i < self.num_samples:
+            raise IndexError(f"'i' must be below {self.num_samples} (got {i})")
+        i %= self.num_samples
+        out = Data()
+        for key, value in self._store.items():
+            if self.is_shared(key):
+                out[key] = value
+            elif self._is_element_level(key):
+                out[key] = value[i]
+            else:
+                out[key] = value[i : i + 1]
+        return out
+
+    @staticmethod
+    def _is_element_level(key: str) -> bool:
+        return key == "x" or key in _SHARED_DIM
+
+    def index_select(self, index: Tensor | slice) -> Self:
+        r"""Returns some of the samples, in the given order.
+
+        Args:
+            index (torch.Tensor or slice): Indices :math:`(B,)`, a mask :math:`(S,)`, or a slice
+                (which copies nothing).
+        """
+        out = self.__class__(shared=self.shared)
+        for key, value in self._store.items():
+            out[key] = value if self.is_shared(key) else value[index]
+        return out
+
+    def to_data_list(self) -> list[Data]:
+        r"""Returns the samples one by one."""
+        return [self.sample(i) for i in range(self.num_samples)]
+
+    @classmethod
+    def from_data_list(cls, data_list: Sequence[Data], shared: Iterable[str] = ()) -> Self:
+        r"""Stacks samples that have one topology.
+
+        Args:
+            data_list (list of torch_geometric.data.Data): The samples.
+            shared (iterable of str): Names of attributes that stand once for all samples.
+
+        Raises:
+            ValueError: If there is no sample, or the samples differ in their edges, their
+                attributes or their shapes.
+        """
+        if len(data_list) == 0:
+            raise ValueError("'data_list' must hold at least one sample (got none)")
+        first = data_list[0]
+        shared = frozenset(shared)
+        out = cls(shared=shared)
+        for key in first.keys():  # noqa: SIM118 - Data is no mapping
+            values = []
+            for i, data in enumerate(data_list):
+                if key not in data:
+                    raise ValueError(f"sample {i} must have '{key}' as sample 0 has (got none)")
+                values.append(data[key])
+            out[key] = cls._stack(key, values, shared)
+        return out
+
+    @classmethod
+    def _stack(cls, key: str, values: list[Any], shared: frozenset[str]) -> Any:
+        first = values[0]
+        once = not isinstance(first, Tensor) or key in shared or "index" in key or "face" in key
+        if once or (key in _SHARED_DIM and all(value is first for value in values)):
+            for i, value in enumerate(values):
+                same = value is first or (
+                    torch.equal(value, first) if isinstance(first, Tensor) else value == first
+                )
+                if not same:
+                    raise ValueError(
+                        f"sample {i} must have the same '{key}' as sample 0: one topology, many "
+                        "samples; use torch_geometric.data.InMemoryDataset where it differs"
+                    )
+            return first
+        shapes = {tuple(value.shape) for value in values}
+        if len(shapes) > 1:
+            raise ValueError(f"all samples must have '{key}' in one shape (got {sorted(shapes)})")
+        if cls._is_element_level(key):
+            if key != "x" and all(torch.equal(value, first) for value in values):
+                return first
+            return torch.stack(values)
+        if first.dim() == 0:
+            return torch.stack(values)
+        return torch.cat(values)
+
+
+def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
+    r"""Applies a transform to many samples at once, with the result of applying it to each.
+
+    Transforms that declare :obj:`supports_static = True` see all samples in one call; any other PyG
+    transform is called sample by sample.
+
+    Args:
+        transform (callable, optional): From :class:`~torch_geometric.data.Data` to
+            :class:`~torch_geometric.data.Data`.
+        data (StaticData): The samples.
+
+    Raises:
+        ValueError: If the transform gives the samples different topologies.
+    """
+    if transform is None:
+        return data
+    if isinstance(transform, Compose):
+        for part in transform.transforms:
+            data = apply_transform(part, data)
+        return data
+    if getattr(transform, "supports_static", False):
+        out: StaticData = transform(data)
+        return out
+    if data.num_samples == 0:
+        return data
+    return StaticData.from_data_list(
+        [transform(sample) for sample in data.to_data_list()], shared=data.shared
+    )

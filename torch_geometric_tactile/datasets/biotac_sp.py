@@ -1,0 +1,209 @@
+r"""Real grasps with a Shadow hand."""
+
+import shutil
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pooch
+import requests
+import torch
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.files import atomic_path, file_sha256
+from torch_geometric_tactile.io import read_biotac_sp_csv
+from torch_geometric_tactile.sensors import biotac_sp
+from torch_geometric_tactile.typing import Filter, PathLike, Transform
+
+Palm = Literal["down", "side", "45"]
+_PALMS = ("down", "side", "45")
+_SHA256 = {
+    "bts3v2_palm_down.csv": "7abe522411416909f6c71adc37eabc17d3ee62bed5073da1297757bea951715f",
+    "bts3v2_palm_side.csv": "79d8ce7220317f9df4061a2b983eb62bdaae56e2b4428a69a7d3369de2457a87",
+    "bts3v2_palm_45.csv": "6e94f40cd6d4e33fd53fb0a3179c948d0144b57d325d7e8761365d6c4c0ae4cb",
+    "bts3v2_palm_down_test.csv": "e38555bc8381b7151b1d0c507141d35b06b02ec7efbdabaaa92007e205bf9c44",
+    "bts3v2_palm_side_test.csv": "763da1d8512f33d2cbe3d7444691fe689b5517b8ee29a30c92dad7d567e1c3ef",
+    "bts3v2_palm_45_test.csv": "a9f42a68e6fee3153ae15833ba81180444e9cc46d238a7b191af2d7509b18678",
+}
+
+
+class BioTacSP(StaticDataset):
+    r"""The BioTac SP stability set v2 (BTS3) of the `"TactileGCN: A Graph Convolutional Network for
+    Predicting Grasp Stability with Tactile Sensors" <https://arxiv.org/abs/1901.06181>`_ paper:
+    real grasps with a Shadow hand, one reading each of three BioTac SP fingertips, before the lift
+    that showed whether the object slips.
+
+    A sample has 24 electrodes with three channels, index finger, middle finger and thumb, in raw
+    counts; :obj:`y` is 1 where the object slipped. :obj:`group` numbers the 51 objects,
+    :obj:`session` the six files (a palm pose, training or test), :obj:`trial` the grasps. Without a
+    :obj:`pre_transform` such as :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no
+    edges.
+
+    .. list-table:: STATS
+        :header-rows: 1
+
+        * - split
+          - #graphs
+          - #nodes
+          - #features
+          - #classes
+          - #objects
+        * - train
+          - 4,682
+          - 24
+          - 3
+          - 2
+          - 41
+        * - test
+          - 1,149
+          - 24
+          - 3
+          - 2
+          - 10
+
+    Args:
+        root (str or PathLike, optional): Folder of the data set; the CSV files are in its
+            :obj:`raw` folder or downloaded there. If left out, :obj:`$TACTILE_DATA/BioTacSP` or a
+            folder in the user's cache.
+        split (str): :obj:`"train"`, :obj:`"test"` (objects that the training split does not have)
+            or :obj:`"all"`.
+        palm (str, optional): Only the grasps with this palm pose, :obj:`"down"`, :obj:`"side"` or
+            :obj:`"45"`.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once, before the samples are saved.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+        force_reload (bool): Whether to process the raw files anew.
+        checksum (bool): Whether the raw files must be those published.
+
+    Raises:
+        ValueError: If :obj:`split` or :obj:`palm` is unknown, or a raw file is not as published.
+        ConnectionError: If a raw file is missing and cannot be downloaded.
+
+    Examples:
+        >>> from torch_geometric_tactile.transforms import KNNGraph
+        >>> dataset = BioTacSP(pre_transform=KNNGraph(k=2))  # doctest: +SKIP
+        >>> dataset[0]  # doctest: +SKIP
+        Data(x=[24, 3], y=[1], pos=[24, 3], ..., edge_index=[2, 62])
+    """  # noqa: D205
+
+    url = "https://raw.githubusercontent.com/3dperceptionlab/biotacsp-stability-set-v2/master"
+
+    def __init__(
+        self,
+        root: PathLike | None = None,
+        split: Literal["train", "test", "all"] = "train",
+        palm: Palm | None = None,
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        force_reload: bool = False,
+        checksum: bool = True,
+    ) -> None:
+        if split not in ("train", "test", "all"):
+            raise ValueError(f"'split' must be 'train', 'test' or 'all' (got '{split}')")
+        if palm is not None and palm not in _PALMS:
+            raise ValueError(f"'palm' must be 'down', 'side', '45' or None (got '{palm}')")
+        self.layout = biotac_sp()
+        self.split = split
+        self.palm = palm
+        self.checksum = checksum
+        super().__init__(
+            default_root("BioTacSP") if root is None else root,
+            transform,
+            pre_transform,
+            pre_filter,
+            force_reload,
+        )
+        wanted = [
+            i
+            for i, name in enumerate(self.session_names)
+            if split in ("all", "test" if name.endswith("_test") else "train")
+            and palm in (None, name.removesuffix("_test").removeprefix("palm_"))
+        ]
+        if len(wanted) < len(self.session_names):
+            kept = torch.isin(self._data.session, torch.tensor(wanted))
+            self._data = self._data.index_select(kept)
+
+    @property
+    def raw_file_names(self) -> list[str]:
+        r"""The six CSV files."""
+        return list(_SHA256)
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for all splits and palm poses."""
+        return "biotac_sp.pt"
+
+    def download(self) -> None:
+        r"""Downloads the raw files that are missing and verifies their checksums."""
+        for name, sha256 in _SHA256.items():
+            if (Path(self.raw_dir) / name).is_file():
+                continue
+            try:
+                pooch.retrieve(
+                    f"{self.url}/{name}",
+                    known_hash=sha256,
+                    fname=name,
+                    path=self.raw_dir,
+                    downloader=pooch.HTTPDownloader(progressbar=self.log, timeout=20),
+                )
+            except requests.RequestException as error:
+                raise ConnectionError(
+                    f"'{name}' is not in '{self.raw_dir}' and could not be downloaded from "
+                    f"'{self.url}'; put the file there by hand ({error})"
+                ) from error
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Reads the six files."""
+        if self.checksum:
+            for path in self.raw_paths:
+                self._verify(Path(path))
+        tables = [read_biotac_sp_csv(path) for path in self.raw_paths]
+        objects = sorted({name for table in tables for name in table.object_names})
+        number = {name: i for i, name in enumerate(objects)}
+        group = [number[name] for table in tables for name in table.object_names]
+        sizes = torch.tensor([len(table.slipped) for table in tables])
+        data = StaticData(
+            x=torch.from_numpy(np.concatenate([table.reading for table in tables])),
+            y=torch.from_numpy(np.concatenate([table.slipped for table in tables])),
+            pos=self.layout.pos,
+            normal=self.layout.normal,
+            trial=torch.arange(len(group)),
+            group=torch.tensor(group),
+            session=torch.arange(len(tables)).repeat_interleave(sizes),
+        )
+        sessions = [Path(name).stem.removeprefix("bts3v2_") for name in _SHA256]
+        return data, {"class": ["stable", "slip"], "group": objects, "session": sessions}
+
+    @staticmethod
+    def _verify(path: Path) -> None:
+        found = file_sha256(path)
+        if found != _SHA256[path.name]:
+            raise ValueError(
+                f"'{path}' must have the SHA-256 checksum {_SHA256[path.name]} (got {found}); "
+                "delete it to download it again, or pass 'checksum=False' to read it as it is"
+            )
+
+    @staticmethod
+    def import_raw(folder: PathLike, root: PathLike) -> bool:
+        r"""Copies the raw files that are in a folder to where the data set reads them.
+
+        Args:
+            folder (str or PathLike): The folder, or one that has them in :obj:`biotacsp`,
+                :obj:`BioTacSP/raw` or :obj:`raw`.
+            root (str or PathLike): Root of the data set.
+
+        Returns:
+            bool: Whether any file was there.
+        """
+        for inner in (".", "raw", "BioTacSP/raw", "biotacsp"):
+            found = [path for name in _SHA256 if (path := Path(folder, inner, name)).is_file()]
+            for path in found:
+                target = Path(root, "raw", path.name)
+                if not target.exists():
+                    with atomic_path(target) as temporary:
+                        shutil.copyfile(path, temporary)
+            if found:
+                return True
+        return False

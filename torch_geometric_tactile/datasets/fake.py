@@ -1,0 +1,94 @@
+r"""A generated stand-in for grasp data sets."""
+
+from typing import Literal
+
+import torch
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
+from torch_geometric_tactile.sim import simulate_grasps
+from torch_geometric_tactile.typing import Filter, Transform
+
+_SESSIONS = ("palm_down", "palm_side", "palm_45")
+
+
+class FakeTactileDataset(StaticDataset):
+    r"""Generated grasps in the form of :class:`~torch_geometric_tactile.datasets.BioTacSP`, for
+    tests, examples and machines without a network.
+
+    The readings come from :func:`~torch_geometric_tactile.sim.simulate_grasps`; no number of it is
+    a measurement. The test split has other objects and other sessions than the training split.
+
+    Args:
+        num_samples (int): Number of grasps, rounded up to the same number for every object.
+        split (str): :obj:`"train"` or :obj:`"test"`.
+        layout (TaxelLayout, optional): The fingertip; a BioTac SP if left out.
+        num_objects (int): Number of objects.
+        num_fingers (int): Number of fingers.
+        seed (int): Seed of all draws.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+
+    Raises:
+        ValueError: If :obj:`split` is unknown or a number is below one.
+
+    Examples:
+        >>> dataset = FakeTactileDataset(num_samples=100)
+        >>> dataset
+        FakeTactileDataset(100)
+        >>> dataset[0].x.shape
+        torch.Size([24, 3])
+    """  # noqa: D205
+
+    def __init__(
+        self,
+        num_samples: int = 1000,
+        split: Literal["train", "test"] = "train",
+        layout: TaxelLayout | None = None,
+        num_objects: int = 10,
+        num_fingers: int = 3,
+        seed: int = 0,
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+    ) -> None:
+        if split not in ("train", "test"):
+            raise ValueError(f"'split' must be 'train' or 'test' (got '{split}')")
+        for name, number in (("num_samples", num_samples), ("num_objects", num_objects)):
+            if number < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {number})")
+        self.layout = biotac_sp() if layout is None else layout
+        self.num_samples = num_samples
+        self.split = split
+        self.num_objects = min(num_objects, num_samples)
+        self.num_fingers = num_fingers
+        self.seed = seed
+        super().__init__(None, transform, pre_transform, pre_filter)
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Generates the samples."""
+        offset = 0 if self.split == "train" else 1
+        grasps = simulate_grasps(
+            self.layout,
+            objects=self.num_objects,
+            grasps_per_object=-(-self.num_samples // self.num_objects),
+            sessions=len(_SESSIONS),
+            num_fingers=self.num_fingers,
+            seed=2 * self.seed + offset,
+        )
+        data = StaticData(
+            x=torch.from_numpy(grasps.reading),
+            y=torch.from_numpy(grasps.slipped),
+            pos=self.layout.pos,
+            normal=self.layout.normal,
+            trial=torch.arange(len(grasps.slipped)),
+            group=torch.from_numpy(grasps.group) + offset * self.num_objects,
+            session=torch.from_numpy(grasps.session) + offset * len(_SESSIONS),
+        )
+        names = {
+            "class": ["stable", "slip"],
+            "group": [f"object_{i}" for i in range(2 * self.num_objects)],
+            "session": [*_SESSIONS, *(f"{name}_test" for name in _SESSIONS)],
+        }
+        return data, names

@@ -1,0 +1,18 @@
+r"""Where data sets are kept."""
+
+import os
+from pathlib import Path
+
+import pooch
+
+
+def default_root(name: str) -> Path:
+    r"""Returns the folder of a data set that was given no root: :obj:`$TACTILE_DATA/name`, or one
+    in the user's cache folder where that variable is not set.
+
+    Args:
+        name (str): Name of the data set.
+    """  # noqa: D205
+    parent = os.environ.get("TACTILE_DATA")
+    base = Path(parent).expanduser() if parent else Path(pooch.os_cache("torch_geometric_tactile"))
+    return base / name

@@ -1,0 +1,5 @@
+r"""Loaders of data with one topology."""
+
+from torch_geometric_tactile.loader.static_loader import StaticLoader
+
+__all__ = ["StaticLoader"]

@@ -1,0 +1,153 @@
+r"""Grasp stability from the electrodes of several fingers."""
+
+from typing import Literal, Optional
+
+import torch
+from torch import Tensor
+from torch.nn import Dropout, Linear, Module, ModuleList
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.conv import StaticGCNConv
+
+
+class GraspGCN(Module):
+    r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
+    on Graph Convolutional Networks" paper.
+
+    One graph convolution with ReLU on the electrodes, then one fully connected layer on all node
+    features. The fingers are alike and share one graph; their signals stand side by side in the
+    channels of :obj:`x`, finger by finger.
+
+    * :obj:`fusion="data"` (GCN-DF): one convolution on the signals of all fingers.
+    * :obj:`fusion="feature"` (GCN-FF): a convolution for each finger, whose features are
+      concatenated.
+    * :obj:`fusion=None` (GCN-L, -M, -R): one convolution on the finger :obj:`finger`, the others
+      unseen.
+
+    The paper gives neither the hidden width (ours is 64) nor how nodes enter the fully connected
+    layer (ours flattens them). Outputs are logits: the softmax of two is the paper's sigmoid.
+
+    Args:
+        num_nodes (int): Number of electrodes :math:`N` of one finger.
+        in_channels (int): Number of channels of one finger at each electrode: its frames, 60 in
+            the paper, 1 for static readings.
+        hidden_channels (int): Width of the graph convolution.
+        out_channels (int): Number of classes.
+        num_fingers (int): Number of fingers :math:`K`.
+        fusion (str, optional): :obj:`"data"`, :obj:`"feature"` or :obj:`None`.
+        finger (int, optional): The finger to look at, where :obj:`fusion` is :obj:`None`.
+        num_layers (int): Number of graph convolutions; one in the paper.
+        dropout (float): Part of the node features dropped before the fully connected layer; none in
+            the paper.
+
+    Shapes:
+        - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
+          K \cdot F)`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
+          :math:`(|\mathcal{E}|,)`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If :obj:`fusion` is unknown, :obj:`finger` is missing, superfluous or out of
+            range, a size is below one, or :obj:`x` has other nodes or channels.
+
+    Examples:
+        >>> model = GraspGCN(num_nodes=24, fusion="data")
+        >>> model
+        GraspGCN(24, 1, 64, 2, fusion='data', num_fingers=3)
+        >>> model(torch.zeros(5, 24, 3), torch.tensor([[0, 1], [1, 0]])).shape
+        torch.Size([5, 2])
+    """
+
+    def __init__(
+        self,
+        num_nodes: int = 24,
+        in_channels: int = 1,
+        hidden_channels: int = 64,
+        out_channels: int = 2,
+        num_fingers: int = 3,
+        fusion: Optional[Literal["data", "feature"]] = "data",
+        finger: Optional[int] = None,
+        num_layers: int = 1,
+        dropout: float = 0.0,
+    ) -> None:
+        super().__init__()
+        for name, size in (
+            ("num_nodes", num_nodes),
+            ("in_channels", in_channels),
+            ("hidden_channels", hidden_channels),
+            ("out_channels", out_channels),
+            ("num_fingers", num_fingers),
+            ("num_layers", num_layers),
+        ):
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        if fusion not in ("data", "feature", None):
+            raise ValueError(f"'fusion' must be 'data', 'feature' or None (got '{fusion}')")
+        if fusion is None and (finger is None or not 0 <= finger < num_fingers):
+            raise ValueError(
+                f"'finger' must be between 0 and {num_fingers - 1} where 'fusion' is None "
+                f"(got {finger})"
+            )
+        if fusion is not None and finger is not None:
+            raise ValueError(f"'finger' must be None where 'fusion' is set (got {finger})")
+        self.num_nodes = num_nodes
+        self.in_channels = in_channels
+        self.hidden_channels = hidden_channels
+        self.out_channels = out_channels
+        self.num_fingers = num_fingers
+        self.fusion = fusion
+        self.finger = finger
+        num_threads = num_fingers if fusion == "feature" else 1
+        first = in_channels * (num_fingers if fusion == "data" else 1)
+        widths = [first] + [hidden_channels] * num_layers
+        self.convs = ModuleList(
+            ModuleList(StaticGCNConv(widths[i], widths[i + 1]) for i in range(num_layers))
+            for _ in range(num_threads)
+        )
+        self.dropout = Dropout(dropout)
+        self.lin = Linear(num_nodes * hidden_channels * num_threads, out_channels)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for thread in self.convs:
+            for conv in thread:
+                conv.reset_parameters()
+        self.lin.reset_parameters()
+
+    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+        r"""Returns the logits of the classes.
+
+        Args:
+            x (torch.Tensor): Readings.
+            edge_index (torch.Tensor): Edges.
+            edge_weight (torch.Tensor, optional): Weights of the edges.
+        """
+        width = self.num_fingers * self.in_channels
+        if x.dim() not in (2, 3) or x.size(-1) != width or x.size(-2) % self.num_nodes:
+            raise ValueError(
+                f"'x' must have {self.num_nodes} nodes and {width} channels "
+                f"({self.num_fingers} fingers x {self.in_channels}) (got shape {tuple(x.shape)})"
+            )
+        if x.dim() == 3 and x.size(-2) != self.num_nodes:
+            raise ValueError(f"'x' must have {self.num_nodes} nodes (got {x.size(-2)})")
+        if self.fusion is None:
+            assert self.finger is not None
+            inputs = (x.narrow(-1, self.finger * self.in_channels, self.in_channels),)
+        elif self.fusion == "data":
+            inputs = (x,)
+        else:
+            inputs = x.split(self.in_channels, dim=-1)
+        features = []
+        for h, thread in zip(inputs, self.convs):
+            for conv in thread:
+                h = conv(h, edge_index, edge_weight).relu()
+            features.append(h.reshape(-1, self.num_nodes * self.hidden_channels))
+        return self.lin(self.dropout(torch.cat(features, dim=-1)))
+
+    def __repr__(self) -> str:
+        finger = "" if self.finger is None else f", finger={self.finger}"
+        return (
+            f"{type(self).__name__}({self.num_nodes}, {self.in_channels}, "
+            f"{self.hidden_channels}, {self.out_channels}, fusion={self.fusion!r}, "
+            f"num_fingers={self.num_fingers}{finger})"
+        )

@@ -1,0 +1,42 @@
+r"""The BioTac family of fingertips."""
+
+from importlib.resources import as_file, files
+
+from torch_geometric_tactile.sensors.layout import TaxelLayout
+
+
+def _stock_layout(name: str) -> TaxelLayout:
+    with as_file(files(__package__) / "layouts" / f"{name}.json") as path:
+        return TaxelLayout.load(path)
+
+
+def biotac() -> TaxelLayout:
+    r"""The 19 electrodes of a SynTouch BioTac, at the coordinates of Table I of the "Tactile Grasp
+    Stability Classification Based on Graph Convolutional Networks" paper (there in millimetres).
+
+    The :math:`x` axis runs along the finger towards its tip, :math:`-z` points out of the pad.
+    Normals are our model: radial to the finger's axis behind the origin, radial to the origin in
+    front of it.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(19, 3)`
+    """  # noqa: D205
+    return _stock_layout("biotac")
+
+
+def biotac_sp() -> TaxelLayout:
+    r"""The 24 electrodes of a SynTouch BioTac SP, at the coordinates (there in inches) of the
+    `BioTac SP stability set <https://github.com/3dperceptionlab/biotacsp-stability-set-v2>`_.
+
+    The :math:`x` axis runs along the finger, :math:`-y` points out of the pad. Normals are our
+    model: those of the ellipsoid of revolution about :math:`x` that fits the 24 positions best
+    (root mean square distance in :obj:`source`).
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(24, 3)`
+
+    Examples:
+        >>> biotac_sp().pos[0]
+        tensor([ 0.0098, -0.0028,  0.0040])
+    """  # noqa: D205
+    return _stock_layout("biotac_sp")

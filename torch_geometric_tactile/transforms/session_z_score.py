@@ -1,0 +1,38 @@
+r"""Scaling by recording session."""
+
+from torch_geometric_tactile.transforms.base import FittedTransform
+
+
+class SessionZScore(FittedTransform):
+    r"""Scales each taxel and channel to mean zero and standard deviation one within each recording
+    session, without labels. It takes out the offset and gain that a sensor has on one day.
+
+    It needs the readings of a session before the first of them can be scaled, and assumes that
+    sessions differ in their sensor and not in what was touched: a session of stable grasps only
+    would be scaled to look like any other. See the page on session scaling in the documentation.
+
+    :meth:`fit` measures the sessions of the training part, :meth:`adapt` those that are new.
+
+    Args:
+        key (str): Integer attribute of the samples that numbers the session.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`, with sessions :math:`(B,)`
+        - **output:** the same shape
+
+    Raises:
+        RuntimeError: If it was not fitted.
+        ValueError: If a session was not measured, or the readings have other taxels or channels.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.data import StaticData
+        >>> x = torch.tensor([1.0, 3.0, 101.0, 103.0]).view(4, 1, 1)
+        >>> data = StaticData(x=x, session=torch.tensor([0, 0, 1, 1]))
+        >>> SessionZScore().fit(data)(data).x.view(-1)
+        tensor([-1.,  1., -1.,  1.])
+    """  # noqa: D205
+
+    def __init__(self, key: str = "session") -> None:
+        super().__init__(key)
