@@ -38,7 +38,7 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
     Examples:
         >>> statistical_features(np.array([3.0, -1.0])).round(3)[:8]
         array([ 3.   , -1.   ,  3.   ,  1.   ,  4.   ,  2.   ,  2.   ,  2.236])
-    """  # noqa: D205
+    """
     signal = np.asarray(signal, dtype=np.float64)
     if signal.ndim == 0 or signal.shape[-1] == 0:
         raise ValueError(f"'signal' must hold at least one frame (got shape {signal.shape})")

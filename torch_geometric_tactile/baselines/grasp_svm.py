@@ -32,14 +32,14 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         - **output:** predicted labels :math:`(S,)`
 
     Raises:
-        ValueError: If the readings have another shape, are not finite, or :obj:`finger` is out of
-            range.
+        ValueError: If the readings have another shape, are not finite, :obj:`num_fingers` is below
+            one, or :obj:`finger` is out of range.
 
     Examples:
         >>> x = np.array([0.0, 1.0, 9.0, 10.0]).reshape(4, 1, 1)
         >>> GraspSVM(num_fingers=1).fit(x, [0, 0, 1, 1]).predict(x)
         array([0, 0, 1, 1])
-    """  # noqa: D205
+    """
 
     def __init__(
         self,
@@ -62,6 +62,8 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         Shapes:
             - **output:** :math:`(S, 12 K N)` for time series, :math:`(S, K N)` for static readings
         """
+        if self.num_fingers < 1:
+            raise ValueError(f"'num_fingers' must be at least 1 (got {self.num_fingers})")
         x = np.asarray(x, dtype=np.float64)
         if x.ndim != 3 or x.shape[2] == 0 or x.shape[2] % self.num_fingers:
             raise ValueError(
@@ -113,5 +115,3 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         check_is_fitted(self)
         score: np.ndarray = self.pipeline_.decision_function(self.features(x))
         return score
-
-

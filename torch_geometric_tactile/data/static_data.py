@@ -63,9 +63,7 @@ class StaticData(Data):
                 f"'x' must have shape (num_samples, num_nodes, num_features) (got {tuple(x.shape)})"
             )
         self.__dict__["_shared"] = frozenset(shared)
-        super().__init__(
-            x=x, edge_index=edge_index, edge_attr=edge_attr, y=y, pos=pos, **kwargs
-        )
+        super().__init__(x=x, edge_index=edge_index, edge_attr=edge_attr, y=y, pos=pos, **kwargs)
 
     def __cat_dim__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> Any:
         if key in ("x", "pos", "normal"):

@@ -85,7 +85,7 @@ class BioTacSP(StaticDataset):
         >>> dataset = BioTacSP(pre_transform=KNNGraph(k=2))  # doctest: +SKIP
         >>> dataset[0]  # doctest: +SKIP
         Data(x=[24, 3], y=[1], pos=[24, 3], ..., edge_index=[2, 62])
-    """  # noqa: D205
+    """
 
     url = "https://raw.githubusercontent.com/3dperceptionlab/biotacsp-stability-set-v2/master"
 

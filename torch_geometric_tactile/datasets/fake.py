@@ -39,7 +39,7 @@ class FakeTactileDataset(StaticDataset):
         FakeTactileDataset(100)
         >>> dataset[0].x.shape
         torch.Size([24, 3])
-    """  # noqa: D205
+    """
 
     def __init__(
         self,

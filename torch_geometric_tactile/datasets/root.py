@@ -12,7 +12,7 @@ def default_root(name: str) -> Path:
 
     Args:
         name (str): Name of the data set.
-    """  # noqa: D205
+    """
     parent = os.environ.get("TACTILE_DATA")
     base = Path(parent).expanduser() if parent else Path(pooch.os_cache("torch_geometric_tactile"))
     return base / name

@@ -40,7 +40,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         FileNotFoundError: If there is no such file.
         ValueError: If a column is missing, or a cell is missing, not a number, not finite, or no
             0/1 label. The message names file, line and column.
-    """  # noqa: D205
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(

@@ -25,7 +25,7 @@ class _Batches(Dataset):
         return self.dataset.batch(torch.tensor(index, dtype=torch.long))
 
 
-def _identity(batch: StaticData) -> StaticData:
+def _identity(batch: Any) -> Any:
     return batch
 
 
@@ -52,7 +52,7 @@ class StaticLoader(DataLoader):
         >>> loader = StaticLoader(FakeTactileDataset(num_samples=5), batch_size=4)
         >>> [batch.x.shape for batch in loader]
         [torch.Size([4, 24, 3]), torch.Size([1, 24, 3])]
-    """  # noqa: D205
+    """
 
     def __init__(
         self,
@@ -69,6 +69,4 @@ class StaticLoader(DataLoader):
                 f"'dataset' must be a StaticDataset (got {type(dataset).__name__}); use "
                 "torch_geometric.loader.DataLoader for others"
             )
-        super().__init__(
-            _Batches(dataset), batch_size, shuffle, collate_fn=_identity, **kwargs
-        )
+        super().__init__(_Batches(dataset), batch_size, shuffle, collate_fn=_identity, **kwargs)

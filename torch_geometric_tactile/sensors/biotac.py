@@ -20,7 +20,7 @@ def biotac() -> TaxelLayout:
 
     Shapes:
         - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(19, 3)`
-    """  # noqa: D205
+    """
     return _stock_layout("biotac")
 
 
@@ -38,5 +38,5 @@ def biotac_sp() -> TaxelLayout:
     Examples:
         >>> biotac_sp().pos[0]
         tensor([ 0.0098, -0.0028,  0.0040])
-    """  # noqa: D205
+    """
     return _stock_layout("biotac_sp")

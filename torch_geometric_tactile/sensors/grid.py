@@ -30,7 +30,7 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
         TaxelLayout('grid_4x4', num_taxels=16, patches=1, digits=1)
         >>> layout.edge_index("original").shape
         torch.Size([2, 48])
-    """  # noqa: D205
+    """
     if rows < 1 or cols < 1:
         raise ValueError(f"'rows' and 'cols' must be at least 1 (got {rows} and {cols})")
     if not 0 < pitch < float("inf"):

@@ -16,6 +16,14 @@ _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 _SEGMENTATIONS = ("digit", "patch")
 
 
+def _are_numbers(value: Any, count: int) -> bool:
+    return (
+        isinstance(value, list | tuple)
+        and len(value) == count
+        and all(isinstance(number, int | float) for number in value)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class TaxelLayout:
     r"""Where the taxels of a sensor are and how they are joined. Frozen, and checked at birth.
@@ -85,7 +93,7 @@ class TaxelLayout:
                 )
             self._set("normal", normal)
         if self.image_map is not None:
-            self._set("image_map", self._checked_image_map(torch.as_tensor(self.image_map)))
+            self._set("image_map", self._checked_image_map(self.image_map))
         self._set(
             "adjacency",
             {name: self._checked_edges(name, edges) for name, edges in self.adjacency.items()},
@@ -113,10 +121,10 @@ class TaxelLayout:
         return value
 
     def _checked_image_map(self, image_map: Tensor) -> Tensor:
+        image_map = torch.as_tensor(image_map, dtype=torch.long)
         if image_map.shape != (self.num_taxels, 2):
             raise ValueError(
-                f"'image_map' must have shape ({self.num_taxels}, 2) "
-                f"(got {tuple(image_map.shape)})"
+                f"'image_map' must have shape ({self.num_taxels}, 2) (got {tuple(image_map.shape)})"
             )
         if int(image_map.min()) < 0:
             raise ValueError(
@@ -124,14 +132,13 @@ class TaxelLayout:
             )
         if len(image_map.unique(dim=0)) < self.num_taxels:
             raise ValueError("'image_map' must give every taxel a cell of its own (got a shared)")
-        return image_map.long()
+        return image_map
 
     def _checked_edges(self, name: str, edge_index: Tensor) -> Tensor:
         edge_index = torch.as_tensor(edge_index, dtype=torch.long)
         if edge_index.dim() != 2 or edge_index.size(0) != 2:
             raise ValueError(
-                f"adjacency '{name}' must have shape (2, num_edges) "
-                f"(got {tuple(edge_index.shape)})"
+                f"adjacency '{name}' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
             )
         if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < len(
             self
@@ -216,6 +223,9 @@ class TaxelLayout:
             "name": self.name,
             "source": self.source,
             "unit": "m",
+            "link_names": list(self.link_names),
+            "patch_names": list(self.patch_names),
+            "digit_names": list(self.digit_names),
             "taxels": taxels,
             "adjacency": {name: edges.t().tolist() for name, edges in self.adjacency.items()},
         }
@@ -228,7 +238,9 @@ class TaxelLayout:
             content (Mapping): The keys :obj:`"name"`, :obj:`"unit"` (:obj:`"m"`, :obj:`"mm"` or
                 :obj:`"in"`), :obj:`"taxels"` (a list of :obj:`{"pos", "normal", "link", "patch",
                 "digit", "cell"}`, of which only :obj:`"pos"` is required) and, if wanted,
-                :obj:`"source"` and :obj:`"adjacency"` (name to a list of pairs).
+                :obj:`"source"`, :obj:`"adjacency"` (name to a list of pairs), and
+                :obj:`"link_names"`, :obj:`"patch_names"` and :obj:`"digit_names"` (by order of
+                appearance if left out).
 
         Raises:
             ValueError: If a key is missing, the unit is unknown, or the layout is not consistent.
@@ -243,10 +255,9 @@ class TaxelLayout:
         if not taxels:
             raise ValueError("'taxels' must hold at least one taxel (got none)")
         for i, taxel in enumerate(taxels):
-            if len(taxel.get("pos", ())) != 3:
-                raise ValueError(
-                    f"taxel {i} must have a 'pos' of three numbers (got {taxel.get('pos')})"
-                )
+            place = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
+            if taxel is place or not _are_numbers(place, 3):
+                raise ValueError(f"taxel {i} must have a 'pos' of three numbers (got {place})")
 
         def column(key: str) -> list[Any] | None:
             given = [i for i, taxel in enumerate(taxels) if key in taxel]
@@ -261,9 +272,18 @@ class TaxelLayout:
         for key in ("link", "patch", "digit"):
             labels = column(key)
             if labels is not None:
-                names = tuple(dict.fromkeys(labels))
+                names = tuple(content.get(f"{key}_names") or dict.fromkeys(labels))
+                unnamed = [label for label in labels if label not in names]
+                if unnamed:
+                    raise ValueError(
+                        f"'{key}_names' must name every {key} (got {list(names)} without "
+                        f"'{unnamed[0]}')"
+                    )
                 arguments[key] = torch.tensor([names.index(label) for label in labels])
                 arguments[f"{key}_names"] = names
+        for name, pairs in content.get("adjacency", {}).items():
+            if not all(_are_numbers(pair, 2) for pair in pairs):
+                raise ValueError(f"adjacency '{name}' must be a list of pairs of taxels")
         normal, cells = column("normal"), column("cell")
         pos = torch.tensor([taxel["pos"] for taxel in taxels], dtype=torch.double)
         return cls(
@@ -307,7 +327,7 @@ class TaxelLayout:
             if not isinstance(content, dict):
                 raise ValueError(f"a layout must be a JSON object (got {type(content).__name__})")
             return cls.from_dict(content)
-        except ValueError as error:  # JSONDecodeError is one
+        except (ValueError, TypeError, RuntimeError) as error:  # JSONDecodeError is a ValueError
             raise ValueError(f"'{path}' is not a taxel layout: {error}") from error
 
     def __repr__(self) -> str:

@@ -17,7 +17,7 @@ class SimulatedGrasps(NamedTuple):
     r"""Generated grasps: :obj:`reading` in counts :math:`(S, N, K)`, :obj:`slipped`, :obj:`group`
     (the object) and :obj:`session` :math:`(S,)`, and the normal force of each finger in newtons,
     :obj:`force` :math:`(S, K)`.
-    """  # noqa: D205
+    """
 
     reading: np.ndarray
     slipped: np.ndarray
@@ -58,7 +58,7 @@ def simulate_grasps(
         >>> from torch_geometric_tactile.sensors import biotac_sp
         >>> simulate_grasps(biotac_sp(), objects=2, grasps_per_object=5).reading.shape
         (10, 24, 3)
-    """  # noqa: D205
+    """
     for name, number in (
         ("objects", objects),
         ("grasps_per_object", grasps_per_object),

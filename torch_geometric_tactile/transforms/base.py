@@ -22,7 +22,7 @@ class FittedTransform(BaseTransform):
         unit_scale (bool): Whether to leave the scale at one.
         first (int, optional): How many samples, in their order, of each value of :obj:`key` are
             used to fit. All if left out.
-    """  # noqa: D205
+    """
 
     supports_static = True
 
@@ -32,7 +32,7 @@ class FittedTransform(BaseTransform):
         self.key = key
         self.unit_scale = unit_scale
         self.first = first
-        self.center: Tensor | None = None  # (K, N, F)
+        self.center: Tensor | None = None  # (K, N, F), double: raw counts are large and vary little
         self.scale: Tensor | None = None  # (K, N, F)
         self.key_values: Tensor | None = None  # (K,), sorted
 
@@ -74,9 +74,17 @@ class FittedTransform(BaseTransform):
             raise ValueError(f"{type(self).__name__} must be fitted on samples (got none)")
         if self.key is None:
             return torch.zeros(data.num_samples, dtype=torch.long)
+        return self._sample_keys(data, data.num_samples)
+
+    def _sample_keys(self, data: Data, num_samples: int) -> Tensor:
+        assert self.key is not None
         if self.key not in data:
             raise ValueError(f"{type(self).__name__} needs samples with '{self.key}' (got none)")
-        keys: Tensor = data[self.key]
+        keys = torch.as_tensor(data[self.key]).reshape(-1).long().cpu()
+        if len(keys) != num_samples:
+            raise ValueError(
+                f"'{self.key}' must have {num_samples} values, one a sample (got {len(keys)})"
+            )
         return keys
 
     def _measure(self, data: StaticData, keys: Tensor) -> Self:
@@ -113,38 +121,40 @@ class FittedTransform(BaseTransform):
         scale = torch.where(deviation > 1e-6 * (shift + mean).abs().clamp(min=1e-6), deviation, 1.0)
         if self.unit_scale:
             scale = torch.ones_like(scale)
-        return (shift + mean).float(), scale.float()
+        return (shift + mean).cpu(), scale.float().cpu()
 
     def forward(self, data: Data) -> Data:
         r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)`, or those of a PyG batch."""
         if self.center is None or self.scale is None:
             raise RuntimeError(f"{type(self).__name__} must be fitted before it is applied")
-        x = data.x
+        x = data.x if data.x.is_floating_point() else data.x.float()  # counts may be integers
         num_taxels, num_features = self.center.shape[1:]
-        if x.size(-1) != num_features or x.size(-2) % num_taxels or x.dim() > 3:
+        if (
+            x.dim() not in (2, 3)
+            or x.size(-1) != num_features
+            or x.size(-2) % num_taxels
+            or (x.dim() == 3 and x.size(-2) != num_taxels)  # only a PyG batch joins its samples
+        ):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels and {num_features} features, as "
                 f"{type(self).__name__} was fitted on (got shape {tuple(x.shape)})"
             )
-        center, scale = self.center.to(x), self.scale.to(x)
+        # The centre in the precision of x, and what that leaves over: together as good as double.
+        near = self.center.to(x.dtype)
+        rest, scale = (self.center - near).to(x), self.scale.to(x)
+        near = near.to(x.device)
         if self.key is None:
-            center, scale = center[0], scale[0]
+            near, rest, scale = near[0], rest[0], scale[0]
         else:
             row = self._row(data, x.numel() // (num_taxels * num_features)).to(x.device)
-            center, scale = center[row], scale[row]
-        data.x = ((x.view(-1, num_taxels, num_features) - center) / scale).view_as(x)
+            near, rest, scale = near[row], rest[row], scale[row]
+        out = (x.reshape(-1, num_taxels, num_features) - near - rest) / scale
+        data.x = out.reshape(x.shape)
         return data
 
     def _row(self, data: Data, num_samples: int) -> Tensor:
-        assert self.key is not None
         assert self.key_values is not None
-        if self.key not in data:
-            raise ValueError(f"{type(self).__name__} needs samples with '{self.key}' (got none)")
-        wanted = torch.as_tensor(data[self.key]).view(-1).cpu()
-        if len(wanted) != num_samples:
-            raise ValueError(
-                f"'{self.key}' must have {num_samples} values, one a sample (got {len(wanted)})"
-            )
+        wanted = self._sample_keys(data, num_samples)
         row = torch.searchsorted(self.key_values, wanted).clamp(max=len(self.key_values) - 1)
         unknown = self.key_values[row] != wanted
         if unknown.any():

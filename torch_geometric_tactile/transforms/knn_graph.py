@@ -1,10 +1,16 @@
 r"""Nearest-neighbour graphs without compiled extras."""
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.transforms import BaseTransform
 from torch_geometric.utils import coalesce
+
+# Rounding of single-precision positions, a few sensor lengths from the origin, stays below this
+# part of the sensor's size.
+_TIE = 1e-5
 
 
 class KNNGraph(BaseTransform):
@@ -12,8 +18,8 @@ class KNNGraph(BaseTransform):
     "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper.
 
     Unlike :class:`torch_geometric.transforms.KNNGraph` it needs no compiled package, and ties are
-    broken alike everywhere: distances that agree to one millionth of the sensor's size count as
-    equal, and of equally near taxels the one with the lower number comes first.
+    broken alike everywhere: distances that agree to a hundred thousandth of the sensor's size count
+    as equal, and of equally near taxels the one with the lower number comes first.
 
     Args:
         k (int): Number of neighbours.
@@ -34,7 +40,7 @@ class KNNGraph(BaseTransform):
         >>> data.edge_index
         tensor([[0, 1, 1],
                 [1, 0, 2]])
-    """  # noqa: D205
+    """
 
     supports_static = True
 
@@ -55,10 +61,7 @@ class KNNGraph(BaseTransform):
                 f"(got {tuple(pos.shape)})"
             )
         ptr = data.ptr.tolist() if isinstance(data, Batch) else [0, pos.size(0)]
-        parts = [
-            self._edges(pos[start:stop]) + start
-            for start, stop in zip(ptr[:-1], ptr[1:], strict=True)
-        ]
+        parts = [self._edges(pos[start:stop]) + start for start, stop in pairwise(ptr)]
         data.edge_index = torch.cat(parts, dim=1) if parts else pos.new_empty(2, 0).long()
         for key in ("edge_attr", "edge_weight"):
             if key in data:
@@ -68,14 +71,15 @@ class KNNGraph(BaseTransform):
     def _edges(self, pos: Tensor) -> Tensor:
         num_taxels = pos.size(0)
         if self.k >= num_taxels:
-            raise ValueError(
-                f"'k' must be below the number of taxels, {num_taxels} (got {self.k})"
-            )
+            raise ValueError(f"'k' must be below the number of taxels, {num_taxels} (got {self.k})")
         pos = pos.double()
         distance = torch.cdist(pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
-        distance = (distance / distance.max().clamp(min=1e-12) * 1e6).round()
-        distance.fill_diagonal_(torch.inf)
-        neighbour = distance.sort(dim=1, stable=True).indices[:, : self.k]
+        step = _TIE * distance.max()
+        distance, order = distance.fill_diagonal_(torch.inf).sort(dim=1)
+        # Equal distances differ by rounding only; a wider step begins the next rank. Rounding them
+        # to a raster instead would part those that lie on both sides of one of its borders.
+        rank = (distance.diff(dim=1, prepend=distance[:, :1]) > step).cumsum(dim=1)
+        neighbour = (rank * num_taxels + order).sort(dim=1).values[:, : self.k] % num_taxels
         target = torch.arange(num_taxels, device=pos.device).repeat_interleave(self.k)
         edge_index = torch.stack([neighbour.reshape(-1), target])
         if self.symmetric:

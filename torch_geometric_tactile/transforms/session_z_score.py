@@ -32,7 +32,7 @@ class SessionZScore(FittedTransform):
         >>> data = StaticData(x=x, session=torch.tensor([0, 0, 1, 1]))
         >>> SessionZScore().fit(data)(data).x.view(-1)
         tensor([-1.,  1., -1.,  1.])
-    """  # noqa: D205
+    """
 
     def __init__(self, key: str = "session") -> None:
         super().__init__(key)

@@ -33,7 +33,7 @@ class Tare(FittedTransform):
         >>> data = StaticData(x=x, trial=torch.tensor([0, 0, 1, 1]))
         >>> Tare("trial", first=1).fit(data)(data).x.view(-1)
         tensor([0., 5., 0., 1.])
-    """  # noqa: D205
+    """
 
     def __init__(self, key: str = "session", first: int | None = None) -> None:
         if first is not None and first < 1:

@@ -25,7 +25,7 @@ class ZScore(FittedTransform):
         >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
         >>> ZScore().fit(data)(data).x.view(-1)
         tensor([-1.,  1.])
-    """  # noqa: D205
+    """
 
     def __init__(self) -> None:
         super().__init__()

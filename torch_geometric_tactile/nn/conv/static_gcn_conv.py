@@ -47,7 +47,7 @@ class StaticGCNConv(MessagePassing):
         StaticGCNConv(3, 8)
         >>> conv(torch.zeros(5, 4, 3), torch.tensor([[0, 1], [1, 0]])).shape
         torch.Size([5, 4, 8])
-    """  # noqa: D205
+    """
 
     def __init__(self, in_channels: int, out_channels: int, bias: bool = True) -> None:
         super().__init__(aggr="add", node_dim=-2)
@@ -101,37 +101,32 @@ class StaticGCNConv(MessagePassing):
     def _adjacency(
         self, edge_index: Tensor, edge_weight: OptTensor, num_nodes: int, dtype: torch.dtype
     ) -> Tensor:
-        if torch.compiler.is_compiling() or (
-            edge_weight is not None and edge_weight.requires_grad
+        given = [edge_index] if edge_weight is None else [edge_index, edge_weight]
+        if torch.compiler.is_compiling() or any(
+            tensor.requires_grad or tensor.is_inference() for tensor in given
         ):
+            # The gradient needs the way back; inference tensors do not tell whether they changed.
             return _dense_norm(edge_index, edge_weight, num_nodes, dtype)
         # In-place changes raise the version, so that a changed tensor is never taken for the old.
-        key = (
-            edge_index,
-            _version(edge_index),
-            edge_weight,
-            None if edge_weight is None else _version(edge_weight),
-            num_nodes,
-            dtype,
-        )
-        if len(self._kept) != len(key) + 1 or any(
+        key = (*given, *(tensor._version for tensor in given), num_nodes, dtype)
+        kept = self._kept
+        if len(kept) != len(key) + 1 or any(
             a is not b if isinstance(a, Tensor) else a != b
-            for a, b in zip(key, self._kept[:-1], strict=True)
+            for a, b in zip(key, kept[:-1], strict=True)
         ):
-            adjacency = _dense_norm(edge_index, edge_weight, num_nodes, dtype)
-            self._kept = (*key, adjacency)
-        kept = self._kept[-1]
-        assert isinstance(kept, Tensor)
-        return kept
+            # A matrix made in inference mode (by a validation before the training) could not take
+            # part in a later training step.
+            with torch.inference_mode(False):
+                adjacency = _dense_norm(edge_index, edge_weight, num_nodes, dtype)
+            self._kept = kept = (*key, adjacency)
+        out = kept[-1]
+        assert isinstance(out, Tensor)
+        return out
 
     def __getstate__(self) -> dict[str, object]:
         state: dict[str, object] = dict(super().__getstate__())
         state["_kept"] = ()
         return state
-
-
-def _version(tensor: Tensor) -> int:
-    return -1 if tensor.is_inference() else tensor._version
 
 
 def _dense_norm(
@@ -140,4 +135,4 @@ def _dense_norm(
     edge_index, norm = gcn_norm(edge_index, edge_weight, num_nodes, dtype=dtype)
     flat = edge_index[1] * num_nodes + edge_index[0]  # messages run from source to target
     adjacency = norm.new_zeros(num_nodes * num_nodes).scatter_add(0, flat, norm)
-    return adjacency.view(num_nodes, num_nodes)
+    return adjacency.view(num_nodes, num_nodes).to(dtype)

@@ -109,9 +109,9 @@ class GraspGCN(Module):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for thread in self.convs:
-            for conv in thread:
-                conv.reset_parameters()
+        for module in self.convs.modules():
+            if isinstance(module, StaticGCNConv):
+                module.reset_parameters()
         self.lin.reset_parameters()
 
     def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
@@ -138,7 +138,8 @@ class GraspGCN(Module):
         else:
             inputs = x.split(self.in_channels, dim=-1)
         features = []
-        for h, thread in zip(inputs, self.convs):
+        for h, thread in zip(inputs, self.convs, strict=True):
+            assert isinstance(thread, ModuleList)
             for conv in thread:
                 h = conv(h, edge_index, edge_weight).relu()
             features.append(h.reshape(-1, self.num_nodes * self.hidden_channels))

@@ -1,0 +1,117 @@
+r"""The ``tactile`` command. Nothing heavy is imported before the arguments are known."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from torch_geometric_tactile import __version__
+
+_LIGHTNING = {
+    "fit": "train a model from a configuration",
+    "validate": "measure a checkpoint on the validation part",
+    "test": "measure a checkpoint on the test part, also by recording session",
+    "predict": "write what a checkpoint predicts to a CSV file",
+}
+
+_EXAMPLES = """\
+examples:
+  tactile demo                                   from data to a judged model and a report
+  tactile fit --config grasp_gcn_df              train GCN-DF on the BioTac SP stability set
+  tactile fit --config grasp_gcn_df --ckpt_path runs/grasp_gcn_df/version_0/checkpoints/last.ckpt
+                                                 go on where that training was stopped
+  tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
+  tactile fit --help                             every option of fit
+
+Data sets are read from $TACTILE_DATA (a folder with one folder for each data set), or
+from a folder in the user's cache, where they are downloaded if missing.
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    r"""Returns the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="tactile",
+        description="Machine learning on robot touch with PyTorch Geometric.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"tactile {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    demo = commands.add_parser(
+        "demo",
+        help="train and judge grasp stability models on real grasps, and write a report",
+        description="Trains GCN-DF, GCN-FF, one-finger GCNs, an SVM and a majority baseline on the "
+        "BioTac SP stability set, judges each with random folds, with objects left out, and on the "
+        "official test of unseen objects (also by palm pose), raw and scaled by session, and "
+        "writes report.html, its pictures, metrics.json and the checkpoint of GCN-DF.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    demo.add_argument(
+        "--root",
+        default=os.environ.get("TACTILE_DATA"),
+        help="folder with the six CSV files of the set, or with a folder 'BioTacSP' or 'biotacsp' "
+        "that has them; by default $TACTILE_DATA, else they are downloaded, and with no network "
+        "the data is generated",
+    )
+    demo.add_argument("--out", default="report", help="folder of the report")
+    demo.add_argument("--seeds", type=_positive, default=3, help="trainings of every model")
+    demo.add_argument("--folds", type=_positive, default=5, help="folds, at least 2")
+    demo.add_argument(
+        "--epochs", type=_positive, default=None, help="epochs, instead of the configurations' own"
+    )
+    demo.add_argument("--jobs", type=_positive, default=os.cpu_count() or 1, help="processes")
+    demo.add_argument(
+        "--generated", action="store_true", help="use generated data, whatever there is"
+    )
+    for name, text in _LIGHTNING.items():
+        commands.add_parser(name, help=text, add_help=False)
+    return parser
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
+    return number
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    r"""Runs the command line.
+
+    Args:
+        argv (list of str, optional): The arguments; those of the process if left out.
+
+    Returns:
+        int: The exit status: 0, 1 for an error that was explained, 130 for Ctrl-C.
+    """
+    argv = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if argv and argv[0] in _LIGHTNING:
+            from torch_geometric_tactile.training import cli
+
+            cli.main(argv)
+        else:
+            arguments = build_parser().parse_args(argv)
+            from torch_geometric_tactile.training import demo
+
+            demo.main(
+                root=arguments.root,
+                out=arguments.out,
+                seeds=arguments.seeds,
+                folds=arguments.folds,
+                epochs=arguments.epochs,
+                num_processes=arguments.jobs,
+                generated=arguments.generated,
+            )
+    except (ImportError, OSError, ValueError) as error:
+        if os.environ.get("TACTILE_TRACEBACK"):
+            raise
+        print(f"tactile: error: {error}", file=sys.stderr)
+        print("(TACTILE_TRACEBACK=1 shows where it came from)", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("tactile: stopped", file=sys.stderr)
+        return 130
+    return 0

@@ -1,0 +1,28 @@
+r"""Training, evaluation and the command line's subcommands; needs the extra ``train``."""
+
+try:
+    import jsonargparse  # noqa: F401
+    import lightning  # noqa: F401
+    import torchmetrics  # noqa: F401
+except ImportError as error:
+    raise ImportError(
+        f"torch_geometric_tactile.training needs '{error.name}': "
+        'pip install "torch-geometric-tactile[train]"'
+    ) from error
+
+from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
+from torch_geometric_tactile.training.config import config_names, find_config, load_config
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+from torch_geometric_tactile.training.prediction_writer import PredictionWriter
+
+__all__ = [
+    "AtomicCheckpointIO",
+    "PredictionWriter",
+    "TactileClassifier",
+    "TactileDataModule",
+    "classifier_from_config",
+    "config_names",
+    "find_config",
+    "load_config",
+]
