@@ -101,8 +101,9 @@ def leave_one_group_out(dataset: StaticDataset | StaticData) -> Iterator[Fold]:
         ValueError: If there are fewer than two groups.
     """
     groups = _units(dataset, "group")
-    if len(np.unique(groups)) < 2:
-        raise ValueError("'dataset' must have at least 2 groups to leave one out (got 1)")
+    count = len(np.unique(groups))
+    if count < 2:
+        raise ValueError(f"'dataset' must have at least 2 groups to leave one out (got {count})")
     for train, test in LeaveOneGroupOut().split(groups, groups=groups):
         yield Fold(torch.from_numpy(train), torch.from_numpy(test))
 
@@ -126,12 +127,10 @@ def k_fold(
     count = len(np.unique(units))
     if not 2 <= k <= count:
         raise ValueError(f"'k' must be between 2 and the {count} {by}s there are (got {k})")
-    folds = KFold(k, shuffle=True, random_state=seed)
-    if by != "frame":
-        folds = GroupKFold(k, shuffle=True, random_state=seed)
+    folds = (KFold if by == "frame" else GroupKFold)(k, shuffle=True, random_state=seed)
     return [
         Fold(torch.from_numpy(train), torch.from_numpy(test))
-        for train, test in folds.split(units, groups=units)
+        for train, test in folds.split(units, groups=None if by == "frame" else units)
     ]
 
 

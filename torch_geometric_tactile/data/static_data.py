@@ -1,6 +1,6 @@
 r"""One topology, many samples."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Self
 
 import torch
@@ -12,6 +12,10 @@ from torch_geometric_tactile.typing import Transform
 
 # The number of dimensions that these attributes have when all samples share them.
 _SHARED_DIM = {"pos": 2, "normal": 2, "edge_attr": 2, "edge_weight": 1}
+
+
+def _stands_once(key: str, value: Any) -> bool:
+    return not isinstance(value, Tensor) or "index" in key or "face" in key
 
 
 class StaticData(Data):
@@ -77,9 +81,20 @@ class StaticData(Data):
 
     @property
     def shared(self) -> frozenset[str]:
-        r"""The names given as :obj:`shared`."""
+        r"""The names given as :obj:`shared`, or found to be so before a selection."""
         shared: frozenset[str] = self.__dict__["_shared"]
         return shared
+
+    def shared_names(self) -> frozenset[str]:
+        r"""Returns the names that must be given as :obj:`shared` where the number of samples
+        changes: :obj:`shared`, and those that stand once because of their size only.
+        """  # noqa: D205
+        by_size = (
+            key
+            for key, value in self._store.items()
+            if not _stands_once(key, value) and key not in _SHARED_DIM and self.is_shared(key)
+        )
+        return self.shared.union(by_size)
 
     def is_shared(self, key: str) -> bool:
         r"""Tells whether an attribute stands once for all samples.
@@ -90,7 +105,7 @@ class StaticData(Data):
         value = self[key]
         if key == "x":
             return False
-        if not isinstance(value, Tensor) or key in self.shared or "index" in key or "face" in key:
+        if key in self.shared or _stands_once(key, value):
             return True
         if key in _SHARED_DIM:
             return value.dim() == _SHARED_DIM[key]
@@ -129,7 +144,7 @@ class StaticData(Data):
             index (torch.Tensor or slice): Indices :math:`(B,)`, a mask :math:`(S,)`, or a slice
                 (which copies nothing).
         """
-        out = self.__class__(shared=self.shared)
+        out = self.__class__(shared=self.shared_names())
         for key, value in self._store.items():
             out[key] = value if self.is_shared(key) else value[index]
         return out
@@ -142,6 +157,9 @@ class StaticData(Data):
     def from_data_list(cls, data_list: Sequence[Data], shared: Iterable[str] = ()) -> Self:
         r"""Stacks samples that have one topology.
 
+        An attribute whose first dimension is not of size one, such as one with a row for each
+        taxel, must be the same in all samples and then stands once.
+
         Args:
             data_list (list of torch_geometric.data.Data): The samples.
             shared (iterable of str): Names of attributes that stand once for all samples.
@@ -152,27 +170,46 @@ class StaticData(Data):
         """
         if len(data_list) == 0:
             raise ValueError("'data_list' must hold at least one sample (got none)")
-        first = data_list[0]
-        shared = frozenset(shared)
+        keys = data_list[0].keys()
+        for i, data in enumerate(data_list):
+            for a, b in ((i, 0), (0, i)):
+                missing = sorted(set(data_list[b].keys()) - set(data_list[a].keys()))
+                if missing:
+                    raise ValueError(
+                        f"sample {a} must have '{missing[0]}' as sample {b} has (got none)"
+                    )
+        shared = set(shared)
+        stacked = {}
+        for key in keys:
+            values = [data[key] for data in data_list]
+            stacked[key] = cls._stack(key, values, shared)
+            if cls._has_rows(key, values[0]):
+                shared.add(key)
         out = cls(shared=shared)
-        for key in first.keys():  # noqa: SIM118 - Data is no mapping
-            values = []
-            for i, data in enumerate(data_list):
-                if key not in data:
-                    raise ValueError(f"sample {i} must have '{key}' as sample 0 has (got none)")
-                values.append(data[key])
-            out[key] = cls._stack(key, values, shared)
+        for key, value in stacked.items():
+            out[key] = value
         return out
 
     @classmethod
-    def _stack(cls, key: str, values: list[Any], shared: frozenset[str]) -> Any:
+    def _has_rows(cls, key: str, value: Any) -> bool:
+        if _stands_once(key, value) or cls._is_element_level(key):
+            return False
+        return value.dim() > 0 and value.size(0) != 1
+
+    @classmethod
+    def _stack(cls, key: str, values: list[Any], shared: Collection[str]) -> Any:
         first = values[0]
-        once = not isinstance(first, Tensor) or key in shared or "index" in key or "face" in key
+        once = key in shared or _stands_once(key, first) or cls._has_rows(key, first)
         if once or (key in _SHARED_DIM and all(value is first for value in values)):
             for i, value in enumerate(values):
                 same = value is first or (
                     torch.equal(value, first) if isinstance(first, Tensor) else value == first
                 )
+                if not same and cls._has_rows(key, first) and key not in shared:
+                    raise ValueError(
+                        f"'{key}' must have a first dimension of size 1, or be the same in all "
+                        f"samples (got {tuple(value.shape)} in sample {i})"
+                    )
                 if not same:
                     raise ValueError(
                         f"sample {i} must have the same '{key}' as sample 0: one topology, many "
@@ -217,5 +254,5 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
     if data.num_samples == 0:
         return data
     return StaticData.from_data_list(
-        [transform(sample) for sample in data.to_data_list()], shared=data.shared
+        [transform(sample) for sample in data.to_data_list()], shared=data.shared_names()
     )

@@ -134,7 +134,12 @@ class StaticDataset(Dataset):
     @property
     def num_classes(self) -> int:
         r"""The number of classes, over all samples of this selection."""
-        return int(self._infer_num_classes(self.data.y))
+        y = self._data.y
+        if y is not None and self._indices is not None:
+            y = y[self._index()]
+        if y is not None and len(y) == 0:
+            return 0
+        return int(self._infer_num_classes(y))
 
     @property
     def class_names(self) -> list[str]:
@@ -164,7 +169,7 @@ def save_static(data: StaticData, names: dict[str, list[str]], path: PathLike) -
     for key, value in data.to_dict().items():
         # A view would drag its whole storage into the file.
         attributes[key] = value.clone() if isinstance(value, Tensor) else value
-    shared = [key for key in attributes if data.is_shared(key)]
+    shared = sorted(data.shared_names())
     content = {"format": _FORMAT, "attributes": attributes, "shared": shared, "names": names}
     with atomic_path(path) as temporary:
         torch.save(content, temporary)

@@ -1,5 +1,6 @@
 r"""The command line's ``fit``, ``validate``, ``test`` and ``predict``."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -36,6 +37,7 @@ class TactileCLI(LightningCLI):
             auto_configure_optimizers=False,
             parser_kwargs={"prog": "tactile"},
             trainer_defaults={
+                "log_every_n_steps": 10,
                 "plugins": [AtomicCheckpointIO()],
                 "callbacks": [ModelCheckpoint(save_last=True), PredictionWriter()],
                 "logger": [
@@ -70,7 +72,11 @@ def main(args: Sequence[str]) -> None:
             shipped configuration.
     """
     args, name = resolve_config_names(args)
-    TactileCLI(args, name=name or "tactile")
+    with warnings.catch_warnings():
+        # The arguments are those of the process, but for names of configurations made paths.
+        warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
+        warnings.filterwarnings("ignore", message=".*LeafSpec.*")  # Lightning under torch 2.13
+        TactileCLI(args, name=name or "tactile")
 
 
 def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:

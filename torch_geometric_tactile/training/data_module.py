@@ -82,9 +82,13 @@ class TactileDataModule(L.LightningDataModule):
         return self.dataset.layout
 
     @property
-    def session_names(self) -> list[str]:
-        r"""The names of the recording sessions."""
-        return self.dataset.session_names
+    def test_sessions(self) -> dict[int, str]:
+        r"""Number and name of each recording session in the test part, once set up."""
+        data = self._parts["test"].data
+        if "session" not in data:
+            return {}
+        names = self._parts["test"].session_names
+        return {i: names[i] for i in data.session.unique().tolist()}
 
     def setup(self, stage: str | None = None) -> None:
         r"""Splits the data set and fits the scaling."""

@@ -45,6 +45,7 @@ class TactileClassifier(L.LightningModule):
         self.optimizer = optimizer
         self.num_classes = num_classes
         self.layout: TaxelLayout | None = None
+        self.test_sessions: dict[int, str] = {}
         metrics = MetricCollection(
             {
                 "accuracy": MulticlassAccuracy(num_classes, average="micro"),
@@ -61,8 +62,10 @@ class TactileClassifier(L.LightningModule):
         r"""Takes the layout of the sensor from the data module."""
         self.layout = getattr(self._datamodule(), "layout", None)
         if stage == "test":
+            # Every process must hold the same metrics, whatever sessions its own batches have.
+            self.test_sessions = dict(getattr(self._datamodule(), "test_sessions", {}))
             self.session_accuracy = nn.ModuleList(
-                MulticlassAccuracy(self.num_classes, average="micro") for _ in self._session_names()
+                MulticlassAccuracy(self.num_classes, average="micro") for _ in self.test_sessions
             ).to(self.device)
 
     def forward(self, batch: Data) -> Tensor:
@@ -92,20 +95,19 @@ class TactileClassifier(L.LightningModule):
         logits = self(batch)
         self.test_metrics.update(logits, batch.y)
         if "session" in batch:
-            for i, metric in enumerate(self.session_accuracy):
+            for session, metric in zip(self.test_sessions, self.session_accuracy, strict=True):
                 assert isinstance(metric, Metric)
-                of_session = batch.session == i
+                of_session = batch.session == session
                 if of_session.any():
                     metric.update(logits[of_session], batch.y[of_session])
 
     def on_test_epoch_end(self) -> None:
         r"""Logs accuracy and F1 score of the test part, and the accuracy of each session."""
         self._log_metrics("test", self.test_metrics)
-        for name, metric in zip(self._session_names(), self.session_accuracy, strict=True):
+        for name, metric in zip(self.test_sessions.values(), self.session_accuracy, strict=True):
             assert isinstance(metric, Metric)
-            if metric.update_called:
-                self.log(f"test/accuracy_{name}", metric.compute())
-                metric.reset()
+            self.log(f"test/accuracy_{name}", metric.compute(), sync_dist=True)
+            metric.reset()
 
     def predict_step(self, batch: Data, batch_idx: int) -> Tensor:
         r"""Returns the probabilities of the classes :math:`(B, C)`."""
@@ -136,16 +138,12 @@ class TactileClassifier(L.LightningModule):
     def _log_metrics(self, stage: str, metrics: MetricCollection) -> None:
         value = metrics.compute()
         f1 = value["f1"][1] if self.num_classes == 2 else value["f1"]
-        self.log(f"{stage}/accuracy", value["accuracy"], prog_bar=True)
-        self.log(f"{stage}/f1", f1, prog_bar=True)
+        self.log(f"{stage}/accuracy", value["accuracy"], prog_bar=True, sync_dist=True)
+        self.log(f"{stage}/f1", f1, prog_bar=True, sync_dist=True)
         metrics.reset()
 
     def _datamodule(self) -> Any:
         return None if self._trainer is None else getattr(self.trainer, "datamodule", None)
-
-    def _session_names(self) -> list[str]:
-        return list(getattr(self._datamodule(), "session_names", ()))
-
 
 def classifier_from_config(config: Mapping[str, Any]) -> TactileClassifier:
     r"""Builds a classifier from the :obj:`model` section of a configuration, such that
