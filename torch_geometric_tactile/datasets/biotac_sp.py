@@ -197,6 +197,7 @@ class BioTacSP(StaticDataset):
         Returns:
             bool: Whether any file was there.
         """
+        folder, root = Path(folder).expanduser(), Path(root).expanduser()
         for inner in (".", "raw", "BioTacSP/raw", "biotacsp"):
             found = [path for name in _SHA256 if (path := Path(folder, inner, name)).is_file()]
             for path in found:

@@ -61,7 +61,7 @@ class FakeTactileDataset(StaticDataset):
         self.layout = biotac_sp() if layout is None else layout
         self.num_samples = num_samples
         self.split = split
-        self.num_objects = min(num_objects, num_samples)
+        self.num_objects = num_objects
         self.num_fingers = num_fingers
         self.seed = seed
         super().__init__(None, transform, pre_transform, pre_filter)
@@ -69,13 +69,15 @@ class FakeTactileDataset(StaticDataset):
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Generates the samples."""
         offset = 0 if self.split == "train" else 1
+        objects = min(self.num_objects, self.num_samples)
         grasps = simulate_grasps(
             self.layout,
-            objects=self.num_objects,
-            grasps_per_object=-(-self.num_samples // self.num_objects),
+            objects=objects,
+            grasps_per_object=-(-self.num_samples // objects),
             sessions=len(_SESSIONS),
             num_fingers=self.num_fingers,
             seed=2 * self.seed + offset,
+            pose_seed=self.seed,  # the test sessions have the poses of the training sessions
         )
         data = StaticData(
             x=torch.from_numpy(grasps.reading),

@@ -33,6 +33,7 @@ def simulate_grasps(
     sessions: int = 3,
     num_fingers: int = 3,
     seed: int = 0,
+    pose_seed: int | None = None,
 ) -> SimulatedGrasps:
     r"""Generates static readings of grasps that hold or slip, as electrodes under a fluid-filled
     skin give them. A model for tests and demonstrations; its numbers are plausible, not measured.
@@ -50,6 +51,8 @@ def simulate_grasps(
         sessions (int): Number of recording sessions.
         num_fingers (int): Number of fingers :math:`K`.
         seed (int): Seed of all draws.
+        pose_seed (int, optional): Seed of how the hand is held in each session, which decides where
+            the fingers touch; :obj:`seed` if left out.
 
     Raises:
         ValueError: If a number is below one.
@@ -85,7 +88,8 @@ def simulate_grasps(
     margin = np.log(force.sum(1) / (needed * num_fingers)) + draw.normal(0.0, 0.1, num)
     slipped = (margin < 0).astype(np.int64)
 
-    place = pos[draw.integers(0, len(pos), (sessions, num_fingers))]  # by how the hand is held
+    pose = np.random.default_rng(seed if pose_seed is None else pose_seed)
+    place = pos[pose.integers(0, len(pos), (sessions, num_fingers))]
     centre = place[session] + draw.normal(0.0, 0.15 * size, (num, num_fingers, 3))
     load = mass[group] * _GRAVITY / num_fingers
     shear = np.clip(load[:, None] / (friction[group][:, None] * force), 0.0, 1.0)

@@ -6,7 +6,8 @@ from typing import Any
 import lightning as L
 import torch
 import torch.nn.functional as F
-from lightning.pytorch.cli import OptimizerCallable, instantiate_module
+from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, instantiate_module
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
@@ -28,6 +29,7 @@ class TactileClassifier(L.LightningModule):
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`; returns logits
             :math:`(B, C)`.
         optimizer (callable): Makes an optimizer of parameters.
+        lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
         num_classes (int): Number of classes :math:`C`.
 
     Raises:
@@ -38,11 +40,13 @@ class TactileClassifier(L.LightningModule):
         self,
         model: nn.Module,
         optimizer: OptimizerCallable = torch.optim.Adam,
+        lr_scheduler: LRSchedulerCallable | None = None,
         num_classes: int = 2,
     ) -> None:
         super().__init__()
         self.model = model
         self.optimizer = optimizer
+        self.lr_scheduler = lr_scheduler
         self.num_classes = num_classes
         self.layout: TaxelLayout | None = None
         self.test_sessions: dict[int, str] = {}
@@ -113,9 +117,12 @@ class TactileClassifier(L.LightningModule):
         r"""Returns the probabilities of the classes :math:`(B, C)`."""
         return self(batch).softmax(dim=-1)
 
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        r"""Makes the optimizer."""
-        return self.optimizer(self.parameters())
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        r"""Makes the optimizer and its scheduler."""
+        optimizer = self.optimizer(self.parameters())
+        if self.lr_scheduler is None:
+            return optimizer
+        return {"optimizer": optimizer, "lr_scheduler": self.lr_scheduler(optimizer)}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Puts the layout into the checkpoint."""

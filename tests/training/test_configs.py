@@ -1,0 +1,52 @@
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+from torch_geometric_tactile.training import classifier_from_config
+from torch_geometric_tactile.training.cli import resolve_config_names
+from torch_geometric_tactile.training.config import config_names, find_config, load_config
+from torch_geometric_tactile.training.evaluation import MODELS
+
+
+def test_names_of_the_models_are_shipped():
+    assert {name for name in MODELS.values() if name} == set(config_names())
+
+
+@pytest.mark.parametrize("name", config_names())
+def test_shipped_configuration_builds_its_model(name):
+    model = classifier_from_config(load_config(name)["model"]).model
+    expected = {
+        "grasp_gcn_df": ("data", None),
+        "grasp_gcn_ff": ("feature", None),
+        "grasp_gcn_index": (None, 0),
+        "grasp_gcn_middle": (None, 1),
+        "grasp_gcn_thumb": (None, 2),
+    }[name]
+    assert (model.fusion, model.finger) == expected
+
+
+def test_shipped_configurations_differ_in_their_model_only():
+    first, *others = (load_config(name) for name in config_names())
+    for other in others:
+        assert other["data"] == first["data"]
+        assert other["trainer"] == first["trainer"]
+        assert other["model"]["optimizer"] == first["model"]["optimizer"]
+
+
+def test_file_comes_before_a_shipped_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grasp_gcn_df").write_text("{}")
+    assert find_config("grasp_gcn_df").read_text() == "{}"
+
+
+def test_unknown_name_lists_the_shipped():
+    with pytest.raises(FileNotFoundError, match=r"no file 'nope'.*grasp_gcn_df, grasp_gcn_ff"):
+        find_config("nope")
+
+
+def test_names_on_the_command_line_become_paths():
+    args, name = resolve_config_names(["fit", "--config=grasp_gcn_ff", "--model.num_classes", "2"])
+    assert name == "grasp_gcn_ff"
+    assert args == ["fit", f"--config={find_config('grasp_gcn_ff')}", "--model.num_classes", "2"]
+    args, _ = resolve_config_names(["fit", "-c", "grasp_gcn_df"])
+    assert args[2] == str(find_config("grasp_gcn_df"))

@@ -1,0 +1,87 @@
+import pytest
+import torch
+from torch_geometric.transforms import Compose
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+from torch_geometric_tactile.data import Split
+from torch_geometric_tactile.datasets import FakeTactileDataset
+from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.training import TactileDataModule
+from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, Tare, ZScore
+
+
+def fake(split="train", **kwargs):
+    kwargs.setdefault("pre_transform", KNNGraph(2))
+    return FakeTactileDataset(90, split, **kwargs)
+
+
+def test_scaling_is_fitted_on_the_training_part_only():
+    dataset = fake()
+    split = Split(torch.arange(60), torch.arange(60, 75), torch.arange(75, 90))
+    data = TactileDataModule(dataset, split=split, transform=ZScore())
+    data.setup()
+    seen = dataset.data.x[:60]
+    torch.testing.assert_close(data.transform.center[0].float(), seen.mean(0), rtol=1e-5, atol=1e-3)
+    loaded = torch.cat([batch.x for batch in data.train_dataloader()])
+    torch.testing.assert_close(loaded.mean(0), torch.zeros(24, 3), rtol=0, atol=1e-4)
+    assert len(next(iter(data.val_dataloader())).y) == 15
+
+
+def test_session_scaling_measures_new_sessions_without_touching_the_others():
+    data = TactileDataModule(fake(), fake("test"), val=0.0, transform=SessionZScore())
+    data.setup()
+    assert data.transform.key_values.tolist() == [0, 1, 2, 3, 4, 5]
+    assert data.test_sessions == {
+        3: "palm_down_test",
+        4: "palm_side_test",
+        5: "palm_45_test",
+    }
+    held_out = torch.cat([batch.x for batch in data.test_dataloader()])
+    torch.testing.assert_close(held_out.mean(0), torch.zeros(24, 3), rtol=0, atol=1e-3)
+
+
+def test_transforms_are_fitted_one_after_the_other_and_the_callers_stay_unfitted():
+    transform = Compose([Tare(), ZScore()])
+    data = TactileDataModule(fake(), val=0.0, transform=transform)
+    data.setup()
+    assert transform.transforms[0].center is None
+    assert data.transform.transforms[1].center.abs().max() < 1e-2
+
+
+def test_groups_are_not_torn_apart():
+    data = TactileDataModule(fake(), split="group", val=0.3)
+    data.setup()
+    seen = {g for batch in data.train_dataloader() for g in batch.group.tolist()}
+    held_out = {g for batch in data.val_dataloader() for g in batch.group.tolist()}
+    assert len(held_out) == 3
+    assert not seen & held_out
+
+
+def test_state_is_taken_over():
+    data = TactileDataModule(fake(), val=0.0, transform=SessionZScore())
+    data.setup()
+    other = TactileDataModule(fake(seed=3), val=0.0, transform=SessionZScore())
+    other.load_state_dict(data.state_dict())
+    torch.testing.assert_close(other.transform.center, data.transform.center)
+
+
+def test_no_validation_part_gives_no_validation_batches():
+    data = TactileDataModule(fake(), val=0.0)
+    data.setup()
+    assert len(data.val_dataloader()) == 0
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match="'split' must be one of .* \\(got 'object'\\)"):
+        TactileDataModule(fake(), split="object")
+    with pytest.raises(ValueError, match="'test' must be 0 where 'test_dataset' is given"):
+        TactileDataModule(fake(), fake("test"), test=0.1)
+    with pytest.raises(ValueError, match="'test_dataset' must have the layout 'biotac_sp'"):
+        TactileDataModule(fake(), fake("test", layout=biotac()))
+    with pytest.raises(ValueError, match="'dataset' must have edges"):
+        TactileDataModule(fake(pre_transform=None)).setup()
+    data = TactileDataModule(fake())
+    data.setup()
+    with pytest.raises(ValueError, match="there is no test part"):
+        data.test_dataloader()

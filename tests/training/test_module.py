@@ -1,0 +1,146 @@
+from functools import partial
+
+import pytest
+import torch
+from torch_geometric.data import Batch
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import lightning as L
+
+from torch_geometric_tactile.datasets import FakeTactileDataset
+from torch_geometric_tactile.nn.models import GraspGCN
+from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.training import (
+    AtomicCheckpointIO,
+    TactileClassifier,
+    TactileDataModule,
+    classifier_from_config,
+)
+from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, ZScore
+
+CONFIG = {
+    "model": {"class_path": "torch_geometric_tactile.nn.models.GraspGCN"},
+    "optimizer": {"class_path": "torch.optim.Adam", "init_args": {"lr": 0.003}},
+}
+
+
+def fake(split="train", num=120, **kwargs):
+    return FakeTactileDataset(num, split, pre_transform=KNNGraph(2), **kwargs)
+
+
+def trainer(tmp_path, **kwargs):
+    return L.Trainer(
+        accelerator="cpu",
+        devices=1,
+        default_root_dir=tmp_path,
+        logger=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        plugins=[AtomicCheckpointIO()],
+        **{"max_epochs": 2, "enable_checkpointing": False, **kwargs},
+    )
+
+
+def trained(tmp_path, num=120, **kwargs):
+    L.seed_everything(0, verbose=False)
+    classifier = classifier_from_config(CONFIG)
+    data = TactileDataModule(fake(num=num), fake("test"), transform=SessionZScore(), batch_size=32)
+    fitter = trainer(tmp_path, **kwargs)
+    fitter.fit(classifier, datamodule=data)
+    path = tmp_path / "model.ckpt"
+    fitter.save_checkpoint(path)
+    return classifier, data, path
+
+
+def test_classifier_accepts_static_batches_and_pyg_batches():
+    classifier = TactileClassifier(GraspGCN())
+    dataset = fake()
+    expected = classifier(dataset.batch([0, 1, 2]))
+    actual = classifier(Batch.from_data_list([dataset[0], dataset[1], dataset[2]]))
+    torch.testing.assert_close(actual, expected)
+
+
+def test_classifier_learns_generated_grasps(tmp_path):
+    classifier, data, _ = trained(tmp_path, num=600, max_epochs=20)
+    (metrics,) = trainer(tmp_path).validate(classifier, data, verbose=False)
+    assert metrics["val/accuracy"] > 0.65
+    (metrics,) = trainer(tmp_path).test(classifier, data, verbose=False)
+    by_session = [value for key, value in metrics.items() if key.startswith("test/accuracy_")]
+    assert len(by_session) == 3
+    # The sessions of the generated test split have the same number of grasps.
+    assert sum(by_session) / 3 == pytest.approx(metrics["test/accuracy"], abs=1e-6)
+
+
+def test_classifier_f1_is_that_of_slip():
+    classifier = TactileClassifier(torch.nn.Identity())
+    logits = torch.tensor([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0], [1.0, 0.0]])
+    classifier.test_metrics.update(logits, torch.tensor([1, 0, 0, 0]))
+    # One true positive, one false positive, no false negative: 2 / (2 + 1).
+    assert float(classifier.test_metrics.compute()["f1"][1]) == pytest.approx(2 / 3)
+
+
+def test_checkpoint_is_plain_data_and_builds_the_classifier_again(tmp_path):
+    classifier, data, path = trained(tmp_path)
+    torch.load(path, weights_only=True)
+    again = TactileClassifier.load_from_checkpoint(path, weights_only=True)
+    batch = next(iter(data.test_dataloader()))
+    torch.testing.assert_close(again.eval()(batch), classifier.eval()(batch), rtol=0, atol=0)
+    assert again.layout.matches(data.layout)
+
+
+def test_checkpoint_restores_the_scaling_of_its_training_part(tmp_path):
+    _, data, path = trained(tmp_path)
+    other = TactileDataModule(
+        fake(num=60, seed=7), fake("test"), transform=SessionZScore(), batch_size=32
+    )
+    trainer(tmp_path).test(classifier_from_config(CONFIG), other, ckpt_path=path, verbose=False)
+    torch.testing.assert_close(other.transform.center[:3], data.transform.center[:3])
+
+
+def test_checkpoint_of_another_layout_is_refused(tmp_path):
+    _, _, path = trained(tmp_path)
+    data = TactileDataModule(
+        fake(layout=biotac()), fake("test", layout=biotac()), transform=ZScore(), batch_size=32
+    )
+    classifier = TactileClassifier(GraspGCN(num_nodes=19))
+    with pytest.raises(ValueError, match=r"layout 'biotac' with 19 taxels.*'biotac_sp' with 24"):
+        trainer(tmp_path).test(classifier, data, ckpt_path=path)
+
+
+def test_checkpoint_of_another_transform_is_refused(tmp_path):
+    _, _, path = trained(tmp_path)
+    data = TactileDataModule(fake(), fake("test"), batch_size=32)
+    with pytest.raises(ValueError, match="must be of 0 fitted transforms.*got 1"):
+        trainer(tmp_path).test(classifier_from_config(CONFIG), data, ckpt_path=path)
+
+
+def test_checkpoint_is_kept_when_writing_the_next_one_fails(tmp_path, monkeypatch):
+    _, _, path = trained(tmp_path)
+    before = path.read_bytes()
+
+    def break_off(checkpoint, path, *args):
+        path.write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr("lightning.fabric.plugins.TorchCheckpointIO.save_checkpoint", break_off)
+    plugin = AtomicCheckpointIO()
+    monkeypatch.setattr(
+        type(plugin).__mro__[1], "save_checkpoint", lambda self, *args: break_off(*args)
+    )
+    with pytest.raises(OSError, match="disk full"):
+        plugin.save_checkpoint({}, path)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["model.ckpt"]
+
+
+def test_classifier_steps_its_scheduler(tmp_path):
+    classifier = TactileClassifier(
+        GraspGCN(),
+        optimizer=partial(torch.optim.Adam, lr=0.1),
+        lr_scheduler=partial(torch.optim.lr_scheduler.CosineAnnealingLR, T_max=2),
+    )
+    data = TactileDataModule(fake(), transform=ZScore(), batch_size=32)
+    fitter = trainer(tmp_path, max_epochs=1)
+    fitter.fit(classifier, datamodule=data)
+    assert fitter.optimizers[0].param_groups[0]["lr"] == pytest.approx(0.05)
