@@ -73,7 +73,7 @@ def test_no_validation_part_gives_no_validation_batches():
 
 
 def test_bad_arguments_are_named():
-    with pytest.raises(ValueError, match="'split' must be one of .* \\(got 'object'\\)"):
+    with pytest.raises(ValueError, match=r"'split' must be one of .* \(got 'object'\)"):
         TactileDataModule(fake(), split="object")
     with pytest.raises(ValueError, match="'test' must be 0 where 'test_dataset' is given"):
         TactileDataModule(fake(), fake("test"), test=0.1)

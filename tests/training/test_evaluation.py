@@ -53,8 +53,10 @@ def test_majority_says_one_class_only():
 
 
 def test_result_depends_on_the_job_only():
-    jobs = [Job("GCN-DF", "leave objects out", "session", seed, fold) for seed, fold in
-            ((0, 0), (1, 1), (0, 1))]
+    jobs = [
+        Job("GCN-DF", "leave objects out", "session", seed, fold)
+        for seed, fold in ((0, 0), (1, 1), (0, 1))
+    ]
     one = run_jobs(jobs, TRAIN, TEST, folds=2, epochs=1, num_processes=1, progress=False)
     two = run_jobs(jobs[::-1], TRAIN, TEST, folds=2, epochs=1, num_processes=2, progress=False)
     for job in jobs:
@@ -77,7 +79,6 @@ def test_left_out_objects_are_not_in_training(monkeypatch):
 
     def record(job, train, test):
         seen["groups"] = (set(train.data.group.tolist()), set(test.data.group.tolist()))
-        return None
 
     monkeypatch.setattr("torch_geometric_tactile.training.evaluation._judge_estimator", record)
     run_job(Job("SVM", "leave objects out", "raw", 0, 0), TRAIN, TEST, 2)

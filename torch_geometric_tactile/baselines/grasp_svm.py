@@ -72,7 +72,8 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
             )
         if not np.isfinite(x).all():
             raise ValueError("'x' must hold finite readings only (got NaN or infinity)")
-        signal = x.reshape(*x.shape[:2], self.num_fingers, -1)
+        num_frames = x.shape[2] // self.num_fingers
+        signal = x.reshape(*x.shape[:2], self.num_fingers, num_frames)
         if self.finger is not None:
             if not 0 <= self.finger < self.num_fingers:
                 raise ValueError(

@@ -85,14 +85,20 @@ class StaticData(Data):
         shared: frozenset[str] = self.__dict__["_shared"]
         return shared
 
-    def shared_names(self) -> frozenset[str]:
-        r"""Returns the names that must be given as :obj:`shared` where the number of samples
-        changes: :obj:`shared`, and those that stand once because of their size only.
-        """  # noqa: D205
+    def shared_names(self, once: Iterable[str] | None = None) -> frozenset[str]:
+        r"""Returns :obj:`shared`, and the names that stand once because of their size only.
+
+        They must be given as :obj:`shared` where the number of samples changes.
+
+        Args:
+            once (iterable of str, optional): The names for which :meth:`is_shared` holds, where
+                they are known.
+        """
+        once = filter(self.is_shared, self._store.keys()) if once is None else once
         by_size = (
             key
-            for key, value in self._store.items()
-            if not _stands_once(key, value) and key not in _SHARED_DIM and self.is_shared(key)
+            for key in once
+            if key not in _SHARED_DIM and not _stands_once(key, self._store[key])
         )
         return self.shared.union(by_size)
 
@@ -144,9 +150,10 @@ class StaticData(Data):
             index (torch.Tensor or slice): Indices :math:`(B,)`, a mask :math:`(S,)`, or a slice
                 (which copies nothing).
         """
-        out = self.__class__(shared=self.shared_names())
+        once = frozenset(filter(self.is_shared, self._store.keys()))
+        out = self.__class__(shared=self.shared_names(once))
         for key, value in self._store.items():
-            out[key] = value if self.is_shared(key) else value[index]
+            out._store[key] = value if key in once else value[index]
         return out
 
     def to_data_list(self) -> list[Data]:
@@ -171,7 +178,7 @@ class StaticData(Data):
         if len(data_list) == 0:
             raise ValueError("'data_list' must hold at least one sample (got none)")
         keys = data_list[0].keys()
-        for i, data in enumerate(data_list):
+        for i in range(len(data_list)):
             for a, b in ((i, 0), (0, i)):
                 missing = sorted(set(data_list[b].keys()) - set(data_list[a].keys()))
                 if missing:
@@ -185,7 +192,7 @@ class StaticData(Data):
             stacked[key] = cls._stack(key, values, shared)
             if cls._has_rows(key, values[0]):
                 shared.add(key)
-        out = cls(shared=shared)
+        out = cls(x=stacked.pop("x", None), shared=shared)
         for key, value in stacked.items():
             out[key] = value
         return out

@@ -116,9 +116,11 @@ class StaticDataset(Dataset):
         r"""Returns some samples at once, after :obj:`transform`: what :obj:`dataset[i]` is for one.
 
         Args:
-            index (torch.Tensor or list of int): Indices into this selection :math:`(B,)`.
+            index (torch.Tensor or list of int): Indices into this selection :math:`(B,)`, or a
+                mask of it.
         """
-        index = torch.as_tensor(index, dtype=torch.long)
+        index = torch.as_tensor(index)
+        index = index.nonzero().view(-1) if index.dtype == torch.bool else index.long()
         if self._indices is not None:
             index = self._index()[index]
         return apply_transform(self.transform, self._data.index_select(index))
@@ -169,7 +171,7 @@ def save_static(data: StaticData, names: dict[str, list[str]], path: PathLike) -
     for key, value in data.to_dict().items():
         # A view would drag its whole storage into the file.
         attributes[key] = value.clone() if isinstance(value, Tensor) else value
-    shared = sorted(data.shared_names())
+    shared = sorted(data.shared)
     content = {"format": _FORMAT, "attributes": attributes, "shared": shared, "names": names}
     with atomic_path(path) as temporary:
         torch.save(content, temporary)

@@ -39,7 +39,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If a column is missing, or a cell is missing, not a number, not finite, or no
-            0/1 label. The message names file, line and column.
+            0/1 label. The message names file, line and column. Also if the file is no text.
     """
     path = Path(path)
     if not path.is_file():
@@ -47,34 +47,29 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
             f"'{path}' does not exist; put the file of the BioTac SP stability set there"
         )
     reading, slipped, object_names = [], [], []
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file)
-        header = [name.strip() for name in next(rows, [])]
-        missing = [name for name in _COLUMNS if name not in header]
-        if missing:
+    header, rows = _rows(path)
+    missing = [name for name in _COLUMNS if name not in header]
+    if missing:
+        raise ValueError(
+            f"'{path}' must have the column '{missing[0]}' ({len(missing)} of "
+            f"{len(_COLUMNS)} columns are missing)"
+        )
+    place = [header.index(name) for name in _COLUMNS]
+    for line, row in rows:
+        where = f"'{path}', line {line}"
+        if len(row) != len(header):
             raise ValueError(
-                f"'{path}' must have the column '{missing[0]}' ({len(missing)} of "
-                f"{len(_COLUMNS)} columns are missing)"
+                f"{where} must have {len(header)} cells (got {len(row)}): is the file cut?"
             )
-        place = [header.index(name) for name in _COLUMNS]
-        for row in rows:
-            if not row:
-                continue
-            where = f"'{path}', line {rows.line_num}"
-            if len(row) != len(header):
-                raise ValueError(
-                    f"{where} must have {len(header)} cells (got {len(row)}): is the file cut?"
-                )
-            cells = [row[i] for i in place]
-            object_names.append(cells[0].strip())
-            numbers = [
-                _number(cell, where, name)
-                for cell, name in zip(cells[1:], _COLUMNS[1:], strict=True)
-            ]
-            if numbers[0] not in (0.0, 1.0):
-                raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got '{cells[1]}')")
-            slipped.append(int(numbers[0]))
-            reading.append(numbers[1:])
+        cells = [row[i] for i in place]
+        object_names.append(cells[0].strip())
+        numbers = [
+            _number(cell, where, name) for cell, name in zip(cells[1:], _COLUMNS[1:], strict=True)
+        ]
+        if numbers[0] not in (0.0, 1.0):
+            raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got '{cells[1]}')")
+        slipped.append(int(numbers[0]))
+        reading.append(numbers[1:])
     if not reading:
         raise ValueError(f"'{path}' must hold at least one grasp (got a header only)")
     by_finger = np.asarray(reading, dtype=np.float32).reshape(-1, len(FINGERS), NUM_ELECTRODES)
@@ -83,6 +78,16 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         slipped=np.asarray(slipped, dtype=np.int64),
         object_names=object_names,
     )
+
+
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = [name.strip() for name in next(reader, [])]
+            return header, [(reader.line_num, row) for row in reader if row]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
 
 
 def _number(cell: str, where: str, column: str) -> float:

@@ -180,7 +180,7 @@ def _train_main(data: _Data, out: Path, epochs: int | None) -> dict[str, Any]:
         enable_model_summary=False,
         plugins=[AtomicCheckpointIO()],
     )
-    classifier.trainer.save_checkpoint(out / _CHECKPOINT)
+    classifier.trainer.save_checkpoint(out / _CHECKPOINT, weights_only=False)
     metrics = evaluation.judge(classifier, module).metrics()
     return {"file": _CHECKPOINT, "config": config, "seed": 0, "scaling": "session", **metrics}
 

@@ -1,6 +1,7 @@
 r"""Judging models on protocols that say what they hold out."""
 
 import logging
+import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -136,9 +137,12 @@ def run_jobs(
     """
     call = delayed(run_job)
     parallel = Parallel(n_jobs=num_processes, return_as="generator_unordered")
-    results = parallel(call(job, train, test, folds, epochs) for job in jobs)
-    bar = tqdm(results, total=len(jobs), desc="Train and judge", unit="model", disable=not progress)
-    done = dict(bar)
+    with _kept_memory():
+        results = parallel(call(job, train, test, folds, epochs) for job in jobs)
+        bar = tqdm(
+            results, total=len(jobs), desc="Train and judge", unit="model", disable=not progress
+        )
+        done = dict(bar)
     return {job: done[job] for job in jobs}
 
 
@@ -296,6 +300,20 @@ def summarize(
                 "num_samples": len(part.y),
                 **part.metrics(),
             }
+
+
+@contextmanager
+def _kept_memory() -> Iterator[None]:
+    # By default glibc gives every activation back to the system and asks for it again in the next
+    # step. Processes started in here keep theirs, which makes these small networks faster.
+    names = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_")
+    added = [name for name in names if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, str(2**29)))
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
 
 
 @contextmanager

@@ -152,6 +152,7 @@ class TactileClassifier(L.LightningModule):
     def _datamodule(self) -> Any:
         return None if self._trainer is None else getattr(self.trainer, "datamodule", None)
 
+
 def classifier_from_config(config: Mapping[str, Any]) -> TactileClassifier:
     r"""Builds a classifier from the :obj:`model` section of a configuration, such that
     :meth:`TactileClassifier.load_from_checkpoint` can build it again.

@@ -3,6 +3,7 @@ r"""The graph convolution of the papers, for one topology and many samples."""
 import torch
 from torch import Tensor
 from torch.nn import Parameter
+from torch.nn.functional import linear
 from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.dense.linear import Linear
@@ -85,10 +86,9 @@ class StaticGCNConv(MessagePassing):
         if x.dim() == 3 and num_nodes <= _MAX_DENSE_NODES and not self.explain:
             adjacency = self._adjacency(edge_index, edge_weight, num_nodes, x.dtype)
             # The product with the adjacency is cheaper on the narrower side of the linear map.
-            if x.size(-1) < self.out_channels:
-                out = self.lin(torch.matmul(adjacency, x))
-            else:
-                out = torch.matmul(adjacency, self.lin(x))
+            if self.in_channels == x.size(-1) < self.out_channels:
+                return linear(torch.matmul(adjacency, x), self.lin.weight, self.bias)
+            out = torch.matmul(adjacency, self.lin(x))
         else:
             edge_index, norm = gcn_norm(edge_index, edge_weight, num_nodes, dtype=x.dtype)
             out = self.propagate(edge_index, x=self.lin(x), norm=norm)

@@ -141,9 +141,10 @@ class GraspGCN(Module):
         for h, thread in zip(inputs, self.convs, strict=True):
             assert isinstance(thread, ModuleList)
             for conv in thread:
-                h = conv(h, edge_index, edge_weight).relu()
+                h = conv(h, edge_index, edge_weight).relu_()
             features.append(h.reshape(-1, self.num_nodes * self.hidden_channels))
-        return self.lin(self.dropout(torch.cat(features, dim=-1)))
+        joined = features[0] if len(features) == 1 else torch.cat(features, dim=-1)
+        return self.lin(self.dropout(joined))
 
     def __repr__(self) -> str:
         finger = "" if self.finger is None else f", finger={self.finger}"

@@ -1,0 +1,103 @@
+import csv
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.sensors import grid
+
+BTS3_PALMS = ("down", "side", "45")
+BTS3_NAMES = [f"bts3v2_palm_{palm}{part}.csv" for part in ("", "_test") for palm in BTS3_PALMS]
+BTS3_HEADER = [
+    "object",
+    "slipped",
+    *(f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)),
+]
+
+
+@pytest.fixture(autouse=True)
+def private_cache(monkeypatch, tmp_path_factory):
+    """No test reads or fills the user's cache."""
+    monkeypatch.setenv("TACTILE_DATA", str(tmp_path_factory.mktemp("tactile_data")))
+
+
+@pytest.fixture(scope="session")
+def bts3_recordings():
+    """The folder with the six published files."""
+    shared = Path(__file__).resolve().parents[2] / "shared" / "data" / "biotacsp"
+    folder = Path(os.environ.get("TACTILE_TEST_DATA") or shared)
+    missing = [name for name in BTS3_NAMES if not (folder / name).is_file()]
+    if missing:
+        pytest.skip(
+            f"'{missing[0]}' of the BioTac SP stability set is not in '{folder}'; "
+            "set TACTILE_TEST_DATA to the folder that has it"
+        )
+    return folder
+
+
+@pytest.fixture(scope="session")
+def bts3_root(bts3_recordings, tmp_path_factory):
+    """A root of BioTacSP with the six published files in it."""
+    root = tmp_path_factory.mktemp("bts3")
+    (root / "raw").mkdir()
+    for name in BTS3_NAMES:
+        shutil.copyfile(bts3_recordings / name, root / "raw" / name)
+    return root
+
+
+@pytest.fixture(scope="session")
+def write_bts3():
+    """Writes six small files with the upstream names: ``write_bts3(folder)``."""
+
+    def write(folder, rows=8, train_objects=4, test_objects=2, seed=0):
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        draw = np.random.default_rng(seed)
+        for name in BTS3_NAMES:
+            part, objects = ("test", test_objects) if "_test" in name else ("train", train_objects)
+            with (folder / name).open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(BTS3_HEADER)
+                for i in range(rows):
+                    reading = draw.integers(1000, 4000, 72).tolist()
+                    writer.writerow([f"{part}_{i % objects}", i % 2, *reading])
+        return folder
+
+    return write
+
+
+class ToyDataset(StaticDataset):
+    """Six samples of two channels on a square of four taxels, in three trials with two objects."""
+
+    reads = 0
+
+    def __init__(self, root=None, **kwargs):
+        self.layout = grid(2, 2, pitch=0.01)
+        super().__init__(root, **kwargs)
+
+    @property
+    def processed_file_names(self):
+        return "toy.pt"
+
+    def read(self):
+        type(self).reads += 1
+        data = StaticData(
+            x=torch.arange(48.0).view(6, 4, 2),
+            edge_index=self.layout.edge_index("original"),
+            y=torch.tensor([0, 1, 0, 1, 0, 1]),
+            pos=self.layout.pos,
+            trial=torch.tensor([0, 0, 1, 1, 2, 2]),
+            group=torch.tensor([0, 0, 0, 0, 1, 1]),
+        )
+        return data, {"class": ["stable", "slip"], "group": ["cup", "box"]}
+
+
+@pytest.fixture
+def toy():
+    """The class of a small data set, with a fresh count of its reads."""
+    ToyDataset.reads = 0
+    return ToyDataset

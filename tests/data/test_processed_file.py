@@ -1,0 +1,156 @@
+import os
+import warnings
+from pathlib import Path
+
+import pytest
+import torch
+from torch_geometric.transforms import RandomJitter
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data.static_dataset import load_static, save_static
+from torch_geometric_tactile.transforms import KNNGraph
+
+
+def files(folder):
+    return sorted(path.name for path in Path(folder).rglob("*") if path.is_file())
+
+
+def test_processed_file_is_read_the_second_time(toy, tmp_path):
+    first, second = toy(tmp_path), toy(tmp_path)
+    assert toy.reads == 1
+    assert second.data.x.equal(first.data.x)
+    assert second.class_names == first.class_names
+    assert second.data.to_dict().keys() == first.data.to_dict().keys()
+    assert files(tmp_path) == ["pre_filter.pt", "pre_transform.pt", "toy.pt"]
+
+
+def test_force_reload_reads_again(toy, tmp_path):
+    toy(tmp_path)
+    assert toy(tmp_path, force_reload=True, pre_transform=KNNGraph(k=3))[0].num_edges == 12
+    assert toy.reads == 2
+
+
+def test_force_reload_under_an_open_dataset(toy, tmp_path):
+    dataset = toy(tmp_path)
+    toy(tmp_path, force_reload=True, pre_filter=lambda data: int(data.y) == 1)
+    assert dataset.data.x.equal(torch.arange(48.0).view(6, 4, 2))
+
+
+def test_other_pre_transform_and_pre_filter_warn(toy, tmp_path):
+    toy(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        toy(tmp_path)
+    with pytest.warns(UserWarning, match="The `pre_transform` argument differs"):
+        assert toy(tmp_path, pre_transform=KNNGraph(k=3))[0].num_edges == 8
+    with pytest.warns(UserWarning, match="The `pre_filter` argument differs"):
+        toy(tmp_path, pre_filter=bool)
+
+
+def test_processed_file_is_memory_mapped(toy, tmp_path, monkeypatch):
+    asked = []
+    load = torch.load
+
+    def spy(*args, **kwargs):
+        asked.append(kwargs)
+        return load(*args, **kwargs)
+
+    toy(tmp_path)
+    monkeypatch.setattr(torch, "load", spy)
+    dataset = toy(tmp_path)
+    assert {"mmap": True, "weights_only": True} in asked
+    maps = Path("/proc/self/maps")
+    if maps.exists():
+        address = dataset.data.x.data_ptr()
+        held = [line for line in maps.read_text().splitlines() if line.endswith("toy.pt")]
+        ranges = [[int(end, 16) for end in line.split()[0].split("-")] for line in held]
+        assert any(start <= address < stop for start, stop in ranges)
+
+
+def test_processed_file_is_untouched_by_edits_in_memory(toy, tmp_path):
+    toy(tmp_path).data.x.zero_()
+    assert toy(tmp_path).data.x.sum() > 0
+
+
+@pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
+def test_cut_processed_file_says_what_to_do(toy, tmp_path, keep):
+    path = Path(toy(tmp_path).processed_paths[0])
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content)) if isinstance(keep, float) else keep])
+    reason = "is empty" if keep == 0 else "cannot be read"
+    with pytest.raises(ValueError, match=rf"toy\.pt' {reason}; delete it or .*force_reload=True"):
+        toy(tmp_path)
+    assert len(toy(tmp_path, force_reload=True)) == len(toy(tmp_path)) == 6
+
+
+@pytest.mark.parametrize("content", [{"format": 0}, {}, [1, 2], torch.zeros(3)])
+def test_processed_file_of_another_format(toy, tmp_path, content):
+    torch.save(content, toy(tmp_path).processed_paths[0])
+    with pytest.raises(ValueError, match="is not in format 1; delete it"):
+        toy(tmp_path)
+
+
+def test_processed_file_with_a_pickled_object_is_refused(toy, tmp_path):
+    torch.save({"format": 1, "attributes": {"x": Path("a")}}, toy(tmp_path).processed_paths[0])
+    with pytest.raises(ValueError, match="cannot be read"):
+        toy(tmp_path)
+
+
+@pytest.mark.parametrize("half", [b"", b"PK half of a file"])
+def test_failure_while_saving_leaves_no_file(toy, tmp_path, monkeypatch, half):
+    def fail(content, path):
+        Path(path).write_bytes(half)
+        raise OSError("no space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", fail)
+        with pytest.raises(OSError, match="no space left"):
+            toy(tmp_path)
+    assert files(tmp_path) == []
+    assert len(toy(tmp_path)) == 6
+
+
+def test_failure_while_reading_leaves_the_old_file(toy, tmp_path):
+    toy(tmp_path)
+
+    def fail(data):
+        raise RuntimeError("broken transform")
+
+    with pytest.raises(RuntimeError, match="broken transform"):
+        toy(tmp_path, force_reload=True, pre_transform=fail)
+    assert files(tmp_path) == ["pre_filter.pt", "pre_transform.pt", "toy.pt"]
+    assert len(toy(tmp_path)) == 6
+
+
+def test_save_and_load_keep_what_is_shared(tmp_path):
+    data = StaticData(
+        x=torch.rand(2, 3, 1),
+        pos=torch.rand(3, 3),
+        bias=torch.rand(3),
+        gain=torch.rand(2),
+        note="dry",
+        shared=["gain"],
+    )
+    save_static(data, {"class": ["a"]}, tmp_path / "a.pt")
+    loaded, names = load_static(tmp_path / "a.pt")
+    assert names == {"class": ["a"]}
+    for key in data.keys():  # noqa: SIM118
+        assert loaded.is_shared(key) == data.is_shared(key), key
+    assert loaded.index_select(torch.tensor([0, 1, 0])).sample(0).bias.shape == (3,)
+
+
+def test_transform_that_moves_taxels_works_on_a_loaded_file(toy, tmp_path):
+    batch = toy(tmp_path, transform=RandomJitter(0.001)).batch([0, 1])
+    assert batch.pos.shape == (2, 4, 3)
+    assert batch.sample(0).pos.shape == (4, 3)
+
+
+def test_save_writes_views_without_their_storage(tmp_path):
+    whole = StaticData(x=torch.rand(1000, 10, 10))
+    save_static(whole.index_select(slice(0, 1)), {}, tmp_path / "a.pt")
+    assert os.path.getsize(tmp_path / "a.pt") < 10_000
+
+
+def test_load_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"gone\.pt"):
+        load_static(tmp_path / "gone.pt")

@@ -1,0 +1,156 @@
+import copy
+import pickle
+from functools import partial
+
+import pytest
+from torch_geometric.data import Data
+from torch_geometric.loader import DataLoader
+from torch_geometric.transforms import Compose, Distance, RandomJitter, ToUndirected
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.datasets import FakeTactileDataset
+from torch_geometric_tactile.sensors import grid
+from torch_geometric_tactile.transforms import KNNGraph
+
+
+@pytest.fixture(params=["memory", "file"])
+def build(request, toy, tmp_path):
+    """Builds the toy data set, in memory or by way of a file."""
+    return partial(toy, tmp_path / "toy" if request.param == "file" else None)
+
+
+def add_one(data):
+    data = copy.copy(data)
+    data.x = data.x + 1
+    return data
+
+
+def test_dataset_repr_len_and_names(build):
+    dataset = build()
+    assert repr(dataset) == "ToyDataset(6)"
+    assert len(dataset) == dataset.len() == 6
+    assert dataset.class_names == ["stable", "slip"]
+    assert dataset.group_names == ["cup", "box"]
+    assert dataset.session_names == []
+    assert (dataset.num_classes, dataset.num_features, dataset.num_node_features) == (2, 2, 2)
+
+
+def test_dataset_item_is_plain_data(build):
+    data = build()[1]
+    assert type(data) is Data
+    assert data.x.tolist() == [[8.0, 9.0], [10.0, 11.0], [12.0, 13.0], [14.0, 15.0]]
+    assert {key: list(data[key].shape) for key in data.keys()} == {  # noqa: SIM118
+        "x": [4, 2],
+        "edge_index": [2, 8],
+        "y": [1],
+        "pos": [4, 3],
+        "trial": [1],
+        "group": [1],
+    }
+    assert data.validate()
+
+
+def test_dataset_in_pygs_loader(build):
+    batch = next(iter(DataLoader(build(), batch_size=3)))
+    assert batch.num_graphs == 3
+    assert batch.x.shape == (12, 2)
+    assert batch.batch.tolist() == [0] * 4 + [1] * 4 + [2] * 4
+    assert batch.edge_index.shape == (2, 24)
+    assert batch.edge_index[:, 8:16].sub(4).equal(batch.edge_index[:, :8])
+    assert batch.y.tolist() == [0, 1, 0]
+
+
+def test_dataset_transform_at_every_access(build):
+    dataset = build(transform=add_one)
+    assert dataset[0].x[0].tolist() == dataset[0].x[0].tolist() == [1.0, 2.0]
+    assert dataset.data.x[0, 0].tolist() == [0.0, 1.0]
+    assert dataset.batch([0]).x[0, 0].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("pre_transform", "edges"),
+    [(ToUndirected(), 8), (KNNGraph(k=3), 12), (Compose([KNNGraph(k=3), Distance()]), 12)],
+)
+def test_dataset_pre_transform(build, pre_transform, edges):
+    dataset = build(pre_transform=pre_transform)
+    assert dataset[5].edge_index.shape == (2, edges)
+    assert dataset[5].x.equal(build(force_reload=True)[5].x)
+
+
+def test_dataset_pre_transform_distance_stands_once(build):
+    dataset = build(pre_transform=Distance(norm=False))
+    assert dataset.data.edge_attr.shape == (8, 1)
+    assert dataset[3].edge_attr.view(-1).tolist() == pytest.approx([0.01] * 8)
+
+
+def test_dataset_transform_that_moves_taxels(build):
+    dataset = build(transform=RandomJitter(0.001))
+    assert dataset.batch([0, 1, 2]).pos.shape == (3, 4, 3)
+
+
+def test_dataset_pre_filter(build):
+    dataset = build(pre_filter=lambda data: int(data.y) == 1)
+    assert len(dataset) == 3
+    assert dataset.data.trial.tolist() == [0, 1, 2]
+    assert dataset[0].x[0].tolist() == [8.0, 9.0]
+
+
+def test_dataset_pre_filter_that_keeps_none(build):
+    with pytest.raises(ValueError, match=r"'pre_filter' must keep at least one sample"):
+        build(pre_filter=lambda data: False)
+
+
+def test_dataset_pre_transform_with_several_topologies(build):
+    def cut(data):
+        data.edge_index = data.edge_index[:, : 1 + int(data.y)]
+        return data
+
+    with pytest.raises(ValueError, match="must have the same 'edge_index' as sample 0"):
+        build(pre_transform=cut)
+
+
+def test_dataset_of_another_layout(toy):
+    class Wrong(toy):
+        def read(self):
+            data, names = super().read()
+            self.layout = grid(1, 3, pitch=0.01)
+            return data, names
+
+    with pytest.raises(ValueError, match=r"must have 3 taxels, as layout 'grid_1x3' \(got 4\)"):
+        Wrong()
+
+
+def test_dataset_summary(build):
+    summary = build().get_summary()
+    assert (summary.num_graphs, summary.num_nodes.mean, summary.num_edges.mean) == (6, 4, 8)
+
+
+def test_dataset_is_not_edited_by_its_users(build):
+    dataset = build()
+    before = dataset.data.x.clone()
+    data = dataset[0]
+    data.x = data.x - 5
+    data.edge_index = data.edge_index[:, :1]
+    batch = dataset.batch([0, 1])
+    batch.x -= 5
+    assert dataset.data.x.equal(before)
+    assert dataset[0].edge_index.shape == (2, 8)
+
+
+def test_dataset_without_read():
+    class Empty(StaticDataset):
+        layout = grid(1, 1, pitch=0.01)
+
+    with pytest.raises(NotImplementedError):
+        Empty()
+
+
+@pytest.mark.parametrize("cut", [slice(None), slice(2, 5), [3, 1]])
+def test_dataset_pickles(cut):
+    dataset = FakeTactileDataset(num_samples=8, transform=KNNGraph(k=2))[cut]
+    dataset.batch([0])  # fills the cache of the selection
+    loaded = pickle.loads(pickle.dumps(dataset))
+    assert repr(loaded) == repr(dataset)
+    assert loaded.data.x.equal(dataset.data.x)
+    assert loaded.batch([1]).edge_index.equal(dataset.batch([1]).edge_index)
+    assert loaded.layout.matches(dataset.layout)

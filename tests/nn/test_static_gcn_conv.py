@@ -1,0 +1,274 @@
+import copy
+import io
+import shutil
+from itertools import pairwise
+
+import pytest
+import torch
+from torch_geometric.data import Batch, Data
+from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
+from torch_geometric.nn import GCNConv
+
+from torch_geometric_tactile.nn.conv import StaticGCNConv, static_gcn_conv
+from torch_geometric_tactile.testing import (
+    assert_permutation_equivariant,
+    assert_static_equals_batched,
+)
+
+EDGES = {
+    "both_ways": torch.tensor([[0, 1, 1, 2], [1, 0, 2, 1]]),
+    "one_way": torch.tensor([[0, 1, 3], [1, 2, 2]]),
+    "self_loops": torch.tensor([[0, 1, 2, 2], [0, 2, 2, 3]]),
+    "twice": torch.tensor([[0, 0, 1], [1, 1, 0]]),
+    "none": torch.empty(2, 0, dtype=torch.long),
+}
+
+
+def samples(*size, dtype=torch.float):
+    return torch.randn(size, generator=torch.Generator().manual_seed(0), dtype=dtype)
+
+
+def weights(edge_index, dtype=torch.float):
+    return 0.5 + torch.arange(edge_index.size(1), dtype=dtype)
+
+
+def pair(in_channels=3, out_channels=5, **kwargs):
+    theirs = GCNConv(in_channels, out_channels, **kwargs)
+    ours = StaticGCNConv(in_channels, out_channels, **kwargs)
+    if theirs.bias is not None:
+        torch.nn.init.normal_(theirs.bias)
+    ours.load_state_dict(theirs.state_dict())
+    return ours, theirs
+
+
+def block_diagonal(x, edge_index, edge_weight=None):
+    parts = [Data(x=row, edge_index=edge_index, edge_weight=edge_weight) for row in x]
+    return Batch.from_data_list(parts)
+
+
+@pytest.fixture
+def count_norm(monkeypatch):
+    calls, norm = [], static_gcn_conv.gcn_norm
+
+    def counted(*args, **kwargs):
+        calls.append(args)
+        return norm(*args, **kwargs)
+
+    monkeypatch.setattr(static_gcn_conv, "gcn_norm", counted)
+    return calls
+
+
+def test_static_gcn_conv_repr():
+    assert str(StaticGCNConv(3, 8)) == "StaticGCNConv(3, 8)"
+
+
+def test_static_gcn_conv_by_hand():
+    # Both nodes have degree 2 with their self loop: each output is the mean times W.
+    conv = StaticGCNConv(1, 1, bias=False)
+    torch.nn.init.constant_(conv.lin.weight, 10.0)
+    edge_index = torch.tensor([[0, 1], [1, 0]])
+    x = torch.tensor([[1.0], [4.0]])
+    assert torch.allclose(conv(x, edge_index), torch.full((2, 1), 25.0))
+    assert torch.allclose(conv(x[None], edge_index), torch.full((1, 2, 1), 25.0))
+
+
+def test_static_gcn_conv_runs_from_source_to_target():
+    conv = StaticGCNConv(1, 1, bias=False)
+    torch.nn.init.ones_(conv.lin.weight)
+    for x in (torch.tensor([[1.0], [0.0]]), torch.tensor([[[1.0], [0.0]]])):
+        out = conv(x, torch.tensor([[0], [1]])).view(-1)  # degrees 1 and 2
+        assert torch.allclose(out, torch.tensor([1.0, 0.5**0.5]))
+
+
+@pytest.mark.parametrize("name", EDGES)
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("channels", [(3, 5), (5, 3)])
+def test_static_gcn_conv_equals_gcn_conv(name, weighted, channels):
+    edge_index, x = EDGES[name], samples(6, 4, channels[0])
+    weight = weights(edge_index) if weighted else None
+    ours, theirs = pair(*channels)
+    expected = theirs(x, edge_index, weight)
+    batch = block_diagonal(x, edge_index, weight)
+    assert torch.allclose(ours(x, edge_index, weight), expected, atol=1e-6)
+    assert torch.allclose(ours(x[2], edge_index, weight), expected[2], atol=1e-6)
+    out = ours(batch.x, batch.edge_index, batch.edge_weight)
+    assert torch.allclose(out.view_as(expected), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("channels", [(3, 5), (5, 3)])
+def test_static_gcn_conv_gradients(dim, channels):
+    edge_index, x = EDGES["one_way"], samples(6, 4, channels[0])
+    x = x if dim == 3 else x[0]
+    grads = []
+    for conv in pair(*channels):
+        weight, inputs = weights(edge_index).requires_grad_(), x.clone().requires_grad_()
+        for _ in range(2):  # the second pass must not go through the graph of the first
+            conv(inputs, edge_index, weight).square().sum().backward()
+        grads.append([weight.grad, inputs.grad, conv.lin.weight.grad, conv.bias.grad])
+    for ours, theirs in zip(*grads, strict=True):
+        assert theirs.abs().max() > 0
+        assert torch.allclose(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_static_gcn_conv_dtypes():
+    edge_index, x = EDGES["one_way"], samples(6, 4, 3, dtype=torch.double)
+    ours, theirs = (conv.double() for conv in pair())
+    weight = weights(edge_index, torch.double)
+    assert torch.allclose(ours(x, edge_index, weight), theirs(x, edge_index, weight), atol=1e-12)
+    # Weights in single precision go with readings in double.
+    out = ours(x, edge_index, weight.float())
+    assert out.dtype == torch.double
+    assert torch.allclose(out, theirs(x, edge_index, weight.float()), atol=1e-6)
+    ours(x, edge_index)
+    assert ours.float()(x.float(), edge_index).dtype == torch.float
+
+
+def test_static_gcn_conv_bias_false():
+    ours, theirs = pair(bias=False)
+    x = samples(6, 4, 3)
+    assert ours.bias is None
+    assert torch.allclose(ours(x, EDGES["one_way"]), theirs(x, EDGES["one_way"]), atol=1e-6)
+
+
+def test_static_gcn_conv_lazy():
+    conv = StaticGCNConv(-1, 5)
+    assert conv(samples(6, 4, 3), EDGES["one_way"]).shape == (6, 4, 5)
+    assert conv.lin.weight.shape == (5, 3)
+
+
+def test_static_gcn_conv_laws():
+    for name, edge_index in EDGES.items():
+        x = samples(6, 4, 3)
+        assert_static_equals_batched(StaticGCNConv(3, 5), x, edge_index)
+        assert_static_equals_batched(StaticGCNConv(3, 5), x, edge_index, weights(edge_index))
+        if name != "none":
+            assert_permutation_equivariant(StaticGCNConv(3, 5), x, edge_index)
+
+
+def test_static_gcn_conv_many_nodes():
+    edge_index = torch.stack([torch.arange(1100), torch.arange(1100).roll(1)])
+    ours, theirs = pair()
+    x = samples(2, 1100, 3)  # above the limit of the dense form
+    assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-5)
+    assert ours._kept == ()
+
+
+def test_static_gcn_conv_empty_and_single():
+    conv = StaticGCNConv(3, 5)
+    assert conv(samples(0, 4, 3), EDGES["one_way"]).shape == (0, 4, 5)
+    assert torch.allclose(conv(samples(2, 1, 3), EDGES["none"]), conv.lin(samples(2, 1, 3)))
+
+
+def test_static_gcn_conv_normalises_once(count_norm):
+    conv, edge_index, weight = StaticGCNConv(3, 5), EDGES["one_way"].clone(), torch.ones(3)
+    for _ in range(3):
+        conv(samples(6, 4, 3), edge_index)
+        conv(samples(2, 4, 3), edge_index)
+    assert len(count_norm) == 1
+    for _ in range(3):
+        conv(samples(6, 4, 3), edge_index, weight)
+    assert len(count_norm) == 2
+    conv(samples(6, 5, 3), edge_index, weight)  # one node more
+    assert len(count_norm) == 3
+
+
+def test_static_gcn_conv_sees_changes(count_norm):
+    ours, theirs = pair()
+    x, edge_index, weight = samples(6, 4, 3), EDGES["one_way"].clone(), torch.ones(3)
+    steps = [
+        lambda: None,
+        lambda: edge_index[0].fill_(2),  # in place, through a view
+        lambda: weight.mul_(3),
+        lambda: edge_index.copy_(EDGES["one_way"]),
+    ]
+    outs = []
+    for i, step in enumerate(steps):
+        step()
+        outs.append(ours(x, edge_index, weight))
+        assert torch.allclose(outs[-1], theirs(x, edge_index, weight), atol=1e-6)
+        assert len(count_norm) == i + 1
+    assert not any(torch.allclose(a, b) for a, b in pairwise(outs))
+    other = EDGES["both_ways"]
+    assert torch.allclose(ours(x, other), theirs(x, other), atol=1e-6)
+    assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-6)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_static_gcn_conv_trains_after_inference_mode(weighted, count_norm):
+    conv, edge_index = StaticGCNConv(5, 3), EDGES["one_way"].clone()
+    weight = torch.ones(3) if weighted else None
+    with torch.inference_mode():
+        before = conv(samples(6, 4, 5), edge_index, weight)
+    after = conv(samples(6, 4, 5), edge_index, weight)
+    after.sum().backward()
+    assert torch.equal(after, before)
+    assert len(count_norm) == 1
+
+
+def test_static_gcn_conv_sees_changes_in_inference_mode():
+    ours, theirs = pair()
+    x = samples(6, 4, 3)
+    with torch.inference_mode():
+        edge_index = EDGES["one_way"].clone()
+        ours(x, edge_index)
+        edge_index[0] = 3
+        assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-6)
+
+
+def test_static_gcn_conv_explained():
+    ours, theirs = pair()
+    x, edge_index = samples(6, 4, 3), EDGES["one_way"]
+    unmasked = ours(x, edge_index)
+    mask = torch.nn.Parameter(torch.tensor([0.0, 0.5, 1.0]))
+    for conv in (ours, theirs):
+        set_masks(conv, mask, edge_index, apply_sigmoid=False)
+    masked = ours(x, edge_index)
+    assert torch.allclose(masked, theirs(x, edge_index), atol=1e-6)
+    assert not torch.allclose(masked, unmasked)
+    clear_masks(ours)
+    assert torch.equal(ours(x, edge_index), unmasked)
+
+
+def test_static_gcn_conv_copies():
+    conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
+    expected = conv(x, edge_index)
+    file = io.BytesIO()
+    torch.save(conv, file)
+    file.seek(0)
+    for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
+        assert other._kept == ()  # copies carry no edges along
+        assert torch.equal(other(x, edge_index), expected)
+    conv.reset_parameters()
+    assert not torch.allclose(conv(x, edge_index), expected)
+    assert torch.equal(conv.bias, torch.zeros(5))
+
+
+@pytest.mark.parametrize("backend", ["eager", "inductor"])
+def test_static_gcn_conv_compile(backend):
+    if backend == "inductor" and not any(shutil.which(name) for name in ("c++", "g++", "clang++")):
+        pytest.skip("no C++ compiler")
+    torch.compiler.reset()
+    conv, edge_index = StaticGCNConv(3, 5), EDGES["one_way"]
+    compiled = torch.compile(conv, fullgraph=True, backend=backend)
+    sizes = ((6, 4, 3), (4, 3)) if backend == "eager" else ((6, 4, 3),)
+    for size in sizes:
+        x = samples(*size)
+        assert torch.allclose(compiled(x, edge_index), conv(x, edge_index), atol=1e-6)
+
+
+def test_static_gcn_conv_export():
+    conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
+    exported = torch.export.export(
+        conv,
+        (x, edge_index),
+        dynamic_shapes={"x": {0: torch.export.Dim("batch")}, "edge_index": None},
+    ).module()
+    x = samples(9, 4, 3)
+    assert torch.allclose(exported(x, edge_index), conv(x, edge_index), atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(3,), (2, 6, 4, 3)])
+def test_static_gcn_conv_bad_shape(size):
+    with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \("):
+        StaticGCNConv(3, 5)(torch.zeros(size), EDGES["one_way"])

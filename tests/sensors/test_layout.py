@@ -1,0 +1,109 @@
+import pickle
+from dataclasses import FrozenInstanceError
+
+import pytest
+import torch
+
+from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+
+POS = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.003, 0.004], [0.01, 0.0, 0.0]])
+
+
+def test_layout_repr_and_length():
+    layout = TaxelLayout("thumb", POS)
+    assert repr(layout) == "TaxelLayout('thumb', num_taxels=3, patches=1, digits=1)"
+    assert len(layout) == layout.num_taxels == 3
+
+
+def test_layout_defaults_are_one_link_patch_and_digit():
+    layout = TaxelLayout("thumb", POS)
+    assert layout.link.tolist() == layout.patch.tolist() == layout.digit.tolist() == [0, 0, 0]
+    assert layout.normal is None
+    assert layout.image_map is None
+    assert dict(layout.adjacency) == {}
+
+
+def test_layout_single_taxel():
+    layout = TaxelLayout("dot", [[1.0, 2.0, 3.0]], adjacency={"none": torch.empty(2, 0)})
+    assert layout.num_taxels == 1
+    assert layout.segments("digit").tolist() == [0]
+    assert layout.edge_index("none").shape == (2, 0)
+    assert layout.edge_index("none").dtype == torch.long
+
+
+def test_layout_segments_by_hand():
+    layout = TaxelLayout(
+        "hand",
+        POS,
+        patch=[0, 1, 1],
+        digit=[1, 0, 0],
+        patch_names=("a", "b"),
+        digit_names=("x", "y"),
+    )
+    assert layout.segments("patch").tolist() == [0, 1, 1]
+    assert layout.segments("digit").tolist() == [1, 0, 0]
+    assert repr(layout).endswith("patches=2, digits=2)")
+
+
+def test_layout_is_frozen():
+    layout = grid(2, 2, pitch=0.01)
+    with pytest.raises(FrozenInstanceError):
+        layout.pos = POS
+    with pytest.raises(FrozenInstanceError):
+        del layout.name
+
+
+def test_layout_matches_same_places_only():
+    layout = TaxelLayout("thumb", POS)
+    assert layout.matches(TaxelLayout("other name", POS + 5e-10))
+    assert not layout.matches(TaxelLayout("thumb", POS + torch.tensor([0.0, 0.0, 1e-6])))
+    assert not layout.matches(TaxelLayout("thumb", POS[:2]))
+
+
+def test_layout_pickles():
+    layout = pickle.loads(pickle.dumps(biotac_sp()))
+    assert layout.matches(biotac_sp())
+    assert layout.normal.equal(biotac_sp().normal)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"pos": torch.zeros(3)}, r"'pos' must have shape \(num_taxels, 3\) \(got \(3,\)\)"),
+        ({"pos": torch.zeros(3, 2)}, r"'pos' must have shape .* \(got \(3, 2\)\)"),
+        ({"pos": torch.zeros(0, 3)}, r"'pos' must have shape .* \(got \(0, 3\)\)"),
+        ({"pos": POS / 0}, "'pos' must hold finite numbers"),
+        ({"normal": POS[:2]}, r"'normal' must have shape \(3, 3\) \(got \(2, 3\)\)"),
+        ({"normal": torch.ones(3, 3)}, r"'normal' must hold unit vectors \(got a length of 1.732"),
+        ({"normal": torch.full((3, 3), torch.nan)}, "'normal' must hold unit vectors"),
+        ({"link": [0, 0]}, r"'link' must have shape \(3,\) \(got \(2,\)\)"),
+        (
+            {"patch": [0, 0, 1]},
+            r"'patch' must hold indices into 'patch_names', 0 to 0 \(got 0 to 1",
+        ),
+        ({"digit": [0, -1, 0]}, r"'digit' must hold indices .* \(got -1 to 0\)"),
+        ({"image_map": [[0, 0]]}, r"'image_map' must have shape \(3, 2\) \(got \(1, 2\)\)"),
+        ({"image_map": [[0, 0], [0, -1], [1, 1]]}, r"rows and columns from 0 \(got -1\)"),
+        ({"image_map": [[0, 0], [0, 1], [0, 1]]}, "every taxel a cell of its own"),
+        ({"image_map": [[0, 0], [0, 1.2], [0, 1.4]]}, "every taxel a cell of its own"),
+        ({"adjacency": {"a": torch.zeros(3, 2)}}, r"adjacency 'a' must have shape \(2, num_edges"),
+        ({"adjacency": {"a": torch.zeros(2)}}, r"adjacency 'a' must have shape .* \(got \(2,\)\)"),
+        ({"adjacency": {"a": [[0], [3]]}}, r"adjacency 'a' must join taxels 0 to 2 \(got 0 to 3"),
+        ({"adjacency": {"a": [[0], [-1]]}}, r"adjacency 'a' must join taxels .* \(got -1 to 0"),
+    ],
+)
+def test_layout_rejects(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        TaxelLayout(**{"name": "bad", "pos": POS, **arguments})
+
+
+def test_edge_index_unknown_name_lists_the_known():
+    with pytest.raises(ValueError, match=r"'original', 'slanted', 'dense' \(got 'round'\)"):
+        grid(2, 2, pitch=0.01).edge_index("round")
+    with pytest.raises(ValueError, match="none; see KNNGraph"):
+        TaxelLayout("bare", POS).edge_index("original")
+
+
+def test_segments_unknown_kind():
+    with pytest.raises(ValueError, match=r"'by' must be one of .* \(got 'link'\)"):
+        TaxelLayout("bare", POS).segments("link")

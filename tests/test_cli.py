@@ -1,0 +1,186 @@
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from torch_geometric_tactile import __version__
+from torch_geometric_tactile.cli import main
+
+CONFIG = """
+model:
+  model:
+    class_path: torch_geometric_tactile.nn.models.GraspGCN
+data:
+  dataset:
+    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
+    init_args:
+      num_samples: 400
+      pre_transform:
+        class_path: torch_geometric_tactile.transforms.KNNGraph
+        init_args: {k: 2}
+  test_dataset:
+    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
+    init_args:
+      num_samples: 100
+      split: test
+      pre_transform:
+        class_path: torch_geometric_tactile.transforms.KNNGraph
+        init_args: {k: 2}
+  split: group
+  val: 0.2
+  transform:
+    class_path: torch_geometric_tactile.transforms.SessionZScore
+  batch_size: 8
+trainer:
+  max_epochs: 400
+  accelerator: cpu
+  devices: 1
+  enable_progress_bar: false
+"""
+
+
+def tactile(*args, **kwargs):
+    return subprocess.run(
+        [sys.executable, "-m", "torch_geometric_tactile", *map(str, args)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=240,
+        **kwargs,
+    )
+
+
+@pytest.fixture
+def config(tmp_path):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    path = tmp_path / "grasp.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+def test_help_names_every_command_and_needs_no_torch():
+    code = (
+        "import sys; from torch_geometric_tactile.cli import build_parser; "
+        "print(build_parser().format_help()); sys.exit('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    for command in ("demo", "fit", "validate", "test", "predict"):
+        assert f"    {command} " in done.stdout
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"tactile {__version__}\n"
+
+
+def test_module_is_the_command():
+    assert tactile("--version").stdout == f"tactile {__version__}\n"
+
+
+@pytest.mark.parametrize("flag", ["--seeds", "--folds", "--epochs", "--jobs"])
+def test_demo_refuses_numbers_below_one(flag, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["demo", flag, "0"])
+    assert f"argument {flag}: must be at least 1 (got 0)" in capsys.readouterr().err
+
+
+def test_unknown_configuration_is_explained(capsys):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    assert main(["fit", "--config", "grasp_gcn"]) == 1
+    error = capsys.readouterr().err
+    assert "tactile: error: there is no file 'grasp_gcn'" in error
+    assert "grasp_gcn_df" in error
+
+
+def test_missing_root_is_explained(tmp_path, capsys):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    assert main(["demo", "--root", str(tmp_path / "nowhere"), "--out", str(tmp_path)]) == 1
+    assert "'--root' must be a folder" in capsys.readouterr().err
+
+
+def test_missing_extra_is_named(monkeypatch, capsys):
+    for name in [name for name in sys.modules if name.startswith("torch_geometric_tactile.tr")]:
+        if "training" in name:
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "lightning", None)
+    assert main(["fit", "--config", "grasp_gcn_df"]) == 1
+    assert 'pip install "torch-geometric-tactile[train]"' in capsys.readouterr().err
+
+
+def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path):
+    command = [sys.executable, "-m", "torch_geometric_tactile", "fit", "--config", str(config)]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    last = tmp_path / "runs/grasp/version_0/checkpoints/last.ckpt"
+    deadline = time.monotonic() + 120
+    while not last.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the training ended before it was killed"
+
+    import torch
+
+    epoch = torch.load(last, weights_only=True)["epoch"]
+    stop = ["--trainer.max_epochs", epoch + 3, "--ckpt_path", last]
+    done = tactile("fit", "--config", config, *stop, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    resumed = tmp_path / "runs/grasp/version_1"
+    with (resumed / "metrics.csv").open() as file:
+        epochs = [int(row["epoch"]) for row in csv.DictReader(file)]
+    assert min(epochs) == epoch + 1
+    assert max(epochs) == epoch + 2
+    assert (resumed / "config.yaml").is_file()
+    assert list((tmp_path / "runs/grasp/tensorboard").rglob("events.out.tfevents.*"))
+
+    checkpoint = ["--ckpt_path", resumed / "checkpoints/last.ckpt"]
+    done = tactile("test", "--config", config, *checkpoint, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "test/accuracy_palm_side_test" in done.stdout
+
+    done = tactile("predict", "--config", config, *checkpoint, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (predictions,) = tmp_path.rglob("predictions.csv")
+    with predictions.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["index"]) for row in rows] == list(range(100))
+    for row in rows:
+        slip = float(row["p_slip"])
+        assert slip + float(row["p_stable"]) == pytest.approx(1, abs=1e-5)
+        assert row["prediction"] == ("slip" if slip > 0.5 else "stable")
+
+
+def test_two_processes_train_and_test_together(config, tmp_path):
+    ddp = ["--trainer.strategy", "ddp", "--trainer.devices", 2, "--trainer.max_epochs", 1]
+    done = tactile("fit", "--config", config, *ddp, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "MEMBER: 2/2" in done.stdout + done.stderr
+    last = tmp_path / "runs/grasp/version_0/checkpoints/last.ckpt"
+
+    import torch
+
+    # 8 of 10 objects are for training: 320 grasps, of which each process takes 160 in eights.
+    assert torch.load(last, weights_only=True)["global_step"] == 20
+    done = tactile("test", "--config", config, *ddp, "--ckpt_path", last, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "test/accuracy_palm_45_test" in done.stdout
+
+
+def test_checkpoint_with_pickled_objects_is_refused(config, tmp_path):
+    import torch
+
+    class Payload:
+        def __reduce__(self):
+            return (os.system, ("true",))
+
+    path = tmp_path / "evil.ckpt"
+    torch.save({"state_dict": Payload()}, path)
+    done = tactile("test", "--config", config, "--ckpt_path", path, cwd=tmp_path)
+    assert done.returncode != 0
+    assert "Weights only load failed" in done.stderr

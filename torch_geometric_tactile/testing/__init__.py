@@ -1,0 +1,13 @@
+r"""Laws as asserts, for our tests and for other people's layers and transforms."""
+
+from torch_geometric_tactile.testing.permutation_equivariant import assert_permutation_equivariant
+from torch_geometric_tactile.testing.static_equals_batched import assert_static_equals_batched
+from torch_geometric_tactile.testing.transform_static_equals_batched import (
+    assert_transform_static_equals_batched,
+)
+
+__all__ = [
+    "assert_permutation_equivariant",
+    "assert_static_equals_batched",
+    "assert_transform_static_equals_batched",
+]

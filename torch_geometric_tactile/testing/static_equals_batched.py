@@ -1,0 +1,68 @@
+r"""One topology and many samples give what a block-diagonal batch gives."""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+
+from torch_geometric_tactile.testing._compare import assert_equal_numbers
+
+
+def assert_static_equals_batched(
+    layer: Callable[..., Tensor],
+    x: Tensor,
+    edge_index: Tensor,
+    edge_attr: Tensor | None = None,
+    atol: float = 1e-5,
+) -> None:
+    r"""Asserts that a layer or model gives the same numbers on :math:`(B, N, F)`, sample by sample
+    on :math:`(N, F)`, and on PyG's block-diagonal batch :math:`(B \cdot N, F)`.
+
+    The layer is called as :obj:`layer(x, edge_index)`, or :obj:`layer(x, edge_index, edge_attr)`
+    where there are edge features. Its output may be one row for each node or one for each sample.
+    Call :meth:`~torch.nn.Module.eval` first where it draws random numbers.
+
+    Args:
+        layer (callable): The layer.
+        x (torch.Tensor): Node features :math:`(B, N, F)`.
+        edge_index (torch.Tensor): The edges of every sample :math:`(2, |\mathcal{E}|)`.
+        edge_attr (torch.Tensor, optional): Edge features or weights of every sample
+            :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`, or of each
+            :math:`(B, |\mathcal{E}|, D)`.
+        atol (float): The difference that is allowed.
+
+    Raises:
+        AssertionError: If the numbers differ.
+        ValueError: If :obj:`x` has not three dimensions or holds no sample.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn.conv import StaticGCNConv
+        >>> edge_index = torch.tensor([[0, 1], [1, 0]])
+        >>> assert_static_equals_batched(StaticGCNConv(3, 8), torch.randn(5, 4, 3), edge_index)
+    """
+    if x.dim() != 3 or x.size(0) == 0:
+        raise ValueError(
+            f"'x' must have shape (batch_size, num_nodes, num_features) with at least one sample "
+            f"(got {tuple(x.shape)})"
+        )
+    samples = []
+    for i in range(x.size(0)):
+        sample = Data(x=x[i], edge_index=edge_index)
+        if edge_attr is not None:
+            sample.edge_attr = edge_attr[i] if edge_attr.dim() == 3 else edge_attr
+        samples.append(sample)
+    batch = Batch.from_data_list(samples)
+    with torch.no_grad():
+        static = layer(x, edge_index) if edge_attr is None else layer(x, edge_index, edge_attr)
+        rows = static.reshape(-1, static.size(-1))
+        for name, parts in (("each sample", samples), ("PyG's batch", [batch])):
+            outs = [
+                layer(part.x, part.edge_index)
+                if edge_attr is None
+                else layer(part.x, part.edge_index, part.edge_attr)
+                for part in parts
+            ]
+            expected = torch.cat([out.reshape(-1, out.size(-1)) for out in outs])
+            law = f"{type(layer).__name__} must give on (B, N, F) what it gives on {name}"
+            assert_equal_numbers(law, rows, expected, atol)

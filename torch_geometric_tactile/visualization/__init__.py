@@ -1,0 +1,22 @@
+r"""Pictures of layouts, readings and results, and the page that shows them. Needs the extra
+``viz`` when a function is called, not when this room is imported.
+"""  # noqa: D205
+
+from torch_geometric_tactile.visualization.figure import save_figure
+from torch_geometric_tactile.visualization.grasp import plot_grasps
+from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
+from torch_geometric_tactile.visualization.metrics import plot_confusion, plot_protocols, plot_roc
+from torch_geometric_tactile.visualization.report import ReportPicture, ReportTable, write_report
+
+__all__ = [
+    "ReportPicture",
+    "ReportTable",
+    "layout_plane",
+    "plot_confusion",
+    "plot_grasps",
+    "plot_layout",
+    "plot_protocols",
+    "plot_roc",
+    "save_figure",
+    "write_report",
+]

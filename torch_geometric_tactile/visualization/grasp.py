@@ -1,0 +1,115 @@
+r"""Pictures of grasps: the readings of all fingers."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.layout import figure_size, layout_plane, plot_layout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_CMAP = "RdBu_r"
+_QUANTILE = 0.98
+
+
+def plot_grasps(
+    layout: TaxelLayout,
+    readings: Mapping[str, Tensor],
+    finger_names: Sequence[str],
+    edge_index: Tensor | None = None,
+    unit: str = "standard deviations",
+) -> "Figure":
+    r"""Draws grasps below one another, one column per finger, all on one colour scale.
+
+    The scale is symmetric about zero and ends at the 98th percentile of the absolute readings, so
+    that one broken taxel does not pale all others.
+
+    Args:
+        layout (TaxelLayout): The layout of one finger.
+        readings (Mapping of str to torch.Tensor): The readings of each grasp under its title.
+        finger_names (sequence of str): Names of the :math:`K` fingers.
+        edge_index (torch.Tensor, optional): Edges to draw below the taxels.
+        unit (str): Unit of the readings.
+
+    Shapes:
+        - **readings:** :math:`(N, K)` each
+        - **edge_index:** directed edges :math:`(2, |\mathcal{E}|)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no grasp or no finger, or readings have another shape.
+    """
+    if not readings:
+        raise ValueError("'readings' must hold at least one grasp (got none)")
+    if not finger_names:
+        raise ValueError("'finger_names' must hold at least one name (got none)")
+    shape = (layout.num_taxels, len(finger_names))
+    for title, reading in readings.items():
+        if tuple(reading.shape) != shape:
+            raise ValueError(
+                f"'readings' must have shape {shape} (got {tuple(reading.shape)} for '{title}')"
+            )
+    limit, clipped = _symmetric_limit(torch.stack([reading for reading in readings.values()]))
+    width, height = figure_size(layout_plane(layout), 2.6)
+    header = 0.3
+    figure = new_figure(
+        width * len(finger_names) + 1.1, (height + header + 0.35) * len(readings) + 0.2
+    )
+
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    rows = figure.add_gridspec(
+        2 * len(readings), len(finger_names), height_ratios=[header, height] * len(readings)
+    )
+    panels = []
+    for row, (title, reading) in enumerate(readings.items()):
+        heading = figure.add_subplot(rows[2 * row, :])
+        heading.axis("off")
+        heading.text(0, 0.2, plain_text(title), fontsize=11, weight="bold").set_in_layout(False)
+        panels.append(heading)
+        for column, name in enumerate(finger_names):
+            ax = figure.add_subplot(rows[2 * row + 1, column])
+            plot_layout(
+                layout,
+                reading[:, column],
+                edge_index,
+                ax,
+                limits=(-limit, limit),
+                cmap=_CMAP,
+                label=None,
+                title=name,
+            )
+            if row < len(readings) - 1:
+                ax.set_xlabel("")
+                ax.tick_params(labelbottom=False)
+            if column > 0:
+                ax.set_ylabel("")
+                ax.tick_params(labelleft=False)
+            panels.append(ax)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(-limit, limit), colormaps[_CMAP]),
+        ax=panels,
+        extend="both" if clipped else "neither",
+        shrink=0.8,
+        aspect=15 * len(readings),
+    )
+    bar.set_label(plain_text(f"reading ({unit})"), fontsize=10)
+    bar.ax.tick_params(labelsize=9)
+    return figure
+
+
+def _symmetric_limit(values: Tensor) -> tuple[float, bool]:
+    size = values.detach().cpu().double().abs()
+    size = size[size.isfinite()]
+    if size.numel() == 0 or float(size.max()) == 0:
+        return 1.0, False
+    # Where fewer than one in fifty readings differs from zero, the percentile is zero.
+    limit = float(size.quantile(_QUANTILE)) or float(size.max())
+    return limit, float(size.max()) > limit

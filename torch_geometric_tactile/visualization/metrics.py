@@ -1,0 +1,222 @@
+r"""Pictures of how well models classify."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from math import ceil, floor, isfinite
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Accuracy = tuple[float, float]
+# Okabe and Ito's colours without yellow, which is hard to see on white.
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+_LOWEST = 0.4
+
+
+def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) -> "Figure":
+    r"""Draws a confusion matrix with counts and the percentages of each row.
+
+    Args:
+        matrix (array): Counts, with the true class along the rows and the predicted class along
+            the columns.
+        class_names (sequence of str): Names of the :math:`C` classes.
+        title (str): Title of the picture.
+
+    Shapes:
+        - **matrix:** :math:`(C, C)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If :obj:`matrix` is not square, has another size than there are names, or holds
+            anything but counts.
+    """
+    counts = np.asarray(matrix)
+    num_classes = len(class_names)
+    if counts.shape != (num_classes, num_classes) or num_classes == 0:
+        raise ValueError(
+            f"'matrix' must have shape ({num_classes}, {num_classes}), one row per class name "
+            f"(got {counts.shape})"
+        )
+    if not (np.isfinite(counts) & (counts >= 0) & (counts == np.round(counts))).all():
+        raise ValueError("'matrix' must hold counts (got negative or broken numbers)")
+    total = counts.sum(axis=1, keepdims=True)
+    share = counts / np.maximum(total, 1)
+    side = max(3.2, 1.0 * num_classes + 0.6)
+    figure = new_figure(side + 1.0, side + 0.8)
+    ax = figure.add_subplot()
+    ax.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0)
+    for (row, column), count in np.ndenumerate(counts):
+        percent = f"{100 * share[row, column]:.1f} %" if total[row, 0] else "–"
+        ax.text(
+            column,
+            row,
+            f"{int(count):,}\n{percent}",
+            ha="center",
+            va="center",
+            fontsize=11,
+            linespacing=1.4,
+            color="white" if share[row, column] > 0.55 else "black",
+        )
+    names = [_wrapped(name, 14) for name in class_names]
+    ax.set_xticks(range(num_classes), names, fontsize=10)
+    ax.set_yticks(range(num_classes), names, fontsize=10)
+    ax.set_xlabel("predicted class", fontsize=10)
+    ax.set_ylabel("true class", fontsize=10)
+    ax.tick_params(length=0)
+    ax.set_title(_wrapped(title, int(side * 11)), fontsize=11)
+    return figure
+
+
+def plot_roc(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], title: str) -> "Figure":
+    r"""Draws receiver operating characteristics and the diagonal of chance.
+
+    Args:
+        curves (Mapping of str to tuple): False positive rates, true positive rates and the area
+            under the curve, for each model.
+        title (str): Title of the picture.
+
+    Shapes:
+        - **false positive rates, true positive rates:** :math:`(P,)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no curve, or its rates differ in length or lie outside of 0 to 1.
+    """
+    if not curves:
+        raise ValueError("'curves' must hold at least one model (got none)")
+    rates = {}
+    for name, (fpr, tpr, _) in curves.items():
+        rate = np.asarray(fpr, dtype=float), np.asarray(tpr, dtype=float)
+        if rate[0].ndim != 1 or rate[0].shape != rate[1].shape:
+            raise ValueError(
+                f"'curves' must hold rates of the same length (got {rate[0].shape} and "
+                f"{rate[1].shape} for '{name}')"
+            )
+        if not all(((part >= 0) & (part <= 1)).all() for part in rate):
+            raise ValueError(f"'curves' must hold rates from 0 to 1 (got others for '{name}')")
+        rates[name] = rate
+    figure = new_figure(6.8, 4.6)
+    ax = figure.add_subplot()
+    handles = [
+        ax.plot(*rate, color=_COLORS[i % len(_COLORS)], linestyle=_dash(i), linewidth=1.6)[0]
+        for i, rate in enumerate(rates.values())
+    ]
+    handles += ax.plot([0, 1], [0, 1], color="#808080", linestyle=":", linewidth=1.2)
+    labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
+    labels.append("chance (AUC 0.500)")
+    ax.set_xlim(-0.01, 1.01)
+    ax.set_ylim(-0.01, 1.01)
+    ax.set_aspect("equal")
+    ax.set_xlabel("false positive rate", fontsize=10)
+    ax.set_ylabel("true positive rate", fontsize=10)
+    ax.tick_params(labelsize=9)
+    ax.grid(color="#e6e6e6", linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.set_title(_wrapped(title, 55), fontsize=11)
+    figure.legend(handles, labels, loc="outside right center", fontsize=9, frameon=False)
+    return figure
+
+
+def plot_protocols(
+    table: Mapping[str, Mapping[str, Mapping[str, Accuracy]]], chance: float | None = None
+) -> "Figure":
+    r"""Draws the accuracy of models under several protocols, with one panel per scaling of the
+    readings.
+
+    The axis runs from 0.4 to 1.0, and further down only where a result is there. Points stand for
+    means, not bars, whose lengths would mislead on an axis that does not begin at zero.
+
+    Args:
+        table (Mapping): Mean and standard deviation of the accuracy by model, protocol and
+            scaling. Combinations that were not run are left out; a standard deviation that is NaN
+            has no error bar.
+        chance (float, optional): Accuracy to mark with a dashed line, such as that of the most
+            frequent class.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no result, or an accuracy lies outside of 0 to 1.
+    """  # noqa: D205
+    results = [
+        (model, protocol, scaling, mean, sd)
+        for model, protocols in table.items()
+        for protocol, scalings in protocols.items()
+        for scaling, (mean, sd) in scalings.items()
+    ]
+    if not results:
+        raise ValueError("'table' must hold at least one result (got none)")
+    for model, protocol, scaling, mean, _ in results:
+        if not 0 <= mean <= 1:
+            raise ValueError(
+                f"'table' must hold accuracies from 0 to 1 (got {mean} for '{model}', "
+                f"'{protocol}', '{scaling}')"
+            )
+    # dict.fromkeys keeps the order of first appearance.
+    models, protocols, scalings = (
+        list(dict.fromkeys(result[i] for result in results)) for i in range(3)
+    )
+    columns = max(3, len(protocols)) * max(3, len(models))
+    figure = new_figure(max(3.0, 0.135 * columns) * len(scalings) + 0.8, 4.4)
+    axes = figure.subplots(1, len(scalings), sharey=True, squeeze=False)[0]
+    offset = {name: 0.8 * ((i + 0.5) / len(models) - 0.5) for i, name in enumerate(models)}
+    handles = {}
+    for ax, scaling in zip(axes, scalings, strict=True):
+        for i, model in enumerate(models):
+            points = [
+                (protocols.index(protocol) + offset[model], mean, sd if isfinite(sd) else 0.0)
+                for name, protocol, panel, mean, sd in results
+                if name == model and panel == scaling
+            ]
+            x, y, error = zip(*points, strict=True) if points else ((), (), ())
+            handles[model] = ax.errorbar(
+                x,
+                y,
+                yerr=error,
+                linestyle="none",
+                marker=_MARKERS[i % len(_MARKERS)],
+                color=_COLORS[i % len(_COLORS)],
+                markersize=5.5,
+                markeredgecolor="white",
+                markeredgewidth=0.4,
+                elinewidth=1.1,
+                capsize=1.8,
+            )
+        for i in range(0, len(protocols), 2):
+            ax.axvspan(i - 0.5, i + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
+        if chance is not None:
+            handles["chance"] = ax.axhline(chance, color="#808080", linestyle="--", linewidth=1)
+        ax.set_xlim(-0.5, len(protocols) - 0.5)
+        ax.set_xticks(range(len(protocols)), [_wrapped(p, 10) for p in protocols], fontsize=9)
+        ax.tick_params(axis="x", length=0)
+        ax.tick_params(axis="y", labelsize=9)
+        ax.grid(axis="y", color="#dcdcdc", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.set_title(plain_text(scaling), fontsize=11)
+    low = min(mean - (sd if isfinite(sd) else 0) for *_, mean, sd in results)
+    low = low if chance is None else min(low, chance)
+    axes[0].set_ylim(max(0.0, min(_LOWEST, floor(low * 10) / 10)), 1.0)
+    axes[0].set_ylabel("accuracy", fontsize=10)
+    figure.legend(
+        handles.values(),
+        [plain_text(name) for name in handles],
+        loc="outside lower center",
+        ncols=ceil(len(handles) / ceil(len(handles) / max(3, int(figure.get_figwidth() / 1.3)))),
+        fontsize=9,
+        frameon=False,
+    )
+    return figure
+
+
+def _wrapped(text: str, width: int) -> str:
+    return plain_text("\n".join(textwrap.wrap(text, width)))
+
+
+def _dash(index: int) -> str:
+    return ("-", "--", "-.")[index // len(_COLORS) % 3]

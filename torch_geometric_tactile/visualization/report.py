@@ -1,0 +1,128 @@
+r"""A report on one page that needs no other file."""
+
+import base64
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.visualization.figure import DPI, INSTALL
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_CSS_PIXELS_PER_INCH = 96
+
+
+class ReportTable(NamedTuple):
+    r"""A table of a report.
+
+    Args:
+        title (str): Title above the table.
+        caption (str): What the numbers are; may be empty.
+        header (list of str): Names of the columns.
+        rows (list of list of str): The cells. A row whose first cell begins with :obj:`*` is drawn
+            bold, without the star.
+    """
+
+    title: str
+    caption: str
+    header: list[str]
+    rows: list[list[str]]
+
+
+class ReportPicture(NamedTuple):
+    r"""A picture of a report.
+
+    Args:
+        path (str or PathLike): The PNG file; the report holds a copy.
+        title (str): Title above the picture.
+        caption (str): What the picture shows; may be empty.
+    """
+
+    path: PathLike
+    title: str
+    caption: str
+
+
+def write_report(
+    path: PathLike,
+    *,
+    title: str,
+    notice: str,
+    facts: Sequence[tuple[str, str]],
+    tables: Sequence[ReportTable],
+    pictures: Sequence[ReportPicture],
+) -> None:
+    r"""Writes a report as one HTML file that is either whole or absent. It loads nothing, runs no
+    script, and can be read on a phone, in the dark and on paper.
+
+    Args:
+        path (str or PathLike): The file.
+        title (str): Title of the report.
+        notice (str): The first line: whether the data is real or generated, and which it is.
+        facts (sequence of tuple of str): Names and values, such as split, seed and versions.
+        tables (sequence of ReportTable): The tables.
+        pictures (sequence of ReportPicture): The pictures, shown below the tables.
+
+    Raises:
+        ImportError: If jinja2 is missing.
+        FileNotFoundError: If there is no such picture.
+        ValueError: If :obj:`notice` is empty, a row has another length than its header, or a
+            picture is no PNG file.
+    """  # noqa: D205
+    if not notice.strip():
+        raise ValueError("'notice' must say which data was used (got an empty text)")
+    try:
+        import jinja2
+    except ImportError as error:
+        raise ImportError(f"reports need jinja2: {INSTALL}") from error
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = files(__package__).joinpath("report.html").read_text(encoding="utf-8")
+    page = environment.from_string(template).render(
+        title=title,
+        notice=notice,
+        facts=list(facts),
+        tables=[_table(table) for table in tables],
+        pictures=[_picture(picture) for picture in pictures],
+    )
+    with atomic_path(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def _table(table: ReportTable) -> dict[str, Any]:
+    for row in table.rows:
+        if len(row) != len(table.header) or not row:
+            raise ValueError(
+                f"'rows' of table '{table.title}' must have {len(table.header)} cells, as its "
+                f"header (got {len(row)})"
+            )
+    numeric = [
+        bool(table.rows) and not any(letter.isalpha() for row in table.rows for letter in row[i])
+        for i in range(len(table.header))
+    ]
+    rows = [
+        {"bold": row[0].startswith("*"), "cells": [row[0].removeprefix("*").lstrip(), *row[1:]]}
+        for row in table.rows
+    ]
+    return {**table._asdict(), "rows": rows, "numeric": numeric}
+
+
+def _picture(picture: ReportPicture) -> dict[str, Any]:
+    path = Path(picture.path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no picture at '{path}': write it with 'save_figure' first")
+    content = path.read_bytes()
+    if not content.startswith(_PNG) or len(content) < 24:
+        raise ValueError(f"'path' of a picture must be a PNG file (got '{path}')")
+    # The header of a PNG file holds width and height as big-endian integers.
+    width, height = (int.from_bytes(content[i : i + 4], "big") for i in (16, 20))
+    return {
+        "title": picture.title,
+        "caption": picture.caption,
+        "data": base64.b64encode(content).decode("ascii"),
+        "width": round(width * _CSS_PIXELS_PER_INCH / DPI),
+        "height": round(height * _CSS_PIXELS_PER_INCH / DPI),
+    }
