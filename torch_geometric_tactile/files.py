@@ -33,16 +33,24 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     os.close(handle)
     temporary = Path(name)
     try:
-        # mkstemp makes private files; a finished file gets the usual rights.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         yield temporary
+        share(temporary)
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def share(path: PathLike) -> None:
+    r"""Gives a file that was made as a private temporary one the rights that new files have.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    umask = os.umask(0)
+    os.umask(umask)
+    Path(path).chmod(0o666 & ~umask)
 
 
 def file_sha256(path: PathLike) -> str:

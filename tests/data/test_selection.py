@@ -79,3 +79,10 @@ def test_batch_of_nothing_and_out_of_range(build):
     assert build().batch([]).x.shape == (0, 4, 2)
     with pytest.raises(IndexError, match="index 6 is out of"):
         build().batch([6])
+
+
+def test_column_is_that_of_the_selection(build):
+    dataset = build()
+    assert dataset.column("trial").equal(dataset.data.trial)
+    assert dataset[[4, 0]].column("trial").equal(dataset.data.trial[[4, 0]])
+    assert dataset.column("nothing") is None

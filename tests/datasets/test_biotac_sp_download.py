@@ -1,5 +1,7 @@
 import hashlib
+import os
 import socket
+import stat
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -83,6 +85,17 @@ def test_download_of_small_files(published, tmp_path):
     assert raw_files(tmp_path) == sorted(published.files)
     for name, content in published.files.items():
         assert (tmp_path / "raw" / name).read_bytes() == content
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights follow the umask on POSIX only")
+def test_downloaded_files_have_the_rights_of_new_files(published, tmp_path):
+    before = os.umask(0o022)
+    try:
+        BioTacSP(tmp_path / "set")
+    finally:
+        os.umask(before)
+    for path in (tmp_path / "set" / "raw").iterdir():
+        assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
 def test_download_fetches_only_what_is_missing(published, tmp_path):

@@ -48,7 +48,13 @@ def test_all_splits_come_from_one_processed_file(root):
     for split in ("train", "test", "all"):
         BioTacSP(root, split=split, checksum=False)
     names = sorted(path.name for path in (root / "processed").iterdir())
-    assert names == ["biotac_sp.pt", "pre_filter.pt", "pre_transform.pt"]
+    assert names == ["biotac_sp_unverified.pt", "pre_filter.pt", "pre_transform.pt"]
+
+
+def test_unverified_files_do_not_pass_for_verified_ones_later(root):
+    BioTacSP(root, checksum=False)
+    with pytest.raises(ValueError, match="must have the SHA-256 checksum"):
+        BioTacSP(root)
 
 
 def test_pre_filter_that_leaves_nothing_of_a_split(root):

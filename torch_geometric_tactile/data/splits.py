@@ -135,14 +135,19 @@ def k_fold(
 
 
 def _units(dataset: StaticDataset | StaticData, by: Unit) -> np.ndarray:
-    data = dataset.data if isinstance(dataset, StaticDataset) else dataset
     if by == "frame":
-        return np.arange(data.num_samples)
+        return np.arange(
+            len(dataset) if isinstance(dataset, StaticDataset) else dataset.num_samples
+        )
     if by not in ("trial", "group"):
         raise ValueError(f"'by' must be 'frame', 'trial' or 'group' (got '{by}')")
-    if by not in data:
+    if isinstance(dataset, StaticDataset):
+        column = dataset.column(by)
+    else:
+        column = dataset[by] if by in dataset else None  # noqa: SIM401 - Data is no mapping
+    if column is None:
         raise ValueError(f"'dataset' must have '{by}' to be split by {by} (got none)")
-    units: np.ndarray = data[by].numpy()
+    units: np.ndarray = column.numpy()
     return units
 
 

@@ -133,12 +133,26 @@ class StaticDataset(Dataset):
             self.__dict__["_cached_index"] = (indices, tensor)
         return tensor
 
+    def column(self, key: str) -> Tensor | None:
+        r"""Returns one attribute of the samples of this selection, without reading the others.
+
+        Args:
+            key (str): Name of the attribute, such as :obj:`y`, :obj:`trial` or :obj:`group`.
+
+        Returns:
+            torch.Tensor: The values :math:`(S, ...)`, or :obj:`None` if there is no such attribute.
+        """
+        value: Tensor | None = None
+        if key in self._data:
+            value = self._data[key]
+        if value is None or self._indices is None:
+            return value
+        return value[self._index()]
+
     @property
     def num_classes(self) -> int:
         r"""The number of classes, over all samples of this selection."""
-        y = self._data.y
-        if y is not None and self._indices is not None:
-            y = y[self._index()]
+        y = self.column("y")
         if y is not None and len(y) == 0:
             return 0
         return int(self._infer_num_classes(y))

@@ -11,7 +11,7 @@ import torch
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.files import atomic_path, file_sha256
+from torch_geometric_tactile.files import atomic_path, file_sha256, share
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
@@ -133,7 +133,7 @@ class BioTacSP(StaticDataset):
     @property
     def processed_file_names(self) -> str:
         r"""One file for all splits and palm poses."""
-        return "biotac_sp.pt"
+        return "biotac_sp.pt" if self.checksum else "biotac_sp_unverified.pt"
 
     def download(self) -> None:
         r"""Downloads the raw files that are missing and verifies their checksums."""
@@ -153,6 +153,7 @@ class BioTacSP(StaticDataset):
                     f"'{name}' is not in '{self.raw_dir}' and could not be downloaded from "
                     f"'{self.url}'; put the file there by hand ({error})"
                 ) from error
+            share(Path(self.raw_dir) / name)
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads the six files."""

@@ -84,11 +84,11 @@ class TactileDataModule(L.LightningDataModule):
     @property
     def test_sessions(self) -> dict[int, str]:
         r"""Number and name of each recording session in the test part, once set up."""
-        data = self._parts["test"].data
-        if "session" not in data:
+        session = self._parts["test"].column("session")
+        if session is None:
             return {}
         names = self._parts["test"].session_names
-        return {i: names[i] for i in data.session.unique().tolist()}
+        return {i: names[i] for i in session.unique().tolist()}
 
     def setup(self, stage: str | None = None) -> None:
         r"""Splits the data set and fits the scaling."""
