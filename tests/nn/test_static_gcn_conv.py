@@ -48,13 +48,13 @@ def block_diagonal(x, edge_index, edge_weight=None):
 
 @pytest.fixture
 def count_norm(monkeypatch):
-    calls, norm = [], static_gcn_conv.gcn_norm
+    calls, norm = [], static_gcn_conv._dense_norm
 
     def counted(*args, **kwargs):
         calls.append(args)
         return norm(*args, **kwargs)
 
-    monkeypatch.setattr(static_gcn_conv, "gcn_norm", counted)
+    monkeypatch.setattr(static_gcn_conv, "_dense_norm", counted)
     return calls
 
 

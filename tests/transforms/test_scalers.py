@@ -28,7 +28,8 @@ def fitted():
 
 def test_scalers_repr():
     assert str(ZScore()) == "ZScore()"
-    assert str(SessionZScore()) == "SessionZScore()"
+    assert str(SessionZScore()) == "SessionZScore('session')"
+    assert str(SessionZScore("trial")) == "SessionZScore('trial')"
     assert str(Tare()) == "Tare('session', first=None)"
     assert str(Tare("trial", first=5)) == "Tare('trial', first=5)"
 

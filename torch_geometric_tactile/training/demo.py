@@ -1,6 +1,7 @@
 r"""The main job: from data to a judged model and a report."""
 
 import json
+import math
 import platform
 import time
 from pathlib import Path
@@ -86,16 +87,17 @@ def main(
     records = list(evaluation.summarize(pooled, data.train.session_names))
     checkpoint = _train_main(data, out, epochs)
     summary = _summary(records)
-    tables = _tables(summary, seeds)
-    for table in tables:
-        print(f"\n{table.title}\n{tabulate(table.rows, table.header)}")  # noqa: T201
+    table = _table(summary, seeds)
+    print(f"\n{_terminal_table(table)}")  # noqa: T201
     pictures = _pictures(data, pooled, summary, out)
     content = {
         "data": {
             "source": data.notice,
             "generated": data.generated,
             "train_samples": len(data.train),
+            "train_objects": _count_groups(data.train),
             "test_samples": len(data.test),
+            "test_objects": _count_groups(data.test),
         },
         "machine": _machine(),
         "seeds": list(range(seeds)),
@@ -112,7 +114,7 @@ def main(
         title="Grasp stability from touch",
         notice=data.notice,
         facts=_facts(content),
-        tables=tables,
+        tables=[table],
         pictures=pictures,
     )
     print(f"\nReport: {out / 'report.html'} ({content['seconds']:.0f} s)")  # noqa: T201
@@ -126,8 +128,8 @@ def open_data(root: PathLike | None, generated: bool = False) -> _Data:
         root (str or PathLike, optional): Folder of the data.
         generated (bool): Whether to generate it in any case.
     """
-    graph = KNNGraph(k=2)
-    reason = "as asked for"
+    graph = KNNGraph(k=_num_neighbours())
+    reason = "generated data was asked for"
     if not generated:
         home = default_root("BioTacSP") if root is None else Path(root).expanduser()
         try:
@@ -143,11 +145,16 @@ def open_data(root: PathLike | None, generated: bool = False) -> _Data:
             reason = str(error)
     notice = (
         "Data: GENERATED, not measured (FakeTactileDataset, seed 0); no number below says anything "
-        f"about a real hand. Real data was not used: {reason}."
+        f"about a real hand. Why not real data: {reason}."
     )
     train = FakeTactileDataset(2000, "train", num_objects=20, pre_transform=graph)
     test = FakeTactileDataset(600, "test", num_objects=20, pre_transform=graph)
     return _Data(train, test, notice, True)
+
+
+def _num_neighbours() -> int:
+    dataset = load_config(str(evaluation.MODELS[_MAIN]))["data"]["dataset"]
+    return int(dataset["init_args"]["pre_transform"]["init_args"]["k"])
 
 
 def _find(folder: Path) -> Path:
@@ -196,42 +203,51 @@ def _summary(records: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, dic
         cell = {}
         for name in ("accuracy", "f1"):
             values = np.array([record[name] for record in group])
-            cell[name] = (float(values.mean()), float(values.std(ddof=1 if len(values) > 1 else 0)))
+            # One seed has no deviation, which is not a deviation of zero.
+            sd = float(values.std(ddof=1)) if len(values) > 1 else float("nan")
+            cell[name] = (float(values.mean()), sd)
         summary.setdefault(model, {}).setdefault(protocol, {})[scaling] = cell
     return {model: summary[model] for model in evaluation.MODELS if model in summary}
 
 
-def _tables(summary: dict[str, Any], seeds: int) -> list[ReportTable]:
-    tables = []
+def _table(summary: dict[str, Any], seeds: int) -> ReportTable:
     protocols = list(summary[_MAIN])
-    for scaling in reversed(evaluation.SCALINGS):
-        rows = []
-        for model, cells in summary.items():
-            row = [f"*{model}" if model == _MAIN else model]
+    rows = []
+    for model, cells in summary.items():
+        for scaling in reversed(evaluation.SCALINGS):
+            row = [f"*{model}" if model == _MAIN else model, scaling]
             for protocol in protocols:
                 accuracy, f1 = (cells[protocol][scaling][name] for name in ("accuracy", "f1"))
-                row.append(f"{accuracy[0]:.3f} ± {accuracy[1]:.3f} / {f1[0]:.3f} ± {f1[1]:.3f}")
+                row.append(f"{_percent(*accuracy)} / {_percent(*f1)}")
             rows.append(row)
-        tables.append(
-            ReportTable(
-                title=f"Accuracy / F1 of slip, readings {_SCALING_NAMES[scaling]}",
-                caption=_CAPTIONS[scaling].format(seeds=seeds),
-                header=["model", *protocols],
-                rows=rows,
-            )
-        )
-    return tables
+    return ReportTable(
+        title="Accuracy / F1 score of slip, in %",
+        caption=_CAPTION.format(seeds=seeds),
+        header=["model", "scaling", *protocols],
+        rows=rows,
+    )
 
 
-_CAPTIONS = {
-    "session": "Mean and standard deviation over {seeds} seeds. Each reading is scaled by mean and "
-    "deviation of its recording session, without labels; the sessions of the unseen objects are "
-    "measured on the test readings themselves, which a robot has only after some grasps. 'Palm "
-    "down', 'side' and '45' are the parts of 'unseen objects'. Folds are within the training set.",
-    "raw": "Mean and standard deviation over {seeds} seeds. Readings are scaled by the training "
-    "part only. The recordings of the unseen objects have another sensor offset than the training "
-    "set, which is why random folds, and even left-out objects, promise more than the test keeps.",
-}
+def _percent(mean: float, sd: float) -> str:
+    return f"{100 * mean:.1f}" + ("" if math.isnan(sd) else f" ± {100 * sd:.1f}")
+
+
+def _terminal_table(table: ReportTable) -> str:
+    rows = [[cell.lstrip("*").replace(" / ", "\n") for cell in row] for row in table.rows]
+    header = [name.replace(" ", "\n") for name in table.header]
+    body = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+    return f"{table.title.replace(' / ', ', below it ')}\n{body}"
+
+
+_CAPTION = (
+    "Mean ± standard deviation over {seeds} seed(s). Random folds and left-out objects are within "
+    "the training set; 'unseen objects' is the official test, and the palm poses are its parts. "
+    "Scaling 'session': by mean and deviation of the recording session, without labels; the test "
+    "sessions are measured on the test readings themselves, which a robot has only after some "
+    "grasps. Scaling 'raw': by the training part only. The test recordings have another sensor "
+    "offset, so that raw accuracy on folds, even with objects left out, promises more than the "
+    "test keeps."
+)
 
 
 def _pictures(
@@ -268,8 +284,8 @@ def _pictures(
             ),
             "Electrodes of the three fingers",
             f"A stable and a slipping grasp of one object in one session ({place}): the grasp of "
-            "each outcome that is nearest to the mean of its kind. Lines are the graph, k = 2. "
-            "Readings scaled by session; a pressed electrode reads lower.",
+            "each outcome that is nearest to the mean of its kind. Lines are the graph, "
+            f"k = {_num_neighbours()}. Readings scaled by session.",
         ),
         "protocols": (
             plot_protocols(means, chance=0.5),
@@ -312,7 +328,12 @@ def _example_grasps(dataset: StaticDataset) -> tuple[dict[str, Tensor], str]:
         grasps[name] = x[(x - x.mean(0)).square().sum((1, 2)).argmin()]
     group, session = divmod(best, len(dataset.session_names))
     session_name = dataset.session_names[session].replace("_", " ")
-    return grasps, f"{dataset.group_names[group].replace('_', ' ')}, {session_name}"
+    return grasps, f"object '{dataset.group_names[group]}', {session_name}"
+
+
+def _count_groups(dataset: StaticDataset) -> int:
+    group = dataset.column("group")
+    return 0 if group is None else len(group.unique())
 
 
 def _machine() -> dict[str, Any]:

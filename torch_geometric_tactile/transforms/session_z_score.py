@@ -36,3 +36,6 @@ class SessionZScore(FittedTransform):
 
     def __init__(self, key: str = "session") -> None:
         super().__init__(key)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}('{self.key}')"

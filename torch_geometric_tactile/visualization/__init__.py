@@ -1,6 +1,6 @@
 r"""Pictures of layouts, readings and results, and the page that shows them. Needs the extra
 ``viz`` when a function is called, not when this room is imported.
-"""  # noqa: D205
+"""
 
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps

@@ -56,7 +56,7 @@ def save_figure(figure: "Figure", path: PathLike) -> None:
 
     Raises:
         ValueError: If :obj:`path` has another suffix.
-    """  # noqa: D205
+    """
     if Path(path).suffix.lower() != ".png":
         raise ValueError(f"'path' must end in '.png' (got '{path}')")
     with atomic_path(path) as temporary:

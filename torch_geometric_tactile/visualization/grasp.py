@@ -54,7 +54,7 @@ def plot_grasps(
             raise ValueError(
                 f"'readings' must have shape {shape} (got {tuple(reading.shape)} for '{title}')"
             )
-    limit, clipped = _symmetric_limit(torch.stack([reading for reading in readings.values()]))
+    limit, clipped = _symmetric_limit(torch.stack(list(readings.values())))
     width, height = figure_size(layout_plane(layout), 2.6)
     header = 0.3
     figure = new_figure(

@@ -1,5 +1,6 @@
 r"""Pictures of taxel layouts."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import torch
@@ -134,7 +135,9 @@ def plot_layout(
         ]
     if edges is not None:
         ax.add_collection(
-            LineCollection(plane[edges.T].numpy(), colors=_EDGE_COLOR, linewidths=0.8, zorder=1)
+            LineCollection(
+                list(plane[edges.T].numpy()), colors=_EDGE_COLOR, linewidths=0.8, zorder=1
+            )
         )
     ax.add_collection(
         EllipseCollection(
@@ -233,7 +236,7 @@ def _corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float]]:
 
 
 def _draw_numbers(
-    ax: "Axes", plane: Tensor, diameter: float, colors: list[tuple[float, ...]]
+    ax: "Axes", plane: Tensor, diameter: float, colors: Sequence[tuple[float, ...]]
 ) -> None:
     from matplotlib.collections import PathCollection
     from matplotlib.textpath import TextPath

@@ -53,7 +53,7 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
     ax = figure.add_subplot()
     ax.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0)
     for (row, column), count in np.ndenumerate(counts):
-        percent = f"{100 * share[row, column]:.1f} %" if total[row, 0] else "–"
+        percent = f"{100 * share[row, column]:.1f} %" if total[row, 0] else "-"
         ax.text(
             column,
             row,
@@ -143,7 +143,7 @@ def plot_protocols(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no result, or an accuracy lies outside of 0 to 1.
-    """  # noqa: D205
+    """
     results = [
         (model, protocol, scaling, mean, sd)
         for model, protocols in table.items()
@@ -159,9 +159,9 @@ def plot_protocols(
                 f"'{protocol}', '{scaling}')"
             )
     # dict.fromkeys keeps the order of first appearance.
-    models, protocols, scalings = (
-        list(dict.fromkeys(result[i] for result in results)) for i in range(3)
-    )
+    models = list(dict.fromkeys(model for model, *_ in results))
+    protocols = list(dict.fromkeys(protocol for _, protocol, *_ in results))
+    scalings = list(dict.fromkeys(scaling for _, _, scaling, *_ in results))
     columns = max(3, len(protocols)) * max(3, len(models))
     figure = new_figure(max(3.0, 0.135 * columns) * len(scalings) + 0.8, 4.4)
     axes = figure.subplots(1, len(scalings), sharey=True, squeeze=False)[0]

@@ -70,7 +70,7 @@ def write_report(
         FileNotFoundError: If there is no such picture.
         ValueError: If :obj:`notice` is empty, a row has another length than its header, or a
             picture is no PNG file.
-    """  # noqa: D205
+    """
     if not notice.strip():
         raise ValueError("'notice' must say which data was used (got an empty text)")
     try:

@@ -132,7 +132,21 @@ class StaticGCNConv(MessagePassing):
 def _dense_norm(
     edge_index: Tensor, edge_weight: OptTensor, num_nodes: int, dtype: torch.dtype
 ) -> Tensor:
-    edge_index, norm = gcn_norm(edge_index, edge_weight, num_nodes, dtype=dtype)
-    flat = edge_index[1] * num_nodes + edge_index[0]  # messages run from source to target
-    adjacency = norm.new_zeros(num_nodes * num_nodes).scatter_add(0, flat, norm)
-    return adjacency.view(num_nodes, num_nodes).to(dtype)
+    # PyG's gcn_norm as one matrix. It drops no edges by a mask, whose result has an unknown size,
+    # so that torch.compile sees one graph.
+    source, target = edge_index[0], edge_index[1]
+    if edge_weight is None:
+        edge_weight = torch.ones(edge_index.size(1), dtype=dtype, device=edge_index.device)
+    weight = edge_weight.view(-1).to(dtype)
+    is_loop = source == target
+    adjacency = weight.new_zeros(num_nodes * num_nodes).scatter_add(
+        0, target * num_nodes + source, weight.masked_fill(is_loop, 0.0)
+    )
+    # Self-loops keep their weight, missing ones get one; the last place takes all other edges.
+    loop = weight.new_ones(num_nodes + 1).scatter(
+        0, source.masked_fill(~is_loop, num_nodes), weight
+    )
+    adjacency = adjacency.view(num_nodes, num_nodes) + loop[:-1].diag_embed()
+    scale = adjacency.sum(dim=1).pow(-0.5)
+    scale = scale.masked_fill(scale == float("inf"), 0.0)
+    return scale.view(-1, 1) * adjacency * scale
