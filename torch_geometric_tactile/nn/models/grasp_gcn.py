@@ -4,7 +4,7 @@ from typing import Literal, Optional
 
 import torch
 from torch import Tensor
-from torch.nn import Dropout, Linear, Module, ModuleList
+from torch.nn import Dropout1d, Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
@@ -37,8 +37,8 @@ class GraspGCN(Module):
         fusion (str, optional): :obj:`"data"`, :obj:`"feature"` or :obj:`None`.
         finger (int, optional): The finger to look at, where :obj:`fusion` is :obj:`None`.
         num_layers (int): Number of graph convolutions; one in the paper.
-        dropout (float): Part of the node features dropped before the fully connected layer; none in
-            the paper.
+        dropout (float): Part of the electrodes whose features are dropped in training before the
+            fully connected layer, all channels of an electrode at once; none in the paper.
 
     Shapes:
         - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
@@ -104,7 +104,7 @@ class GraspGCN(Module):
             ModuleList(StaticGCNConv(widths[i], widths[i + 1]) for i in range(num_layers))
             for _ in range(num_threads)
         )
-        self.dropout = Dropout(dropout)
+        self.dropout = Dropout1d(dropout)
         self.lin = Linear(num_nodes * hidden_channels * num_threads, out_channels)
 
     def reset_parameters(self) -> None:
@@ -144,7 +144,10 @@ class GraspGCN(Module):
                 h = conv(h, edge_index, edge_weight).relu_()
             features.append(h.reshape(-1, self.num_nodes * self.hidden_channels))
         joined = features[0] if len(features) == 1 else torch.cat(features, dim=-1)
-        return self.lin(self.dropout(joined))
+        if self.training and self.dropout.p > 0:
+            nodes = joined.view(len(joined), -1, self.hidden_channels)
+            joined = self.dropout(nodes).flatten(1)
+        return self.lin(joined)
 
     def __repr__(self) -> str:
         finger = "" if self.finger is None else f", finger={self.finger}"
