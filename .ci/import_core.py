@@ -1,4 +1,4 @@
-"""Imports every module of the core where no extra is installed, and checks that extras are named."""
+"""Imports every module of the core where no extra is installed; checks that extras are named."""
 
 import importlib
 import importlib.util

@@ -12,6 +12,8 @@ from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transf
 
 _CHUNK = 8192  # samples read at a time, so that fitting a memory-mapped data set needs no copy
 
+_Place = tuple[torch.dtype, torch.device]
+
 
 class FittedTransform(BaseTransform):
     r"""Subtracts a centre from the readings and divides them by a scale, both fitted before, for
@@ -35,6 +37,7 @@ class FittedTransform(BaseTransform):
         self.center: Tensor | None = None  # (K, N, F), double: raw counts are large and vary little
         self.scale: Tensor | None = None  # (K, N, F)
         self.key_values: Tensor | None = None  # (K,), sorted
+        self._kept: tuple[Tensor, Tensor, _Place, tuple[Tensor, Tensor, Tensor]] | None = None
 
     def fit(self, data: StaticDataset | StaticData) -> Self:
         r"""Measures centre and scale on the readings of :obj:`data`; labels are not used.
@@ -139,10 +142,7 @@ class FittedTransform(BaseTransform):
                 f"'x' must have {num_taxels} taxels and {num_features} features, as "
                 f"{type(self).__name__} was fitted on (got shape {tuple(x.shape)})"
             )
-        # The centre in the precision of x, and what that leaves over: together as good as double.
-        near = self.center.to(x.dtype)
-        rest, scale = (self.center - near).to(x), self.scale.to(x)
-        near = near.to(x.device)
+        near, rest, scale = self._tables(self.center, self.scale, x)
         if self.key is None:
             near, rest, scale = near[0], rest[0], scale[0]
         else:
@@ -151,6 +151,16 @@ class FittedTransform(BaseTransform):
         out = (x.reshape(-1, num_taxels, num_features) - near - rest) / scale
         data.x = out.reshape(x.shape)
         return data
+
+    def _tables(self, center: Tensor, scale: Tensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        # The centre in the precision of x, and what that leaves over: together as good as double.
+        # Kept, since converting them costs as much as scaling a batch.
+        kept = self._kept
+        if kept is None or kept[0] is not center or kept[1] is not scale or kept[2] != _place(x):
+            near = center.to(x.dtype)
+            tables = near.to(x.device), (center - near).to(x), scale.to(x)
+            self._kept = kept = (center, scale, _place(x), tables)
+        return kept[3]
 
     def _row(self, data: Data, num_samples: int) -> Tensor:
         assert self.key_values is not None
@@ -179,6 +189,10 @@ class FittedTransform(BaseTransform):
         self.center = state.get("center")
         self.scale = state.get("scale")
         self.key_values = state.get("key_values")
+
+
+def _place(x: Tensor) -> _Place:
+    return x.dtype, x.device
 
 
 def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
