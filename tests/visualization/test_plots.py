@@ -1,0 +1,168 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+
+from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.visualization import (
+    layout_plane,
+    plot_confusion,
+    plot_grasps,
+    plot_layout,
+    plot_protocols,
+    plot_roc,
+    save_figure,
+)
+
+LAYOUT = grid(2, 3, pitch=0.002)
+
+
+def circles(ax):
+    return next(c for c in ax.collections if type(c).__name__ == "EllipseCollection")
+
+
+def test_plane_of_a_grid_is_its_own_in_millimetres():
+    expected = torch.tensor([[0, 0], [2, 0], [4, 0], [0, 2], [2, 2], [4, 2]]).float()
+    torch.testing.assert_close(layout_plane(LAYOUT), expected)
+
+
+def test_plane_of_biotac_sp_is_seen_from_the_pad():
+    plane, pos = layout_plane(biotac_sp()), biotac_sp().pos * 1e3
+    torch.testing.assert_close(plane[:, 0], pos[:, 0], atol=0.6, rtol=0)
+    assert float(torch.corrcoef(torch.stack([plane[:, 1], pos[:, 2]]))[0, 1]) > 0.999
+
+
+def test_plane_moves_with_the_sensor_and_keeps_distances():
+    moved = TaxelLayout("moved", LAYOUT.pos + torch.tensor([0.1, 0.0, -0.2]), LAYOUT.normal)
+    shift = layout_plane(moved) - layout_plane(LAYOUT)
+    torch.testing.assert_close(shift, shift[:1].expand_as(shift), atol=1e-3, rtol=0)
+
+
+def test_plane_without_normals_holds_the_main_axes():
+    bare = TaxelLayout("bare", LAYOUT.pos[:, [2, 1, 0]])
+    assert np.ptp(layout_plane(bare).numpy(), axis=0) == pytest.approx([4, 2], abs=1e-4)
+
+
+def test_layout_colours_follow_values_and_edges_are_drawn_once():
+    values = torch.tensor([0.0, 1.0, 2.0, 0.0, 1.0, float("nan")])
+    edges = torch.tensor([[0, 1, 1], [1, 0, 2]])
+    (ax, *_) = plot_layout(LAYOUT, values, edges).axes
+    colors = circles(ax).get_facecolors()
+    assert len(colors) == 6
+    assert (colors[0] == colors[3]).all()
+    assert not (colors[0] == colors[2]).all()
+    assert colors[5].tolist() == [1, 1, 1, 1]  # a missing reading is white
+    lines = next(c for c in ax.collections if type(c).__name__ == "LineCollection")
+    assert len(lines.get_segments()) == 2
+
+
+def test_layout_of_a_single_taxel():
+    assert len(circles(plot_layout(grid(1, 1, pitch=0.002)).axes[0]).get_offsets()) == 1
+
+
+def test_grasps_share_one_symmetric_scale():
+    readings = {"stable": torch.full((6, 2), -1.0), "slip": torch.full((6, 2), 3.0)}
+    figure = plot_grasps(LAYOUT, readings, ["index", "thumb"])
+    panels = [ax for ax in figure.axes if ax.collections and ax.get_title()]
+    assert [ax.get_title() for ax in panels] == ["index", "thumb"] * 2
+    bar = next(ax for ax in figure.axes if "standard deviations" in ax.get_ylabel())
+    assert bar.get_ylim() == pytest.approx((-3, 3))
+    headings = [text.get_text() for ax in figure.axes for text in ax.texts]
+    assert headings == ["stable", "slip"]
+
+
+def test_confusion_shows_counts_and_rows_in_percent():
+    figure = plot_confusion([[3, 1], [0, 0]], ["stable", "slip"], "title")
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert texts == ["3\n75.0 %", "1\n25.0 %", "0\n-", "0\n-"]
+
+
+def test_roc_shows_its_curves_and_areas():
+    figure = plot_roc({"SVM": ([0, 0.5, 1], [0, 1, 1], 0.75)}, "title")
+    curve, chance = figure.axes[0].get_lines()
+    assert curve.get_xydata().tolist() == [[0, 0], [0.5, 1], [1, 1]]
+    assert chance.get_xydata().tolist() == [[0, 0], [1, 1]]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["SVM (AUC 0.750)", "chance (AUC 0.500)"]
+
+
+def test_protocols_show_means_and_deviations():
+    table = {"SVM": {"folds": {"raw": (0.9, 0.05)}, "test": {"raw": (0.7, float("nan"))}}}
+    ax = plot_protocols(table, chance=0.5).axes[0]
+    (points,) = ax.containers
+    assert points.lines[0].get_ydata() == pytest.approx([0.9, 0.7])
+    (bars,) = points.lines[2]
+    ends = [segment[:, 1].tolist() for segment in bars.get_segments()]
+    assert ends[0] == pytest.approx([0.85, 0.95])
+    assert ends[1] == pytest.approx([0.7, 0.7])
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["folds", "test"]
+
+
+def test_bad_input_is_named():
+    with pytest.raises(ValueError, match=r"'values' must have shape \(6,\)"):
+        plot_layout(LAYOUT, torch.zeros(5))
+    with pytest.raises(ValueError, match=r"'edge_index' must have shape \(2, num_edges\)"):
+        plot_layout(LAYOUT, edge_index=torch.zeros(3, 1))
+    with pytest.raises(ValueError, match="'edge_index' must join taxels 0 to 5"):
+        plot_layout(LAYOUT, edge_index=torch.tensor([[0], [6]]))
+    with pytest.raises(ValueError, match=r"'limits' must rise \(got 1 and 1\)"):
+        plot_layout(LAYOUT, limits=(1, 1))
+    with pytest.raises(ValueError, match="'readings' must hold at least one grasp"):
+        plot_grasps(LAYOUT, {}, ["index"])
+    with pytest.raises(ValueError, match="'finger_names' must hold at least one name"):
+        plot_grasps(LAYOUT, {"a": torch.zeros(6, 1)}, [])
+    with pytest.raises(ValueError, match=r"'readings' must have shape \(6, 1\).*'a'"):
+        plot_grasps(LAYOUT, {"a": torch.zeros(6, 2)}, ["index"])
+    with pytest.raises(ValueError, match=r"'matrix' must have shape \(2, 2\)"):
+        plot_confusion([[1]], ["a", "b"], "")
+    with pytest.raises(ValueError, match="'matrix' must hold counts"):
+        plot_confusion([[-1]], ["a"], "")
+    with pytest.raises(ValueError, match="'curves' must hold at least one model"):
+        plot_roc({}, "")
+    with pytest.raises(ValueError, match="'curves' must hold rates of the same length"):
+        plot_roc({"a": ([0, 1], [0], 0.5)}, "")
+    with pytest.raises(ValueError, match="'curves' must hold rates from 0 to 1"):
+        plot_roc({"a": ([0, 2], [0, 1], 0.5)}, "")
+    with pytest.raises(ValueError, match="'table' must hold at least one result"):
+        plot_protocols({})
+    with pytest.raises(ValueError, match=r"accuracies from 0 to 1 \(got 90"):
+        plot_protocols({"a": {"b": {"c": (90.0, 1.0)}}})
+
+
+def test_saved_figure_is_whole_or_absent(tmp_path, monkeypatch):
+    figure = plot_layout(LAYOUT)
+    path = tmp_path / "a.png"
+    save_figure(figure, path)
+    before = path.read_bytes()
+    assert before.startswith(b"\x89PNG")
+
+    def break_off(target, **kwargs):
+        target.write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(figure, "savefig", break_off)
+    with pytest.raises(OSError, match="disk full"):
+        save_figure(figure, path)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.png"]
+    with pytest.raises(ValueError, match=r"'path' must end in '.png'"):
+        save_figure(figure, tmp_path / "a.pdf")
+
+
+def test_pyplot_is_not_imported():
+    code = (
+        "import sys; from torch_geometric_tactile.sensors import grid; "
+        "from torch_geometric_tactile.visualization import plot_layout; "
+        "plot_layout(grid(1, 2, 0.002)); sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_missing_extra_is_named_at_the_call(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[viz\]"'):
+        plot_layout(LAYOUT)
