@@ -58,7 +58,7 @@ def test_classifier_accepts_static_batches_and_pyg_batches():
     dataset = fake()
     expected = classifier(dataset.batch([0, 1, 2]))
     actual = classifier(Batch.from_data_list([dataset[0], dataset[1], dataset[2]]))
-    torch.testing.assert_close(actual, expected)
+    torch.testing.assert_close(actual, expected, rtol=1e-5, atol=1e-3)  # logits of raw counts
 
 
 def test_classifier_learns_generated_grasps(tmp_path):
