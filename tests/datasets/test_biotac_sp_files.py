@@ -128,6 +128,12 @@ def test_import_raw_finds_nothing(tmp_path):
     assert not (tmp_path / "root").exists()
 
 
+@pytest.mark.parametrize("place", ["root", "biotacsp"])
+def test_files_in_the_root_or_beside_it_are_taken_before_a_download(write_bts3, tmp_path, place):
+    write_bts3(tmp_path / place)
+    assert len(BioTacSP(tmp_path / "root", checksum=False)) == 24
+
+
 def test_import_raw_takes_the_home_folder(write_bts3, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     write_bts3(tmp_path / "disk")

@@ -136,7 +136,11 @@ class BioTacSP(StaticDataset):
         return "biotac_sp.pt" if self.checksum else "biotac_sp_unverified.pt"
 
     def download(self) -> None:
-        r"""Downloads the raw files that are missing and verifies their checksums."""
+        r"""Takes the raw files that are in :obj:`root` or in a folder :obj:`biotacsp` beside it,
+        downloads those that are still missing, and verifies their checksums.
+        """
+        for folder in (Path(self.root), Path(self.root).parent):
+            self.import_raw(folder, self.root)
         for name, sha256 in _SHA256.items():
             if (Path(self.raw_dir) / name).is_file():
                 continue
