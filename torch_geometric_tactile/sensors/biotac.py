@@ -1,13 +1,7 @@
 r"""The BioTac family of fingertips."""
 
-from importlib.resources import as_file, files
-
 from torch_geometric_tactile.sensors.layout import TaxelLayout
-
-
-def _stock_layout(name: str) -> TaxelLayout:
-    with as_file(files(__package__) / "layouts" / f"{name}.json") as path:
-        return TaxelLayout.load(path)
+from torch_geometric_tactile.sensors.stock import stock_layout
 
 
 def biotac() -> TaxelLayout:
@@ -21,7 +15,7 @@ def biotac() -> TaxelLayout:
     Shapes:
         - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(19, 3)`
     """
-    return _stock_layout("biotac")
+    return stock_layout("biotac")
 
 
 def biotac_sp() -> TaxelLayout:
@@ -39,4 +33,4 @@ def biotac_sp() -> TaxelLayout:
         >>> biotac_sp().pos[0]
         tensor([ 0.0098, -0.0028,  0.0040])
     """
-    return _stock_layout("biotac_sp")
+    return stock_layout("biotac_sp")

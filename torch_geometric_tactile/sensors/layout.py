@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.sensors.patches import expand_patches
 from torch_geometric_tactile.typing import PathLike
 
 _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
@@ -240,11 +241,15 @@ class TaxelLayout:
                 "digit", "cell"}`, of which only :obj:`"pos"` is required) and, if wanted,
                 :obj:`"source"`, :obj:`"adjacency"` (name to a list of pairs), and
                 :obj:`"link_names"`, :obj:`"patch_names"` and :obj:`"digit_names"` (by order of
-                appearance if left out).
+                appearance if left out). In place of :obj:`"taxels"` it may have
+                :obj:`"patches"`, from which taxels and edges follow (see
+                :func:`~torch_geometric_tactile.sensors.expand_patches`).
 
         Raises:
             ValueError: If a key is missing, the unit is unknown, or the layout is not consistent.
         """
+        if "patches" in content:
+            content = expand_patches(content)
         for key in ("name", "unit", "taxels"):
             if key not in content:
                 raise ValueError(f"a layout must have the key '{key}' (got {sorted(content)})")

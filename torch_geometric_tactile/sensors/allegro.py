@@ -1,0 +1,51 @@
+r"""The Allegro hand with uSkin."""
+
+from dataclasses import replace
+
+import torch
+
+from torch_geometric_tactile.sensors.layout import TaxelLayout
+from torch_geometric_tactile.sensors.stock import stock_layout
+
+
+def allegro_uskin(symmetric: bool = False) -> TaxelLayout:
+    r"""The 384 taxels of a right Allegro hand covered with XELA uSkin, the hand of the "Tactile
+    Object Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph
+    Convolutional Network" paper: 22 patches, four fingertips of 24 taxels, 11 phalanges and 7 palm
+    patches of 4 x 4.
+
+    Each digit is numbered from base to tip and each patch row by row, digits in the order index,
+    middle, ring, thumb, palm. Adjacencies and their directed edges: :obj:`"sparse"` 1000,
+    :obj:`"slanted"` 1184, :obj:`"original"` 1401, :obj:`"dense"` 2488. The figures that draw these
+    edges are not public: they are our reconstruction, which has every published count. The
+    published 1401 is odd; ours holds one edge without its reverse, from the thumb's base to its
+    palm patch.
+
+    Pitch and places of the phalanx patches are those of XELA's public model of a covered hand
+    (mcsix/xela_models); the shape of the fingertip and the places of the palm patches are our
+    model. The file behind it (:obj:`stock_path("layouts", "allegro_uskin")`) describes patches and
+    joins, in millimetres, to copy, edit and :meth:`~TaxelLayout.load`.
+
+    Args:
+        symmetric (bool): Whether to leave the one-way edge out, so that :obj:`"original"` has 1400.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors in the frames of the links that
+          :meth:`HandKinematics.allegro` moves :math:`(384, 3)`
+        - **image_map:** a hand seen from its palm side, fingertips up, on 32 x 16 cells
+
+    Examples:
+        >>> layout = allegro_uskin()
+        >>> layout
+        TaxelLayout('allegro_uskin', num_taxels=384, patches=22, digits=5)
+        >>> layout.edge_index("original").shape
+        torch.Size([2, 1401])
+    """
+    layout = stock_layout("allegro_uskin")
+    if not symmetric:
+        return layout
+    adjacency = dict(layout.adjacency)
+    source, target = adjacency["original"]
+    code, reverse = source * len(layout) + target, target * len(layout) + source
+    adjacency["original"] = adjacency["original"][:, torch.isin(code, reverse)]
+    return replace(layout, adjacency=adjacency)
