@@ -84,6 +84,10 @@ class Joint:
                     f"the axis of joint '{self.name}' must have a direction (got 0 0 0)"
                 )
             object.__setattr__(self, "axis", tuple(number / length for number in self.axis))
+        if not float(self.lower) <= float(self.upper):
+            raise ValueError(
+                f"the limits of joint '{self.name}' must rise (got {self.lower} and {self.upper})"
+            )
 
 
 class HandKinematics:
@@ -118,8 +122,8 @@ class HandKinematics:
         self.joint_names = tuple(joint.name for joint in moving)
         if len(set(self.joint_names)) < len(moving):
             raise ValueError("'joints' must have different names (got one twice)")
-        self.lower = torch.tensor([joint.lower for joint in moving])
-        self.upper = torch.tensor([joint.upper for joint in moving])
+        self.lower = torch.tensor([float(joint.lower) for joint in moving])
+        self.upper = torch.tensor([float(joint.upper) for joint in moving])
         self._sort_links(moving)
 
     def _sort_links(self, moving: list[Joint]) -> None:
@@ -187,14 +191,17 @@ class HandKinematics:
         """
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
+            if not isinstance(content, dict) or "joints" not in content:
+                raise ValueError("it must be a JSON object with the key 'joints'")
             joints = [Joint(**joint) for joint in content["joints"]]
             return cls(joints, name=content.get("name", Path(path).stem))
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError) as error:
             raise ValueError(f"'{path}' is not a table of joints: {error}") from error
 
     @classmethod
     def from_urdf(cls, path: PathLike, joint_names: Sequence[str] | None = None) -> Self:
-        r"""Reads the chain of a URDF file: its revolute, continuous and fixed joints.
+        r"""Reads the chain of a URDF file: its revolute, continuous and fixed joints. A
+        :obj:`mimic` tag is not followed: such a joint has an angle of its own.
 
         Args:
             path (str or PathLike): The file.
@@ -205,11 +212,11 @@ class HandKinematics:
         Raises:
             FileNotFoundError: If there is no such file.
             ValueError: If the file is no URDF, a joint has another type, or a named joint is
-                missing; the message names the file.
+                missing or named twice; the message names the file.
         """
-        text = Path(path).read_text(encoding="utf-8")
+        content = Path(path).read_bytes()  # not text: the file itself declares its encoding
         try:
-            root = ElementTree.fromstring(text)
+            root = ElementTree.fromstring(content)
             if root.tag != "robot":
                 raise ValueError(f"the root element must be 'robot' (got '{root.tag}')")
             joints = [_urdf_joint(element) for element in root.iter("joint") if element.get("type")]
@@ -221,7 +228,9 @@ class HandKinematics:
                         f"'joint_names' must name its moving joints, {list(moving)} "
                         f"(got '{missing[0]}')"
                     )
-                named = [moving.pop(name) for name in joint_names]
+                if len(set(joint_names)) < len(joint_names):
+                    raise ValueError("'joint_names' must name each joint once (got one twice)")
+                named = [moving[name] for name in joint_names]
                 rest = [joint for joint in joints if joint not in named]
                 joints = named + [_still(joint) if joint.axis else joint for joint in rest]
             return cls(joints, name=root.get("name", Path(path).stem))
@@ -229,7 +238,7 @@ class HandKinematics:
             raise ValueError(f"'{path}' is not a URDF of a hand: {error}") from error
 
     def outside_limits(self, joint: Tensor) -> Tensor:
-        r"""Tells which angles are beyond a joint limit.
+        r"""Tells which angles are beyond a joint limit, or missing (NaN).
 
         Args:
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
@@ -238,7 +247,11 @@ class HandKinematics:
             - **output:** booleans :math:`(..., J)`
         """
         self._check(joint)
-        return (joint < self.lower.to(joint)) | (joint > self.upper.to(joint))
+        moving = [one for one in self.joints if one.axis is not None]
+        # Not from float32: a double angle at its limit would be beyond the rounded limit.
+        lower = joint.new_tensor([float(one.lower) for one in moving])
+        upper = joint.new_tensor([float(one.upper) for one in moving])
+        return ~((joint >= lower) & (joint <= upper))
 
     def _check(self, joint: Tensor) -> None:
         if joint.dim() == 0 or joint.size(-1) != self.num_joints:
@@ -315,7 +328,15 @@ class HandKinematics:
             values = [value[..., order.argsort(), :] for value in values]
         return PosedTaxels(values[0], values[1] if with_normal else None)
 
-    def _groups(self, layout: TaxelLayout) -> list[tuple[int, Tensor]]:
+    def require_links(self, layout: TaxelLayout) -> list[str]:
+        r"""Returns the links that carry taxels of a layout.
+
+        Args:
+            layout (TaxelLayout): The layout.
+
+        Raises:
+            ValueError: If one of them is not a link of this hand.
+        """
         assert layout.link is not None
         used = [layout.link_names[int(i)] for i in layout.link.unique()]
         missing = [name for name in used if name not in self.link_names]
@@ -324,6 +345,11 @@ class HandKinematics:
                 f"'{self.name}' must have the links of layout '{layout.name}' (got none named "
                 f"'{missing[0]}'; its links are {', '.join(self.link_names)})"
             )
+        return used
+
+    def _groups(self, layout: TaxelLayout) -> list[tuple[int, Tensor]]:
+        used = self.require_links(layout)
+        assert layout.link is not None
         groups = []
         for name in used:
             taxels = (layout.link == layout.link_names.index(name)).nonzero().view(-1)

@@ -44,12 +44,12 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
         :obj:`"slanted"`, :obj:`"original"` and :obj:`"dense"`.
 
     Raises:
-        ValueError: If a key is missing, or a name, a side or a row is unknown.
+        ValueError: If a key is missing, a name, a side or a row is unknown, or a shape is none.
     """
-    patches = {
-        _need(patch, "name", "a patch"): _Patch(patch, content) for patch in content["patches"]
-    }
-    if len(patches) < len(content["patches"]):
+    what = "a layout of patches"
+    described, shapes = _need(content, "patches", what), _need(content, "shapes", what)
+    patches = {_need(patch, "name", "a patch"): _Patch(patch, shapes) for patch in described}
+    if len(patches) < len(described):
         raise ValueError("'patches' must have different names (got one twice)")
     taxels: list[dict[str, Any]] = []
     for patch in patches.values():
@@ -62,7 +62,8 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
             pairs.extend(_join_edges(join, patches, name))
         directed = {*pairs, *((b, a) for a, b in pairs)}
         for edge in content.get("one_way", {}).get(name, ()):
-            directed.add((_taxel(edge["from"], patches), _taxel(edge["to"], patches)))
+            ends = [_need(edge, end, "a one-way edge") for end in ("from", "to")]
+            directed.add((_taxel(ends[0], patches), _taxel(ends[1], patches)))
         adjacency[name] = [list(edge) for edge in sorted(directed)]
     flat = {
         key: value
@@ -78,24 +79,28 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _need(item: Mapping[str, Any], key: str, what: str) -> Any:
+    if not isinstance(item, Mapping):
+        raise ValueError(f"{what} must be a JSON object (got {item!r})")
     if key not in item:
         raise ValueError(f"{what} must have the key '{key}' (got {sorted(item)})")
     return item[key]
 
 
 class _Patch:
-    def __init__(self, patch: Mapping[str, Any], content: Mapping[str, Any]) -> None:
+    def __init__(self, patch: Mapping[str, Any], shapes: Mapping[str, Any]) -> None:
         self.name = str(patch["name"])
         what = f"patch '{self.name}'"
         shape = _need(patch, "shape", what)
-        if shape not in content["shapes"]:
-            raise ValueError(
-                f"the shape of {what} must be one of {sorted(content['shapes'])} (got '{shape}')"
-            )
-        self.shape: Mapping[str, Any] = content["shapes"][shape]
+        if shape not in shapes:
+            raise ValueError(f"the shape of {what} must be one of {sorted(shapes)} (got '{shape}')")
+        self.shape: Mapping[str, Any] = shapes[shape]
         self.patch = patch
         self.start = 0
         rows = _need(self.shape, "rows", f"shape '{shape}'")
+        if not rows or not all(isinstance(row, int) and row > 0 for row in rows):
+            raise ValueError(
+                f"the rows of shape '{shape}' must count at least one taxel each (got {rows})"
+            )
         self.width = max(rows)
         if any((self.width - row) % 2 for row in rows):
             raise ValueError(
@@ -108,12 +113,24 @@ class _Patch:
             for column in range(count)
         ]
         self.number = {cell: i for i, cell in enumerate(self.cells)}
+        self.across: set[_Cell] = {(row, col) for row, col in self.shape.get("sparse_across", ())}
+        for row, col in sorted(self.across):
+            if not {(row, col), (row, col + 1)} <= self.number.keys():
+                raise ValueError(
+                    f"'sparse_across' of shape '{shape}' must list taxels with a neighbour to "
+                    f"their right (got {[row, col]})"
+                )
         kind = _need(self.shape, "kind", f"shape '{shape}'")
         if kind not in _SURFACES:
             raise ValueError(
                 f"the kind of shape '{shape}' must be one of {sorted(_SURFACES)} (got '{kind}')"
             )
-        self.surface = _SURFACES[kind]
+        self.surface, sizes = _SURFACES[kind]
+        for size in sizes:
+            if not _need(self.shape, size, f"shape '{shape}'") > 0:
+                raise ValueError(
+                    f"'{size}' of shape '{shape}' must be positive (got {self.shape[size]})"
+                )
 
     def taxels(self) -> Iterator[dict[str, Any]]:
         what = f"patch '{self.name}'"
@@ -139,12 +156,11 @@ class _Patch:
             yield taxel
 
     def edges(self, name: str) -> Iterator[_Edge]:
-        across = {tuple(cell) for cell in self.shape.get("sparse_across", ())}
         for row, column in self.cells:
             steps = []
             if name != "slanted":
                 steps.append((row + 1, column))
-                if name != "sparse" or (row, column) in across:
+                if name != "sparse" or (row, column) in self.across:
                     steps.append((row, column + 1))
             if name in ("slanted", "dense"):
                 steps += [(row + 1, column - 1), (row + 1, column + 1)]
@@ -186,16 +202,20 @@ def _capsule(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndar
     return np.array([0.0, min(along, straight), 0.0]) + radius * normal, normal
 
 
-_SURFACES: dict[str, Callable[[Mapping[str, Any], int, float], tuple[np.ndarray, np.ndarray]]] = {
-    "planar": _planar,
-    "capsule": _capsule,
+_Surface = Callable[[Mapping[str, Any], int, float], tuple[np.ndarray, np.ndarray]]
+_SURFACES: dict[str, tuple[_Surface, tuple[str, ...]]] = {
+    "planar": (_planar, ("pitch",)),
+    "capsule": (_capsule, ("pitch", "radius", "straight", "column_angle")),
 }
 
 
 def _facing(join: Mapping[str, Any], patches: Mapping[str, _Patch]) -> tuple[list[int], list[int]]:
     rows = []
     for end in ("from", "to"):
-        name, side = _need(join, end, "a join")
+        place = _need(join, end, "a join")
+        if not isinstance(place, list | tuple) or len(place) != 2:
+            raise ValueError(f"an end of a join must be [patch, side] (got {place!r})")
+        name, side = place
         if name not in patches:
             raise ValueError(f"a join must name patches (got '{name}')")
         if side not in _SIDES:
@@ -228,15 +248,20 @@ def _join_edges(
             yield from ((a, b) for k, b in enumerate(second) if k != i)
         if name != "slanted":
             straight = _need(join, "straight", "a fan")
+            if straight not in range(len(first)):
+                raise ValueError(
+                    f"'straight' of a fan must be 0 to {len(first) - 1} (got {straight})"
+                )
             yield first[straight], second[straight]
     else:
         raise ValueError(f"the kind of a join must be 'seam' or 'fan' (got '{kind}')")
 
 
 def _taxel(place: Any, patches: Mapping[str, _Patch]) -> int:
-    name, row, column = place
-    if name not in patches or (row, column) not in patches[name].number:
+    name, *cell = place
+    if name not in patches or tuple(cell) not in patches[name].number:
         raise ValueError(
             f"a one-way edge must join taxels, as [patch, row, column] (got {list(place)})"
         )
+    row, column = cell
     return patches[name].taxel((row, column))

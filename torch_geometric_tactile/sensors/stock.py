@@ -5,6 +5,8 @@ from pathlib import Path
 
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
+_KINDS = ("chains", "layouts")
+
 
 def stock_path(kind: str, name: str) -> Path:
     r"""Returns the path of a data file of the package, to copy and edit.
@@ -16,6 +18,8 @@ def stock_path(kind: str, name: str) -> Path:
     Raises:
         ValueError: If there is no such file; the message lists those that there are.
     """
+    if kind not in _KINDS:
+        raise ValueError(f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
     folder = Path(str(files(__package__) / kind))
     path = folder / f"{name}.json"
     if not path.is_file():

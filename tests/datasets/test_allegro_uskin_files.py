@@ -1,0 +1,348 @@
+import logging
+import os
+
+import numpy as np
+import pytest
+import torch
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.datasets import AllegroUSkin, allegro_uskin
+from torch_geometric_tactile.io import write_recording
+from torch_geometric_tactile.sensors import grid
+
+LABELS = ["light", "heavy", "hard", "soft", "non-slippery", "slippery"]
+
+
+def recording(frames=2, taxels=384, channels=3, joints=16, value=0.0, phase=None, **meta):
+    return Recording(
+        time=np.arange(frames) / 100,
+        tactile=np.full((frames, taxels, channels), value),
+        joint=np.full((frames, joints), 0.5) if joints else None,
+        meta=meta,
+        privileged={} if phase is None else {"phase": phase},
+    )
+
+
+def write(path, **kwargs):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_recording(recording(**kwargs), path)
+
+
+@pytest.fixture
+def root(tmp_path):
+    """Two objects with two trials of two frames."""
+    for i, name in enumerate(("sponge_0", "sponge_1", "purse_0", "purse_1")):
+        write(tmp_path / "raw" / f"{name}.npz", value=10.0 * i)
+    return tmp_path
+
+
+def everything(root, **kwargs):
+    return AllegroUSkin(root, split=None, **kwargs)
+
+
+def test_folder_of_trials_is_a_root(tmp_path):
+    write(tmp_path / "sponge_000.npz", synthetic=True)
+    (tmp_path / "simulation.json").write_text("{}")
+    (tmp_path / "notes.txt").write_text("dry")
+    (tmp_path / ".sponge_001.npz").write_text("half")
+    (tmp_path / "plots.csv").mkdir()
+    dataset = everything(tmp_path)
+    assert dataset.trial_names == ["sponge_000"]
+    assert dataset.synthetic
+    assert sorted(path.name for path in (tmp_path / "processed").iterdir()) == [
+        "allegro_uskin.pt",
+        "pre_filter.pt",
+        "pre_transform.pt",
+    ]
+    assert not (tmp_path / "raw").exists()
+
+
+def test_raw_goes_before_the_root(root):
+    write(root / "plastic_tube_0.npz")
+    assert len(everything(root)) == 8
+    assert everything(root).group_names == ["sponge", "purse"]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".h5", ".hdf5"])
+def test_formats(tmp_path, suffix):
+    if "h" in suffix:
+        pytest.importorskip("h5py")
+    write(tmp_path / f"sponge_1{suffix}", value=3.0)
+    data = everything(tmp_path).data
+    assert data.x.shape == (2, 384, 3)
+    assert data.x.eq(3.0).all()
+    assert data.joint.shape == (2, 16)
+
+
+def test_metadata_go_before_the_file_name(tmp_path):
+    write(tmp_path / "run.npz", object="purse", trial=7)
+    write(tmp_path / "sponge_7.npz", object="purse", trial=8)
+    write(tmp_path / "big_cup_7.npz")
+    dataset = everything(tmp_path)
+    assert dataset.trial_names == ["big_cup_7", "run", "sponge_7"]
+    assert dataset.group_names == ["purse", "big_cup"]
+    assert dataset.column("group").tolist() == [1, 1, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("name", "meta"),
+    [
+        ("sponge", {}),
+        ("sponge_a", {}),
+        ("_1", {}),
+        ("1", {"object": "cup"}),
+        ("cup", {"trial": 1}),
+        ("cup_1", {"object": 3}),
+        ("cup_1", {"object": ""}),
+        ("cup_1", {"trial": "first"}),
+        ("cup_1", {"trial": True}),
+    ],
+)
+def test_unreadable_name(tmp_path, name, meta):
+    write(tmp_path / f"{name}.npz", **meta)
+    message = rf"'.*{name}\.npz' must tell its object and trial: .* or a file name <object>_<numb"
+    with pytest.raises(ValueError, match=message):
+        everything(tmp_path)
+
+
+@pytest.mark.parametrize("inner", ["", "raw"])
+def test_no_trials(tmp_path, inner):
+    folder = tmp_path / "mine"
+    if inner:
+        (folder / inner).mkdir(parents=True)
+    with pytest.raises(FileNotFoundError, match=r"no trials in '.*raw' or '.*mine'.*simulate"):
+        AllegroUSkin(folder)
+    assert not (folder / "processed").exists()
+
+
+def test_default_root(monkeypatch, tmp_path):
+    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match="AllegroUSkin"):
+        AllegroUSkin()
+    write(tmp_path / "AllegroUSkin" / "raw" / "sponge_0.npz")
+    assert len(everything(None)) == 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"taxels": 360}, r"sponge_9\.npz': .*must have 384 taxels \(got 360\)"),
+        ({"channels": 1}, r"sponge_9\.npz' must have 3 channels a taxel \(got 1\)"),
+        ({"joints": 0}, r"sponge_9\.npz' must have 16 joint angles .*'joint' \(got none\)"),
+        ({"joints": 12}, r"sponge_9\.npz' must have 16 joint angles .*'joint' \(got 12\)"),
+        ({"frames": 0}, r"sponge_9\.npz' must hold at least one frame \(got none\)"),
+        ({"trial": 1}, r"trial 1 of 'sponge' must stand in one file .*_1\.npz' and .*_9\.npz'"),
+        ({"labels": [1, 0, 1]}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got \[1, 0, 1\]"),
+        ({"labels": [2] + [0] * 5}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got \[2, 0"),
+        ({"labels": 1}, r"_9\.npz' must have a 0 or 1 in 'labels' .*got 1"),
+        (
+            {"phase": np.array([0, 2]), "phase_names": ["reach", "lift"]},
+            r"_9\.npz' must hold in 'phase' one index into 'phase_names' a frame, 0 to 1",
+        ),
+        (
+            {"phase": np.array([0.0, 1.0]), "phase_names": ["reach", "lift"]},
+            r"_9\.npz' must hold in 'phase' .* \(got float64 of shape \(2,\)\)",
+        ),
+    ],
+)
+def test_one_wrong_file(root, wrong, message):
+    write(root / "raw" / "sponge_9.npz", **wrong)
+    with pytest.raises(ValueError, match=message):
+        AllegroUSkin(root)
+    assert not list((root / "processed").iterdir())
+
+
+def test_same_trial_in_two_formats(root):
+    write(root / "raw" / "sponge_1.csv")
+    with pytest.raises(ValueError, match=r"trial 1 of 'sponge' must stand in one file \(got .*csv"):
+        AllegroUSkin(root)
+
+
+def test_two_units(root):
+    write(root / "raw" / "sponge_2.npz", unit="count")
+    assert len(everything(root)) == 10
+    write(root / "raw" / "sponge_3.npz", unit="newton")
+    with pytest.raises(ValueError, match=r"must have one unit \(got 'count' in .*_2.*'newton' in"):
+        AllegroUSkin(root)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_cut_file(root, suffix):
+    if suffix == ".h5":
+        pytest.importorskip("h5py")
+    path = root / "raw" / f"sponge_2{suffix}"
+    write(path, frames=50)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match=rf"sponge_2\{suffix}' .*cut"):
+        AllegroUSkin(root)
+
+
+@pytest.mark.filterwarnings("ignore:'joint' must be in radians")
+def test_joints_in_degrees_warn(root):
+    degrees = Recording([0.0], np.zeros((1, 384, 3)), joint=np.full((1, 16), 45.0))
+    write_recording(degrees, root / "raw" / "sponge_3.npz")
+    with pytest.warns(UserWarning, match="must be in radians"):
+        everything(root)
+
+
+def test_missing_readings_stay_and_are_counted(root, caplog):
+    tactile = np.ones((3, 384, 3))
+    tactile[0, 5, 1] = tactile[2, 7] = np.nan
+    path = root / "raw" / "cup_0.npz"
+    write_recording(Recording([0.0, 0.1, 0.2], tactile, joint=np.zeros((3, 16))), path)
+    with caplog.at_level(logging.WARNING):
+        dataset = everything(root)
+    assert f"2 of {11 * 384} readings of taxels are missing" in caplog.text
+    assert dataset.num_missing == 2
+    assert everything(root, stride=2).num_missing == 2
+    assert dataset[:1].num_missing == dataset[:1].data.x.isnan().any(-1).sum() == 1
+    assert dataset[3:].num_missing == 0
+    assert dataset.data.x.isnan().sum() == 4
+
+
+def test_labels_in_the_metadata_win(tmp_path):
+    write(tmp_path / "sponge_0.npz")
+    write(tmp_path / "sponge_1.npz", labels=[0, 1, 1, 0, 0, 1])
+    write(tmp_path / "sponge_2.npz", labels=[0, 1, 1, 0, 0, 1], label_names=LABELS[::-1])
+    write(tmp_path / "sponge_3.npz", labels=[1, 0], label_names=["full", "empty"])
+    write(tmp_path / "cup_0.npz", labels=[True, False, True, False, True, False])
+    dataset = everything(tmp_path, task="property", stride=2)
+    assert dataset.column("y").tolist() == [
+        [1, 0, 1, 0, 1, 0],
+        [1, 0, 0, 1, 1, 0],
+        [0, 1, 1, 0, 0, 1],
+        [1, 0, 0, 1, 1, 0],
+        [1, 0, 0, 1, 1, 0],
+    ]
+    assert dataset.property_names == LABELS
+
+
+def test_property_task_with_an_unknown_object(root):
+    write(root / "raw" / "cup_0.npz")
+    dataset = everything(root)
+    assert "property" not in dataset.data
+    assert dataset.class_names == ["sponge", "purse", "cup"]
+    with pytest.raises(ValueError, match=r"properties of \['cup'\] are unknown: give 0 or 1 for"):
+        everything(root, task="property")
+    with pytest.raises(ValueError, match=r"properties of \['cup'\] are unknown"):
+        everything(root, task="property", force_reload=True)
+
+
+def test_one_object_only_is_warned_of(tmp_path, caplog):
+    write(tmp_path / "sponge_0.npz")
+    with caplog.at_level(logging.WARNING):
+        assert len(everything(tmp_path)) == 2
+    assert "holds one object only, 'sponge'" in caplog.text
+
+
+def test_object_with_one_trial_cannot_be_split_by_trial(root):
+    write(root / "raw" / "cup_0.npz", frames=10)
+    with pytest.raises(ValueError, match=r"object 'cup' must have at least 2 trials.*\(got 1\)"):
+        AllegroUSkin(root)
+    assert len(AllegroUSkin(root, split_by="frame")) == 12
+
+
+def test_phases_of_files_that_name_them_differently(root):
+    with pytest.raises(ValueError, match=r"'phases' must be None, since no recording in '.*has"):
+        everything(root, phases=["lift"])
+    write(root / "raw" / "purse_2.npz", phase=np.array([1, 0]), phase_names=["lift", "hold"])
+    write(root / "raw" / "purse_3.npz", phase=np.array([1, 0]), phase_names=["reach", "lift"])
+    dataset = everything(root)
+    assert dataset.phase_names == ["lift", "hold", "reach"]
+    assert dataset.column("phase").tolist() == [-1] * 4 + [1, 0, 0, 2] + [-1] * 4
+    assert list(everything(root, phases=["lift"]).indices()) == [5, 6]
+    with pytest.raises(ValueError, match=r"phases=\('hold',\) must leave at least one of 12 samp"):
+        everything(root, phases=["hold"], stride=2)
+
+
+def test_second_time_reads_no_raw_file(root, monkeypatch):
+    first = everything(root)
+    monkeypatch.setattr(allegro_uskin, "read_recording", None)
+    assert everything(root).data.x.equal(first.data.x)
+    for arguments in ({"task": "property"}, {"split": "test"}, {"adjacency": "dense"}):
+        AllegroUSkin(root, **arguments)
+    with pytest.raises(TypeError):
+        everything(root, force_reload=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "message", "size"),
+    [
+        (lambda raw: write(raw / "purse_2.npz"), "'purse_2.npz' was added", 10),
+        (lambda raw: (raw / "sponge_1.npz").unlink(), "'sponge_1.npz' was removed", 6),
+        (lambda raw: write(raw / "sponge_1.npz", frames=5), "'sponge_1.npz' was changed", 11),
+        (lambda raw: os.utime(raw / "sponge_1.npz", (5, 5)), "'sponge_1.npz' was changed", 8),
+        (
+            lambda raw: [write(raw / f"cup_{i}.npz") for i in range(5)],
+            "'cup_0.npz' was added, 'cup_1.npz' was added, 'cup_2.npz' was added and 2 more",
+            18,
+        ),
+    ],
+)
+def test_changed_files_are_processed_again(root, caplog, change, message, size):
+    first = everything(root)
+    change(root / "raw")
+    with caplog.at_level(logging.WARNING):
+        assert len(everything(root)) == size
+    assert "again" in caplog.text
+    assert message in caplog.text
+    caplog.clear()
+    assert len(everything(root)) == size
+    assert not caplog.text
+    assert first.data.x.shape == (8, 384, 3)
+
+
+def test_edges_of_another_layout_are_processed_again_for_a_pre_transform(root, caplog):
+    layout = allegro_uskin.allegro_uskin(symmetric=True)
+    assert everything(root, pre_transform=_unchanged)[0].num_edges == 1401
+    assert everything(root, pre_transform=_unchanged, layout=layout)[0].num_edges == 1400
+    assert "'edges' was changed" in caplog.text
+
+
+def _unchanged(data):
+    return data
+
+
+def test_processed_file_without_its_raw_files_is_used(root):
+    everything(root)
+    for path in (root / "raw").iterdir():
+        path.unlink()
+    assert len(everything(root)) == 8
+    with pytest.raises(FileNotFoundError, match="there are no trials"):
+        everything(root, force_reload=True)
+
+
+def test_damaged_processed_file_says_what_to_do(root):
+    path = root / "processed" / "allegro_uskin.pt"
+    everything(root)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"cannot be read; delete it or .*force_reload=True"):
+        everything(root)
+    assert len(everything(root, force_reload=True)) == 8
+
+
+def test_failure_leaves_the_old_file(root, monkeypatch):
+    everything(root)
+    write(root / "raw" / "sponge_2.npz", taxels=3)
+    with pytest.raises(ValueError, match="must have 384 taxels"):
+        everything(root)
+    (root / "raw" / "sponge_2.npz").unlink()
+    monkeypatch.setattr(allegro_uskin, "read_recording", None)
+    assert len(everything(root)) == 8
+    assert len(list((root / "processed").iterdir())) == 3
+
+
+def test_layout_with_other_taxels(root):
+    with pytest.raises(ValueError, match=r"purse_0\.npz': .*must have 4 taxels \(got 384\)"):
+        AllegroUSkin(root, layout=grid(2, 2, pitch=0.01))
+    everything(root)
+    with pytest.raises(ValueError, match=r"must have 4 taxels, as layout 'grid_2x2' \(got 384\)"):
+        AllegroUSkin(root, layout=grid(2, 2, pitch=0.01))
+
+
+def test_processed_readings_are_those_written_and_untouched_by_edits(root):
+    everything(root).data.x.zero_()
+    data = everything(root).data
+    assert data.x[:, 0, 0].tolist() == [20.0, 20.0, 30.0, 30.0, 0.0, 0.0, 10.0, 10.0]
+    assert data.x.dtype == data.joint.dtype == torch.float
+    assert data.time.dtype == torch.double

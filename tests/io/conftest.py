@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.data import Recording
+
+
+def make_recording(num_frames=20, num_taxels=5, seed=0):
+    draw = np.random.default_rng(seed)
+    tactile = draw.normal(0, 1e3, (num_frames, num_taxels, 3)).astype(np.float32)
+    tactile[:, 1] = np.nan
+    tactile[2:4, 0, 1] = np.nan
+    return Recording(
+        time=1.78e9 + np.cumsum(draw.uniform(0.005, 0.015, num_frames)),
+        tactile=tactile,
+        joint=draw.normal(size=(num_frames, 4)),
+        label="mug é",
+        meta={"unit": "newton", "object": "mug", "taxels": [2, 3], "synthetic": True, "tare": None},
+        privileged={
+            "phase": np.arange(num_frames) // 7,
+            "object_pose": draw.normal(size=(num_frames, 7)),
+            "touches": draw.random((num_frames, num_taxels)) > 0.5,
+            "step": np.array([f"schritt ü{i}" for i in range(num_frames)], dtype=str),
+        },
+    )
+
+
+@pytest.fixture
+def full():
+    """A recording that has everything: joints, missing readings, texts, metadata."""
+    return make_recording()
+
+
+@pytest.fixture
+def assert_same():
+    """Asserts that two recordings are equal in all that they hold."""
+
+    def check(a, b):
+        assert np.array_equal(a.time, b.time)
+        assert np.array_equal(a.tactile, b.tactile, equal_nan=True)
+        assert a.tactile.shape == b.tactile.shape
+        assert (a.joint is None) == (b.joint is None)
+        if a.joint is not None:
+            assert np.array_equal(a.joint, b.joint, equal_nan=True)
+        assert (a.label, a.meta) == (b.label, b.meta)
+        assert a.privileged.keys() == b.privileged.keys()
+        for name, value in a.privileged.items():
+            assert value.shape == b.privileged[name].shape
+            assert value.dtype.kind == b.privileged[name].dtype.kind
+            assert (value == b.privileged[name]).all()
+
+    return check

@@ -1,0 +1,246 @@
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("h5py", reason="needs the extra 'io'")
+
+import h5py
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import append_hdf5, read_hdf5, write_hdf5
+
+APPEND_FOREVER = """
+import itertools, sys
+import numpy as np
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import append_hdf5
+
+for n in itertools.count(step=5):
+    frames = np.arange(n, n + 5)
+    tactile = frames[:, None, None] * np.ones((1, 40, 3))
+    append_hdf5(Recording(frames / 100, tactile, joint=tactile[:, :4, 0] / 1e6), sys.argv[1])
+    print(n + 5, flush=True)
+"""
+
+
+def test_hdf5_round_trip_of_everything(full, assert_same, tmp_path):
+    write_hdf5(full, tmp_path / "a.h5")
+    assert_same(read_hdf5(tmp_path / "a.h5"), full)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+@pytest.mark.parametrize("num_frames", [0, 1])
+def test_hdf5_round_trip_of_no_frame_and_one_taxel(num_frames, assert_same, tmp_path):
+    rec = Recording(
+        np.zeros(num_frames),
+        np.zeros((num_frames, 1, 1)),
+        privileged={"phase": np.zeros(num_frames, dtype=str)},
+    )
+    write_hdf5(rec, tmp_path / "a.h5")
+    assert_same(read_hdf5(tmp_path / "a.h5"), rec)
+
+
+def test_hdf5_names_by_hand(tmp_path):
+    rec = Recording([0.5], [[[7.0]]], label="cup", privileged={"phase": [2]})
+    write_hdf5(rec, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert dict(file.attrs) == {
+            "format": "tactile recording",
+            "version": 1,
+            "num_frames": 1,
+            "label": '"cup"',
+            "meta": "{}",
+        }
+        assert file["time"][:].tolist() == [0.5]
+        assert file["tactile"][:].tolist() == [[[7.0]]]
+        assert file["privileged/phase"][:].tolist() == [2]
+        assert file["tactile"].compression == "gzip"
+        assert file["tactile"].shuffle
+        assert file["tactile"].maxshape == (None, 1, 1)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+@pytest.mark.parametrize("cuts", [[0, 20], [0, 1, 13, 20], [0, 0, 20, 20]])
+def test_append_in_parts_is_the_whole(full, assert_same, compressed, cuts, tmp_path):
+    path = tmp_path / "a.h5"
+    for i, (start, stop) in enumerate(itertools.pairwise(cuts)):
+        part = full.select(slice(start, stop))
+        if i == 0 and compressed:
+            write_hdf5(part, path)
+        else:
+            append_hdf5(part, path)
+    assert_same(read_hdf5(path), full)
+    write_hdf5(read_hdf5(path), path)
+    assert_same(read_hdf5(path), full)
+
+
+def test_growing_file_is_not_compressed(full, tmp_path):
+    path = tmp_path / "a.h5"
+    write_hdf5(full.select(slice(0, 5)), path)
+    append_hdf5(full.select(slice(5, 9)), path)
+    with h5py.File(path) as file:
+        assert file["tactile"].compression is None
+
+
+def test_frames_of_an_interrupted_append_are_ignored_and_replaced(full, assert_same, tmp_path):
+    path = tmp_path / "a.h5"
+    append_hdf5(full.select(slice(0, 10)), path)
+    with h5py.File(path, "r+") as file:  # rows are written, their number is not
+        file["time"].resize(15, axis=0)
+        file["tactile"].resize(13, axis=0)
+        file["tactile"][10:13] = 99.0
+    assert_same(read_hdf5(path), full.select(slice(0, 10)))
+    append_hdf5(full.select(slice(10, 20)), path)
+    assert_same(read_hdf5(path), full)
+
+
+def test_append_that_is_killed_keeps_every_frame_that_was_reported(tmp_path):
+    path = tmp_path / "a.h5"
+    with subprocess.Popen(
+        [sys.executable, "-c", APPEND_FOREVER, str(path)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        first = process.stdout.readline()
+        time.sleep(0.3)
+        os.kill(process.pid, signal.SIGKILL)
+        reported = int((first + process.stdout.read()).split()[-1])
+    rec = read_hdf5(path)
+    assert rec.num_frames in (reported, reported + 5)
+    assert (rec.tactile == np.arange(rec.num_frames)[:, None, None]).all()
+
+
+def test_append_keeps_label_and_metadata_of_the_file(full, tmp_path):
+    path = tmp_path / "a.h5"
+    append_hdf5(full.select(slice(0, 10)), path)
+    later = full.select(slice(10, 20))
+    append_hdf5(
+        Recording(later.time, later.tactile, later.joint, privileged=later.privileged), path
+    )
+    assert read_hdf5(path).meta == full.meta
+    assert read_hdf5(path).label == full.label
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"time": [0.2, 0.3]}, r"'time' must go on after 0.2 s, .*a.h5' \(got 0.2 s\)"),
+        ({"tactile": np.zeros((2, 3, 2))}, r"'tactile' must have frames of shape \(2, 2\).*\(3, 2"),
+        ({"joint": np.zeros((2, 2))}, r"'joint' must have frames of shape \(1,\), .*\(2,\)"),
+        ({"joint": None}, r"'recording' must hold \['joint', .*\(got \['privileged/p'"),
+        ({"privileged": {}}, r"'recording' must hold .*'privileged/p'"),
+        ({"privileged": {"p": [0.5, 1]}}, r"'privileged/p' must be of type int64.*got float64"),
+        ({"privileged": {"p": ["a", "b"]}}, r"'privileged/p' must be of type int64.*got <U1"),
+        ({"label": "box"}, r"'label' must be 'cup', as .* \(got 'box'\)"),
+        ({"meta": {"unit": "newton"}}, r"'unit' must be 'count', as .* \(got 'newton'\)"),
+    ],
+)
+def test_append_refuses_what_does_not_go_on(changed, message, tmp_path):
+    good = {
+        "time": [0.1, 0.2],
+        "tactile": np.zeros((2, 2, 2)),
+        "joint": np.zeros((2, 1)),
+        "label": "cup",
+        "meta": {"unit": "count"},
+        "privileged": {"p": [1, 2]},
+    }
+    path = tmp_path / "a.h5"
+    append_hdf5(Recording(**good), path)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=message):
+        append_hdf5(Recording(**{**good, "time": [0.3, 0.4], **changed}), path)
+    assert path.read_bytes() == before
+
+
+def test_hdf5_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"gone.h5' does not exist"):
+        read_hdf5(tmp_path / "gone.h5")
+
+
+@pytest.mark.parametrize("content", [b"", b"time,taxel_0_x\n", b"\x89HDF\r\n\x1a\n"])
+def test_hdf5_of_something_else(content, tmp_path):
+    (tmp_path / "a.h5").write_bytes(content)
+    with pytest.raises(ValueError, match=r"a.h5' (is no HDF5 file|cannot be read as HDF5)"):
+        read_hdf5(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_hdf5_cut(full, share, tmp_path):
+    path = tmp_path / "a.h5"
+    write_hdf5(full, path)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    for call in (lambda: read_hdf5(path), lambda: append_hdf5(full, path)):
+        with pytest.raises(ValueError, match=r"a.h5' cannot be read as HDF5, is it cut"):
+            call()
+
+
+def edit(path, change):
+    with h5py.File(path, "r+") as file:
+        change(file)
+
+
+def replace(name, array):
+    def change(file):
+        del file[name]
+        file[name] = array
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.__delitem__("time"), r"a.h5' must hold 'time', as every recording"),
+        (lambda f: f.__delitem__("tactile"), r"a.h5' must hold 'tactile', as every recording"),
+        (lambda f: f.attrs.__delitem__("num_frames"), r"a.h5' must hold 'num_frames'"),
+        (lambda f: f.attrs.__delitem__("meta"), r"a.h5' must hold 'meta'"),
+        (lambda f: f.attrs.__setitem__("version", 2), r"must be of format version 1 \(got 2\)"),
+        (lambda f: f.attrs.__setitem__("format", "x"), r"must be a recording, with the attribute"),
+        (lambda f: f.attrs.__setitem__("meta", "{"), r"a.h5' must hold JSON in 'meta'"),
+        (
+            lambda f: f.attrs.__setitem__("num_frames", 21),
+            r"must have 21 frames in 'time', as 'num_frames' says \(got 20\)",
+        ),
+        (replace("joint", np.zeros((3, 4))), r"20 frames in 'joint', .* \(got 3\)"),
+        (replace("joint", np.zeros(20)), r"no consistent recording: 'joint' must have shape"),
+        (replace("joint", 3.0), r"must hold an array in 'joint'"),
+        (replace("time", np.zeros(20)), r"no consistent recording: 'time' must increase"),
+        (replace("tactile", np.zeros((20, 5))), r"no consistent recording: 'tactile' must have"),
+    ],
+)
+def test_hdf5_wrong_content(full, change, message, tmp_path):
+    write_hdf5(full, tmp_path / "a.h5")
+    edit(tmp_path / "a.h5", change)
+    with pytest.raises(ValueError, match=message):
+        read_hdf5(tmp_path / "a.h5")
+
+
+def test_hdf5_that_another_process_writes_says_so(full, tmp_path):
+    path = tmp_path / "a.h5"
+    write_hdf5(full, path)
+    code = f"import h5py; f = h5py.File({str(path)!r}, 'r+'); print('open', flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "open\n"
+        with pytest.raises(BlockingIOError, match=r"a.h5' is locked by another process"):
+            read_hdf5(path)
+        process.communicate("\n")
+
+
+def test_hdf5_names_the_missing_extra(full, monkeypatch, tmp_path):
+    write_hdf5(full, tmp_path / "a.h5")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    for call in (
+        lambda: write_hdf5(full, tmp_path / "b.h5"),
+        lambda: read_hdf5(tmp_path / "a.h5"),
+        lambda: append_hdf5(full, tmp_path / "b.h5"),
+    ):
+        with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[io\]"'):
+            call()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.io import read_xela_log_csv
+
+# The first columns and rows of a real log of a calibrated uSPa44 (github.com/matteogrisenti/
+# Xela_uSP44, press_test.csv), in which unchanged readings come with new numbers and times.
+REAL = """\
+Receive time,Send time,Message number,1X,1Y,1Z,2X,2Y,2Z,Force 1X,Force 1Y,Force 1Z,\
+Force 2X,Force 2Y,Force 2Z
+1780409804.2941301,1780409804.2935727,1546289,33090,33186,37904,32809,32448,37452,\
+-0.02315,-0.03525,0.0216,-0.01202,-0.03307,0.00229
+1780409804.2959442,1780409804.2952921,1546290,33090,33186,37904,32809,32448,37452,\
+-0.02315,-0.03525,0.0216,-0.01202,-0.03307,0.00229
+1780409804.2992971,1780409804.2989731,1546292,33090,33186,37904,32811,32449,37451,\
+-0.02315,-0.03525,0.0216,-0.00782,-0.03169,0.0017
+"""
+HEADER = "Receive time,Send time,Message number,1X,1Y,1Z"
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes a text as a file, and returns its path."""
+
+    def write(text):
+        (tmp_path / "log.csv").write_bytes(text.encode())
+        return tmp_path / "log.csv"
+
+    return write
+
+
+def test_read_counts_of_a_real_log(write):
+    rec = read_xela_log_csv(write(REAL))
+    assert rec.time.tolist() == [1780409804.2935727, 1780409804.2989731]
+    assert rec.tactile.tolist() == [
+        [[33090, 33186, 37904], [32809, 32448, 37452]],
+        [[33090, 33186, 37904], [32811, 32449, 37451]],
+    ]
+    assert rec.meta == {"sensor": "XELA uSkin", "unit": "count", "stale_rows": 1}
+
+
+def test_read_forces_of_a_real_log(write):
+    rec = read_xela_log_csv(write(REAL), forces=True)
+    assert rec.meta == {"sensor": "XELA uSkin", "unit": "newton", "stale_rows": 1}
+    expected = np.float32([[-0.02315, -0.03525, 0.0216], [-0.00782, -0.03169, 0.0017]])
+    assert np.array_equal(rec.tactile[1], expected)
+
+
+@pytest.mark.parametrize("num_taxels", [1, 16, 24])
+def test_read_sizes_from_the_header_in_any_order(write, num_taxels):
+    names = [f"{i}{axis}" for i in range(1, num_taxels + 1) for axis in "XYZ"]
+    values = [str(i) for i in range(len(names))]
+    order = np.random.default_rng(0).permutation(len(names))
+    header = ",".join(["Message number", "Send time", "Note", *(names[i] for i in order)])
+    row = ",".join(["1", "0.5", "7", *(values[i] for i in order)])
+    rec = read_xela_log_csv(write(f"{header}\n{row}\n"))
+    assert rec.tactile.shape == (1, num_taxels, 3)
+    assert rec.tactile.ravel().tolist() == list(range(3 * num_taxels))
+
+
+@pytest.mark.parametrize(
+    ("rows", "times", "stale"),
+    [
+        (["0,1,1,1,1,1", "0,2,2,1,1,1", "0,3,3,1,1,2"], [1, 3], 1),  # the same readings
+        (["0,1,1,1,1,1", "0,2,1,1,1,2", "0,3,2,1,1,3"], [1, 3], 1),  # the same number
+        (["0,1,1,1,1,1", "0,1,2,1,1,2", "0,3,3,1,1,3"], [1, 3], 1),  # the same time
+        (["0,1,1,1,,1", "0,2,2,1,,1", "0,3,3,1,1,1"], [1, 3], 1),  # the same, one missing
+        (["0,1,1,1,1,1", "0,2,2,2,1,1", "0,3,3,1,1,1"], [1, 2, 3], 0),
+    ],
+)
+def test_read_drops_and_counts_repeats(write, rows, times, stale):
+    rec = read_xela_log_csv(write("\n".join([HEADER, *rows]) + "\n"))
+    assert rec.time.tolist() == times
+    assert rec.meta["stale_rows"] == stale
+
+
+def test_read_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"gone.csv' does not exist"):
+        read_xela_log_csv(tmp_path / "gone.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "forces", "message"),
+    [
+        ("", False, r"log.csv' must hold at least one frame \(got an empty file\)"),
+        (f"{HEADER}\n", False, r"at least one frame \(got a header only\)"),
+        ("time,taxel_0_x\n0,1\n", False, r"must have the column 'Send time', as a log of xela_log"),
+        ("Send time,1X,1Y,1Z\n0,1,2,3\n", False, r"must have the column 'Message number'"),
+        (HEADER[:-6] + "\n", False, r"must have the column '1Y', as it has taxel 1"),
+        (HEADER[:-9] + "\n", False, r"must have the column '1X' \(got"),
+        (f"{HEADER},3X,3Y,3Z\n", False, r"the column '2X', as it has taxel 3 \(got 6 of 9"),
+        (f"{HEADER}\n0,1,1,1,2,3\n", True, r"'Force 1X' for forces .* \(got counts only\)"),
+        (f"{HEADER},Force 1X\n", False, r"must have the column 'Force 1Y'"),
+        (f"{HEADER}\n0,1,1,1,2\n", False, r"line 2 must have 6 cells \(got 5\): is the file cut"),
+        (f"{HEADER}\n0,1,1,1,2,3", False, r"line 2 must end with a line break: is the file cut\?"),
+        (f"{HEADER}\n0,1,1,1,y,3\n", False, r"line 2, column 5: '1Y' must be a number \(got 'y'\)"),
+        (f"{HEADER}\n0,1,1,1,inf,3\n", False, r"column 5: '1Y' must be finite"),
+        (f"{HEADER}\n0,,1,1,2,3\n", False, r"line 2: 'Send time' must be a number \(got ''\)"),
+        (f"{HEADER}\n0,1,,1,2,3\n", False, r"line 2: 'Message number' must be a number"),
+        (
+            f"{HEADER}\n0,2,1,1,2,3\n0,1,2,2,2,3\n",
+            False,
+            r"log.csv', line 3: 'Send time' must increase \(got 1.0 s after 2.0 s\)",
+        ),
+    ],
+)
+def test_read_refuses(write, text, forces, message):
+    with pytest.raises(ValueError, match=message):
+        read_xela_log_csv(write(text), forces=forces)
+
+
+@pytest.mark.parametrize("cut", [1, 5, 40, 85])
+def test_read_real_log_cut_in_the_last_line(write, cut):
+    with pytest.raises(ValueError, match=r"log.csv', line 4 must .*is the file cut"):
+        read_xela_log_csv(write(REAL[:-cut]))

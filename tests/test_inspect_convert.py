@@ -1,0 +1,134 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.cli import build_parser, main
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import format_xela_message, read_npz, read_recording, write_npz
+
+
+@pytest.fixture
+def recording(tmp_path, monkeypatch):
+    """A file with a recording; the current folder is an empty one."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    tactile = np.arange(60.0).reshape(10, 2, 3)
+    write_npz(
+        Recording(np.arange(10) / 10, tactile, label="cup", meta={"unit": "count"}),
+        tmp_path / "cup.npz",
+    )
+    return tmp_path / "cup.npz"
+
+
+def test_help_of_both_commands_needs_no_torch():
+    code = (
+        "import sys; from torch_geometric_tactile.cli import build_parser; "
+        "print(build_parser().format_help()); sys.exit('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "    inspect " in done.stdout
+    assert "    convert " in done.stdout
+
+
+def test_inspect_prints_and_draws_in_the_current_folder(recording, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    assert main(["inspect", str(recording)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"file         {recording}"
+    assert lines[1] == "format       npz"
+    assert lines[2] == "frames       10 in 0.9 s, 10 per second"
+    assert lines[-1] == "picture      cup_inspect.png"
+    assert (tmp_path / "here/cup_inspect.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_inspect_draws_where_it_is_told(recording, tmp_path):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    assert main(["inspect", str(recording), "--out", str(tmp_path / "new/a.png")]) == 0
+    assert (tmp_path / "new/a.png").is_file()
+    assert list((tmp_path / "here").iterdir()) == []
+
+
+def test_inspect_without_a_picture_needs_no_matplotlib(recording, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["inspect", str(recording), "--no-picture"]) == 0
+    assert "label        cup" in capsys.readouterr().out
+    assert list((tmp_path / "here").iterdir()) == []
+
+
+def test_inspect_prints_before_it_misses_matplotlib(recording, capsys, monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["inspect", str(recording)]) == 1
+    output = capsys.readouterr()
+    assert "label        cup" in output.out
+    assert 'pip install "torch-geometric-tactile[viz]"' in output.err
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("gone.h5", None, "gone.h5' does not exist"),
+        ("a.mat", b"a", "a.mat' must end in one of .h5, .hdf5"),
+        ("a.npz", b"PK\x03\x04abc", "a.npz' is no whole npz file (is it cut?)"),
+        ("a.csv", b"1,2,3\n", "a.csv', line 1 must have 1168 cells for 384 taxels"),
+        ("a.json", b'{"message": 3,', "a.json', line 1: the message that begins here"),
+    ],
+)
+def test_inspect_explains_errors(tmp_path, capsys, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    assert main(["inspect", str(tmp_path / name), "--no-picture"]) == 1
+    output = capsys.readouterr()
+    assert f"tactile: error: '{tmp_path}" in output.err
+    assert message in output.err
+    assert output.out == ""
+
+
+def test_inspect_refuses_a_picture_that_is_no_png(recording, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    assert main(["inspect", str(recording), "--out", "a.jpg"]) == 1
+    assert "'path' must end in '.png' (got 'a.jpg')" in capsys.readouterr().err
+
+
+def test_inspect_takes_one_of_picture_and_none():
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(["inspect", "a.h5", "--out", "a.png", "--no-picture"])
+
+
+@pytest.mark.parametrize("suffix", ["h5", "csv", "npz", "jsonl"])
+def test_convert_keeps_the_readings(recording, tmp_path, capsys, suffix):
+    if suffix == "h5":
+        pytest.importorskip("h5py", reason="needs the extra 'io'")
+    target = tmp_path / f"out.{suffix}"
+    assert main(["convert", str(recording), str(target)]) == 0
+    assert capsys.readouterr().out.startswith(f"{target}: Recording(num_frames=10, num_taxels=2")
+    assert np.array_equal(read_recording(target).tactile, read_npz(recording).tactile)
+
+
+def test_convert_warns_of_what_is_lost(recording, tmp_path, caplog):
+    assert main(["convert", str(recording), str(tmp_path / "out.csv")]) == 0
+    assert "out.csv' is CSV and cannot hold label, unit" in caplog.text
+
+
+def test_convert_forces(tmp_path):
+    message = format_xela_message(np.ones((1, 3)), 1, 0.0, forces=np.full((1, 3), 0.5))
+    (tmp_path / "a.json").write_text(json.dumps(message))
+    source = str(tmp_path / "a.json")
+    assert main(["convert", source, str(tmp_path / "counts.npz")]) == 0
+    assert main(["convert", source, str(tmp_path / "forces.npz"), "--forces"]) == 0
+    assert read_npz(tmp_path / "counts.npz").tactile.tolist() == [[[1, 1, 1]]]
+    assert read_npz(tmp_path / "forces.npz").tactile.tolist() == [[[0.5, 0.5, 0.5]]]
+    assert read_npz(tmp_path / "forces.npz").meta["unit"] == "newton"
+
+
+def test_convert_explains_errors(recording, tmp_path, capsys):
+    assert main(["convert", str(recording), str(tmp_path / "a.xyz")]) == 1
+    assert "must end in one of .h5, .hdf5, .npz, .csv" in capsys.readouterr().err
+    assert main(["convert", str(recording), str(tmp_path / "a.npz"), "--forces"]) == 1
+    assert "'forces' must be an option of the format npz: none" in capsys.readouterr().err
+    assert not (tmp_path / "a.npz").exists()

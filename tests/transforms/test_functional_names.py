@@ -1,0 +1,65 @@
+import pytest
+import torch
+from torch.utils.data import IterDataPipe
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import DatasetAdapter
+
+from torch_geometric_tactile import transforms
+from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+
+LAYOUT = allegro_uskin()
+NAMES = {
+    "absolute_morphology": ("AbsoluteMorphology", ()),
+    "drop_patches": ("DropPatches", (LAYOUT,)),
+    "drop_taxels": ("DropTaxels", ()),
+    "fill_missing": ("FillMissing", ()),
+    "geometric_edge_attr": ("GeometricEdgeAttr", ()),
+    "normalize_range": ("Normalize", ()),
+    "session_z_score": ("SessionZScore", ()),
+    "tare": ("Tare", ()),
+    "taxel_knn_graph": ("KNNGraph", (2,)),
+    "taxel_pose": ("TaxelPose", (LAYOUT, HandKinematics.allegro())),
+    "topological_segmentation": ("TopologicalSegmentation", ("digit", LAYOUT)),
+    "z_score": ("ZScore", ()),
+}
+FITTED = ("normalize_range", "session_z_score", "tare", "z_score")
+
+
+def sample():
+    return Data(
+        x=torch.ones(384, 3),
+        pos=LAYOUT.pos,
+        edge_index=LAYOUT.edge_index("sparse"),
+        joint=torch.zeros(1, 16),
+    )
+
+
+def test_functional_names_are_complete():
+    classes = {name for name in transforms.__all__ if name[0].isupper()} - {"FittedTransform"}
+    assert {name for name, _ in NAMES.values()} == classes
+    for functional, (name, _) in NAMES.items():
+        assert f":obj:`{functional}`" in " ".join(getattr(transforms, name).__doc__.split())
+        assert getattr(transforms, name).supports_static
+
+
+@pytest.mark.parametrize("functional", sorted(set(NAMES) - set(FITTED)))
+def test_functional_names_call_the_transform(functional):
+    name, arguments = NAMES[functional]
+    data = sample()
+    torch.manual_seed(0)
+    (found,) = getattr(DatasetAdapter([data]), functional)(*arguments)
+    torch.manual_seed(0)
+    expected = getattr(transforms, name)(*arguments)(data)
+    assert found.keys() == expected.keys()
+    for key in found.keys():  # noqa: SIM118
+        assert torch.equal(found[key], expected[key])
+
+
+@pytest.mark.parametrize("functional", FITTED)
+def test_functional_names_of_what_must_be_fitted(functional):
+    with pytest.raises(RuntimeError, match=f"{NAMES[functional][0]} must be fitted"):
+        list(getattr(DatasetAdapter([sample()]), functional)())
+
+
+def test_functional_names_leave_pyg_alone():
+    assert IterDataPipe.functions["knn_graph"] is not IterDataPipe.functions["taxel_knn_graph"]

@@ -1,0 +1,166 @@
+import pytest
+import torch
+from torch_geometric.data import Batch, Data
+from torch_geometric.loader import DataLoader
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
+from torch_geometric_tactile.sensors.kinematics import Joint
+from torch_geometric_tactile.testing import assert_transform_static_equals_batched
+from torch_geometric_tactile.transforms import GeometricEdgeAttr, TaxelPose
+
+HAND = HandKinematics.allegro()
+LAYOUT = allegro_uskin()
+# One finger that turns about z at 0.1 m above the root, with two taxels on it.
+FINGER = HandKinematics(
+    [Joint("bend", "palm", "finger", xyz=(0.0, 0.0, 0.1), axis=(0.0, 0.0, 1.0))], name="finger"
+)
+PAIR = TaxelLayout(
+    "pair",
+    pos=torch.tensor([[0.02, 0.0, 0.0], [0.0, 0.03, 0.0]]),
+    normal=torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    link_names=("finger",),
+)
+
+
+def angles(num_samples, seed=0):
+    return 0.5 * torch.rand(num_samples, 16, generator=torch.Generator().manual_seed(seed))
+
+
+def recording(num_samples=3):
+    return StaticData(
+        x=torch.zeros(num_samples, 384, 3),
+        edge_index=LAYOUT.edge_index("original"),
+        joint=angles(num_samples),
+    )
+
+
+class Grasps(StaticDataset):
+    layout = LAYOUT
+
+    def read(self):
+        return recording(5), {}
+
+
+def test_taxel_pose_repr():
+    assert str(TaxelPose(LAYOUT, HAND)) == "TaxelPose('allegro_uskin', 'allegro_right')"
+
+
+@pytest.mark.parametrize("joint", [torch.tensor([torch.pi / 2]), torch.tensor([[torch.pi / 2]])])
+def test_taxel_pose_quarter_turn(joint):
+    data = TaxelPose(PAIR, FINGER)(Data(joint=joint))
+    expected = torch.tensor([[0.0, 0.02, 0.1], [-0.03, 0.0, 0.1]])
+    assert torch.allclose(data.pos, expected, atol=1e-7)
+    assert torch.allclose(data.normal, torch.tensor([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), atol=1e-6)
+
+
+def test_taxel_pose_laws():
+    transform = TaxelPose(LAYOUT, HAND)
+    assert_transform_static_equals_batched(transform, recording(), atol=1e-7)
+    data = transform(recording())
+    assert data.pos.shape == data.normal.shape == (3, 384, 3)
+    assert torch.equal(data.pos, HAND.taxel_pose(LAYOUT, data.joint).pos)
+    assert not torch.equal(data.pos[0], data.pos[1])
+
+
+def test_taxel_pose_one_sample_many():
+    transform = TaxelPose(LAYOUT, HAND)
+    assert transform(recording(1)).pos.shape == (1, 384, 3)
+    assert transform(recording(0)).pos.shape == (0, 384, 3)
+    assert_transform_static_equals_batched(transform, recording(1), atol=1e-7)
+
+
+def test_taxel_pose_one_pose_for_all_samples():
+    for joint in (angles(1), angles(1)[0]):
+        data = TaxelPose(LAYOUT, HAND)(StaticData(x=torch.zeros(3, 384, 3), joint=joint))
+        assert data.pos.shape == (384, 3)
+        assert data.is_shared("pos")
+
+
+def test_taxel_pose_batch_of_flat_angles():
+    samples = [Data(x=torch.zeros(384, 3), joint=joint) for joint in angles(2)]
+    batch = TaxelPose(LAYOUT, HAND)(Batch.from_data_list(samples))
+    assert batch.joint.shape == (32,)
+    assert torch.equal(batch.pos, HAND.taxel_pose(LAYOUT, angles(2)).pos.view(-1, 3))
+
+
+def test_taxel_pose_single_taxel_without_normal():
+    layout = TaxelLayout("one", pos=torch.tensor([[0.02, 0.0, 0.0]]), link_names=("finger",))
+    data = TaxelPose(layout, FINGER)(Data(joint=torch.zeros(1)))
+    assert torch.allclose(data.pos, torch.tensor([[0.02, 0.0, 0.1]]))
+    assert "normal" not in data
+
+
+def test_taxel_pose_double():
+    data = TaxelPose(LAYOUT, HAND)(Data(joint=angles(1).double()))
+    assert data.pos.dtype == data.normal.dtype == torch.double
+
+
+def test_taxel_pose_gradients_reach_the_joints():
+    transform = Compose([TaxelPose(LAYOUT, HAND), GeometricEdgeAttr()])
+    data = recording(2)
+    data.joint.requires_grad_()
+    out = transform(data)
+    assert out.edge_attr.shape == (2, 1401, 4)
+    out.edge_attr[0].square().sum().backward()
+    assert data.joint.grad[0].abs().min() > 0
+    assert data.joint.grad[1].abs().max() == 0
+
+
+def test_taxel_pose_gradients_are_exact():
+    transform = Compose([TaxelPose(PAIR, FINGER), GeometricEdgeAttr()])
+
+    def edge_attr(joint):
+        edge_index = torch.tensor([[0, 1, 1], [1, 0, 1]])  # with a loop of length zero
+        out = transform(StaticData(x=joint.new_zeros(2, 2, 1), edge_index=edge_index, joint=joint))
+        return out.edge_attr
+
+    joint = torch.tensor([[0.3], [-0.4]], dtype=torch.double, requires_grad=True)
+    assert torch.autograd.gradcheck(edge_attr, joint)
+
+
+def test_taxel_pose_caller_unedited():
+    data = recording()
+    data.pos = LAYOUT.pos.clone()
+    joint = data.joint.clone()
+    TaxelPose(LAYOUT, HAND)(data)
+    assert torch.equal(data.pos, LAYOUT.pos)
+    assert torch.equal(data.joint, joint)
+    assert "normal" not in data
+
+
+def test_taxel_pose_loaders_agree():
+    transform = Compose([TaxelPose(LAYOUT, HAND), GeometricEdgeAttr()])
+    dataset = Grasps(transform=transform)
+    static = list(StaticLoader(dataset, batch_size=3))
+    pyg = list(DataLoader(dataset, batch_size=3))
+    assert [batch.edge_attr.shape for batch in static] == [(3, 1401, 4), (2, 1401, 4)]
+    for a, b in zip(static, pyg, strict=True):
+        assert torch.allclose(a.edge_attr.view(-1, 4), b.edge_attr, atol=1e-7)
+        assert torch.allclose(a.pos.view(-1, 3), b.pos, atol=1e-7)
+        assert torch.allclose(a.normal.view(-1, 3), b.normal, atol=1e-6)
+    placed = Grasps(pre_transform=transform)
+    assert torch.allclose(placed[4].edge_attr, dataset[4].edge_attr, atol=1e-7)
+
+
+def test_taxel_pose_bad_input():
+    transform = TaxelPose(LAYOUT, HAND)
+    with pytest.raises(ValueError, match=r"needs 'joint' \(got none\)"):
+        transform(Data(x=torch.zeros(384, 3)))
+    for joint in (torch.zeros(15), torch.zeros(1, 17), torch.zeros(1, 1, 16), torch.tensor(0.0)):
+        with pytest.raises(ValueError, match=r"must have 16 angles a sample, as 'allegro_right'"):
+            transform(Data(joint=joint))
+    with pytest.raises(ValueError, match=r"'joint' must have 1 rows, one a sample .*\(2, 16\)"):
+        transform(Data(joint=torch.zeros(2, 16)))
+    with pytest.raises(ValueError, match=r"'joint' must have 3 rows, one a sample .*\(2, 16\)"):
+        transform(StaticData(x=torch.zeros(3, 384, 3), joint=torch.zeros(2, 16)))
+    batch = Batch.from_data_list([Data(x=torch.zeros(384, 3))] * 2)
+    batch.joint = torch.zeros(3, 16)
+    with pytest.raises(ValueError, match=r"'joint' must have 2 rows"):
+        transform(batch)
+    with pytest.raises(ValueError, match=r"384 taxels, as layout 'allegro_uskin' \(got 4\)"):
+        transform(Data(x=torch.zeros(4, 3), joint=torch.zeros(16)))
+    with pytest.raises(ValueError, match=r"'finger' must have the links of layout 'allegro_uskin'"):
+        TaxelPose(LAYOUT, FINGER)

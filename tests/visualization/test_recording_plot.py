@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.visualization import plot_recording, save_figure
+from torch_geometric_tactile.visualization.inspect import describe_recording
+
+NAN = float("nan")
+
+
+def recording(num_frames=40, num_taxels=6, num_channels=3, **kwargs):
+    draw = np.random.default_rng(0)
+    tactile = draw.normal(size=(num_frames, num_taxels, num_channels))
+    return Recording(100 + np.arange(num_frames) / 10, tactile, **kwargs)
+
+
+def panels(figure):
+    return [ax for ax in figure.axes if ax.get_ylabel() and ax.get_label() != "<colorbar>"]
+
+
+def image(ax):
+    return ax.get_images()[0].get_array()
+
+
+def test_plot_has_a_panel_for_each_axis_the_sum_and_the_joints():
+    figure = plot_recording(recording(joint=np.zeros((40, 2)), meta={"unit": "newton"}))
+    labels = [ax.get_ylabel() for ax in panels(figure)]
+    assert labels == [
+        "x\ntaxel",
+        "y\ntaxel",
+        "z\ntaxel",
+        "sum of\n|reading - rest|\n(N)",
+        "joint angle\n(rad)",
+    ]
+    assert panels(figure)[-1].get_xlabel() == "time since the first frame (s)"
+    names = [text.get_text() for text in panels(figure)[-1].get_legend().get_texts()]
+    assert names == ["joint 0", "joint 1"]
+
+
+def test_plot_subtracts_the_rest_of_each_taxel():
+    tactile = np.zeros((40, 2, 1))
+    tactile[:, 0] = 33000
+    tactile[:, 1] = 36000
+    tactile[20:, 1] += 5
+    figure = plot_recording(Recording(np.arange(40) / 10, tactile))
+    first, total = panels(figure)
+    assert image(first).shape == (2, 40)
+    assert image(first)[0].tolist() == [0] * 40
+    assert image(first)[1].tolist() == [0] * 20 + [5] * 20
+    assert total.lines[0].get_ydata().tolist() == [0] * 20 + [5] * 20
+    assert total.lines[0].get_xdata()[0] == 0
+
+
+def test_plot_rest_of_a_taxel_that_is_missing_at_first_is_its_later_median():
+    tactile = np.full((40, 1, 1), 7.0)
+    tactile[:10] = NAN
+    (first, *_) = panels(plot_recording(Recording(np.arange(40) / 10, tactile)))
+    assert image(first).mask[0].tolist() == [True] * 10 + [False] * 30
+    assert image(first)[0, 10:].tolist() == [0] * 30
+
+
+def test_plot_dead_taxels_are_grey_and_named_in_the_title():
+    rec = recording()
+    tactile = rec.tactile.copy()
+    tactile[:, 2] = NAN
+    figure = plot_recording(Recording(rec.time, tactile, label="$5 mug"))
+    assert image(panels(figure)[0]).mask[2].all()
+    assert "1 dead taxel (grey)" in figure.get_suptitle()
+    assert r"label \$5 mug" in figure.get_suptitle()
+
+
+def test_plot_of_many_frames_keeps_the_farthest_reading():
+    tactile = np.zeros((20_001, 1, 1))
+    tactile[12_345] = -9
+    (first, *_) = panels(plot_recording(Recording(np.arange(20_001) / 100, tactile)))
+    assert image(first).shape[1] <= 1500
+    assert image(first).min() == -9
+
+
+def texts(figure):
+    return [text.get_text() for ax in figure.axes for text in ax.texts]
+
+
+@pytest.mark.parametrize(
+    ("phase", "meta", "names"),
+    [
+        (np.repeat([0, 1], 20), {"phase_names": ["hover", "lift"]}, ["hover", "lift"]),
+        (np.repeat([0, 3], 20), {"phase_names": ["hover", "lift"]}, ["hover", "phase 3"]),
+        (np.repeat(["a", "b", "a", "c"], 10), {}, ["a", "b", "a", "c"]),
+        (np.zeros(40, dtype=int), {}, ["phase 0"]),
+    ],
+)
+def test_plot_marks_phases(phase, meta, names):
+    assert texts(plot_recording(recording(meta=meta, privileged={"phase": phase}))) == names
+
+
+@pytest.mark.parametrize(
+    "rec",
+    [
+        recording(1, 1, 1),
+        recording(2),
+        recording(40, 384, 3, joint=np.zeros((40, 40))),
+        recording(3, 2, 5),
+        Recording([0.0, 1.0], np.full((2, 3, 3), NAN), joint=np.full((2, 1), NAN)),
+    ],
+)
+def test_plot_of_unusual_sizes_can_be_saved(rec, tmp_path):
+    save_figure(plot_recording(rec), tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_plot_of_one_frame_shows_the_difference_to_the_median_taxel():
+    (first, *_) = panels(plot_recording(Recording([0.0], [[[1.0], [2.0], [5.0]]])))
+    assert image(first)[:, 0].tolist() == [-1, 0, 3]
+
+
+def test_plot_refuses():
+    with pytest.raises(ValueError, match=r"at least one frame to be drawn \(got none\)"):
+        plot_recording(recording(0))
+    with pytest.raises(ValueError, match=r"'rest' must be 0 s or more \(got -1\)"):
+        plot_recording(recording(), rest=-1)
+
+
+def test_describe_names_every_fact():
+    tactile = np.arange(24, dtype=float).reshape(4, 2, 3)
+    tactile[:, 1] = NAN
+    tactile[2, 0, 0] = NAN
+    rec = Recording(
+        [0, 0.01, 0.02, 0.03],
+        tactile,
+        joint=[[0, -0.5], [0.25, 0], [0, 0], [0, 1]],
+        label="cup",
+        meta={"unit": "count", "joint_names": ["base", "tip"], "long": "a" * 200},
+        privileged={"pose": np.zeros((4, 7))},
+    )
+    assert describe_recording(rec).splitlines() == [
+        "frames       4 in 0.03 s, 100 per second",
+        "taxels       2 of 3 channels",
+        "readings     0 to 20 counts",
+        "joints       2, -0.5 to 1 rad",
+        "             base: 0 to 0.25 rad",
+        "             tip: -0.5 to 1 rad",
+        "dead taxels  1: 1",
+        "missing      5 of 8 readings of a taxel in a frame (62.5 %)",
+        "label        cup",
+        "metadata     unit = count",
+        '             joint_names = ["base", "tip"]',
+        f"             long = {'a' * 97}...",
+        "privileged   pose (4, 7)",
+    ]
+
+
+def test_describe_no_frame_and_many_dead_taxels():
+    lines = describe_recording(Recording([], np.zeros((0, 2, 1)))).splitlines()
+    assert lines[0] == "frames       0"
+    assert lines[2] == "readings     none"
+    lines = describe_recording(Recording([0], np.full((1, 15, 1), NAN))).splitlines()
+    assert lines[4] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"
