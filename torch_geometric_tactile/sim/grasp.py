@@ -1,0 +1,269 @@
+r"""One grasp of the simulated hand: plan, physics, forces."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.sim.hand_model import (
+    STAND,
+    ContactParameters,
+    grasp_mjcf,
+    taxel_axes,
+)
+from torch_geometric_tactile.sim.objects import GraspObject
+
+PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
+
+# Shortest and longest duration of each phase but the last, in seconds of a trial of 17 s.
+_SCHEDULE = ((1.2, 2.2), (2.0, 3.0), (2.2, 3.2), (0.6, 1.4), (1.8, 2.6))
+_FULL_LENGTH = 17.0
+_PALM = 0.016  # height of the palm's skin above the origin of the palm, m
+_HOVER, _ABOVE, _PRESS = 0.10, 0.030, 0.001  # palm above the object while hovering and reached, m
+_THUMB = -0.030  # where the thumb stands behind the palm's origin, m
+_OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
+_CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
+_SQUEEZE = (0.0, 0.15, 0.15, 0.15) * 3 + (0.0, 0.0, 0.15, 0.15)
+_LIFTED = 0.05  # height above the stand that counts, m
+
+
+class GraspPlan(NamedTuple):
+    r"""What the controller wants, every :obj:`step` seconds.
+
+    :obj:`gantry` are x, y, z (metres) and yaw (radians) of the palm :math:`(K, 4)`, :obj:`joint`
+    the joint targets (radians) :math:`(K, 16)` and :obj:`phase` indices into :obj:`PHASES`
+    :math:`(K,)`.
+    """
+
+    gantry: np.ndarray
+    joint: np.ndarray
+    phase: np.ndarray
+    step: float
+
+
+class GraspResult(NamedTuple):
+    r"""What happened.
+
+    :obj:`force` are the clean forces in the frames of the taxels :math:`(T, N, 3)` in newtons:
+    shear that the object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, positive
+    where it presses. :obj:`bone_force` is the sum of normal forces on the bones :math:`(T,)`,
+    :obj:`support` the force of the hand on the object in the world's frame :math:`(T, 3)`,
+    :obj:`object_pose` and :obj:`palm_pose` are positions and quaternions :math:`(T, 7)`.
+    :obj:`success` tells whether the object was lifted and held.
+    """
+
+    time: np.ndarray
+    joint: np.ndarray
+    force: np.ndarray
+    bone_force: np.ndarray
+    support: np.ndarray
+    object_pose: np.ndarray
+    palm_pose: np.ndarray
+    phase: np.ndarray
+    success: bool
+
+
+def plan_grasp(
+    size: tuple[float, float, float],
+    rng: np.random.Generator,
+    duration: float = _FULL_LENGTH,
+    step: float = 0.01,
+) -> GraspPlan:
+    r"""Plans a grasp from above, as an operator would who sees the object: its size is known, its
+    mass, friction and softness are not.
+
+    Args:
+        size (tuple of float): Full extent of the object in metres.
+        rng (numpy.random.Generator): Draws durations, alignment errors and tremor.
+        duration (float): Length of the trial in seconds; the phases are scaled with it.
+        step (float): Time between targets in seconds.
+
+    Raises:
+        ValueError: If the step is not positive, or longer than the trial.
+    """
+    if not 0 < step <= duration:
+        raise ValueError(f"'step' must be positive and below 'duration' (got {step}, {duration})")
+    lengths = [rng.uniform(*span) * duration / _FULL_LENGTH for span in _SCHEDULE]
+    ticks = np.arange(round(duration / step)) * step
+    ends = np.cumsum(lengths)
+    phase = np.searchsorted(ends, ticks, side="right")
+    _, reach, close, squeeze, lift = (
+        _smooth((ticks - end + length) / length) for end, length in zip(ends, lengths, strict=True)
+    )
+
+    width, _, height = size
+    top = STAND[2] + height + _PALM
+    rise = rng.uniform(0.09, 0.13)
+    gantry = np.empty((len(ticks), 4))
+    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, 0.006)
+    gantry[:, 1] = rng.normal(0.0, 0.010)
+    descent = (_HOVER - _ABOVE) * reach + (_ABOVE + _PRESS) * close
+    gantry[:, 2] = top + _HOVER - descent + rise * lift
+    gantry[:, 3] = rng.normal(0.0, 0.10)
+    gantry[:, :3] += _tremor(rng, step, (len(ticks), 3), sd=0.0008)
+
+    start = np.array(_OPEN) + rng.normal(0.0, 0.04, 16)
+    end = np.array(_CLOSED) + rng.normal(0.0, 0.06, 16)
+    firmness = rng.uniform(0.6, 1.4)
+    joint = start + (end - start) * close[:, None]
+    joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]
+    joint += _tremor(rng, step, (len(ticks), 16), sd=0.008)
+    return GraspPlan(gantry, joint, phase, step)
+
+
+def _smooth(progress: np.ndarray) -> np.ndarray:
+    s = progress.clip(0.0, 1.0)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def _tremor(
+    rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float
+) -> np.ndarray:
+    # An operator's hand is never still: noise with a correlation time of a fifth of a second.
+    keep = np.exp(-step / 0.2)
+    noise = rng.normal(0.0, sd, shape)
+    noise[1:] *= np.sqrt(1 - keep**2)
+    for i in range(1, len(noise)):
+        noise[i] += keep * noise[i - 1]
+    return noise
+
+
+class GraspSimulator:
+    r"""Runs grasps of one object.
+
+    Args:
+        layout (TaxelLayout): The taxels.
+        kinematics (HandKinematics): The hand that carries them.
+        item (GraspObject): The object.
+        parameters (ContactParameters, optional): How things touch.
+
+    Raises:
+        ImportError: If MuJoCo is missing.
+    """
+
+    def __init__(
+        self,
+        layout: TaxelLayout,
+        kinematics: HandKinematics,
+        item: GraspObject,
+        parameters: ContactParameters | None = None,
+    ) -> None:
+        self._mujoco = _import_mujoco()
+        self.layout = layout
+        self.item = item
+        mjcf = grasp_mjcf(layout, kinematics, item, parameters)
+        self.model = model = self._mujoco.MjModel.from_xml_string(mjcf)
+        self.data = self._mujoco.MjData(model)
+        # Which taxel a geometry is: -1 a bone, -2 anything else.
+        self._taxel = np.full(model.ngeom, -2)
+        self._body = np.empty(layout.num_taxels, dtype=int)
+        for i in range(model.ngeom):
+            name = model.geom(i).name
+            if name.startswith("bone_"):
+                self._taxel[i] = -1
+            elif name.startswith("taxel_"):
+                taxel = int(name.removeprefix("taxel_"))
+                self._taxel[i] = taxel
+                self._body[taxel] = model.geom(i).bodyid[0]
+        self._axes = taxel_axes(layout)
+        gantry = [f"gantry_{name}" for name in ("x", "y", "z", "yaw")]
+        self._gantry, self._joints = (
+            np.array([model.joint(name).qposadr[0] for name in names])
+            for names in (gantry, kinematics.joint_names)
+        )
+        self._object = model.joint("object").qposadr[0]
+        self._palm = model.body(kinematics.link_names[0]).id
+
+    def forces(self) -> tuple[np.ndarray, float, np.ndarray]:
+        r"""Returns the forces on the taxels :math:`(N, 3)` now, the sum on the bones, and the force
+        of the hand on the object :math:`(3,)`, in newtons.
+        """
+        out, bones, support = np.zeros((self.layout.num_taxels, 3)), 0.0, np.zeros(3)
+        data = self.data
+        contact = data.contact
+        touching = contact.efc_address >= 0
+        geom = contact.geom[touching]
+        if len(geom) == 0:
+            return out, bones, support
+        # With elliptic cones the force in the frame of the contact stands in `efc_force` as it is.
+        address = contact.efc_address[touching]
+        local = data.efc_force[address[:, None] + np.arange(3)]
+        world = np.einsum("ca,cai->ci", local, contact.frame[touching].reshape(-1, 3, 3))
+        for side, sign in ((0, -1.0), (1, 1.0)):  # the frame points from the first to the second
+            taxel = self._taxel[geom[:, side]]
+            bones += float(local[taxel == -1, 0].sum())
+            support -= sign * world[taxel >= -1].sum(axis=0)
+            on_skin = taxel >= 0
+            taxel = taxel[on_skin]
+            turn = data.xmat[self._body[taxel]].reshape(-1, 3, 3) @ self._axes[taxel]
+            force = sign * np.einsum("ci,cia->ca", world[on_skin], turn)
+            force[:, 2] *= -1.0  # the normal points outwards, pressure inwards
+            np.add.at(out, taxel, force)
+        return out, bones, support
+
+    def run(self, plan: GraspPlan, rate: float = 100.0) -> GraspResult:
+        r"""Runs a plan; gives up early on an object that was not lifted or that fell.
+
+        Args:
+            plan (GraspPlan): What the hand shall do.
+            rate (float): Frames recorded per second.
+
+        Raises:
+            ValueError: If a frame is not a whole number of the plan's steps, or one of them not a
+                whole number of time steps of the physics.
+        """
+        every = _whole("rate", 1 / rate, plan.step)
+        substeps = _whole("plan.step", plan.step, self.model.opt.timestep)
+        mujoco, model, data = self._mujoco, self.model, self.data
+        mujoco.mj_resetData(model, data)
+        data.qpos[self._gantry] = plan.gantry[0]
+        data.qpos[self._joints] = plan.joint[0]
+        mujoco.mj_forward(model, data)
+        height = float(data.qpos[self._object + 2])
+        frames: list[tuple[Any, ...]] = []
+        success = True
+        for tick in range(len(plan.phase)):
+            data.ctrl[:4] = plan.gantry[tick]
+            data.ctrl[4:] = plan.joint[tick]
+            mujoco.mj_step(model, data, substeps)
+            if tick % every == every - 1:
+                pose = data.qpos[self._object : self._object + 7].copy()
+                palm = np.concatenate([data.xpos[self._palm], data.xquat[self._palm]])
+                joint = data.qpos[self._joints].copy()
+                frames.append((data.time, joint, *self.forces(), pose, palm))
+                if plan.phase[tick] == len(PHASES) - 1 and pose[2] < height + _LIFTED:
+                    success = False
+                    break
+        columns = [np.array(column) for column in zip(*frames, strict=True)]
+        time, joint, force, bones, support, pose, palm = columns
+        return GraspResult(
+            time=time,
+            joint=joint.astype(np.float32),
+            force=force.astype(np.float32),
+            bone_force=bones.astype(np.float32),
+            support=support.astype(np.float32),
+            object_pose=pose,
+            palm_pose=palm,
+            phase=plan.phase[every - 1 :: every][: len(time)].astype(np.int64),
+            success=success,
+        )
+
+
+def _whole(name: str, length: float, step: float) -> int:
+    count = round(length / step)
+    if count < 1 or abs(count * step - length) > 1e-9:
+        raise ValueError(
+            f"'{name}' must make {length:g} s a whole number of steps of {step:g} s "
+            f"(got {length / step:g})"
+        )
+    return count
+
+
+def _import_mujoco() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ImportError(
+            "the simulated hand needs MuJoCo: pip install 'torch-geometric-tactile[sim]'"
+        ) from error
+    return mujoco

@@ -1,0 +1,315 @@
+r"""The Allegro hand in MuJoCo, written from the layout and the kinematics."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, stock_path
+from torch_geometric_tactile.sim.objects import GraspObject
+
+STAND = (0.02, 0.05, 0.07)  # half width, half length and height of the stand below the object, m
+_TIP_RADIUS = 0.0090  # of the bone in a fingertip, behind its skin, m
+_SLIM = np.array([0.002, 0.006, 0.0])  # by which bones are thinner than the links' boxes, m
+_SOLIMP = "0.5 0.93 0.004"
+
+
+@dataclass(frozen=True)
+class ContactParameters:
+    r"""How the simulated skin, bones and objects touch. Plausible, not measured.
+
+    Args:
+        timestep (float): Step of the simulation in seconds.
+        taxel_radius (float): Radius of the collision sphere of a taxel in metres.
+        skin_time (float): Time constant of the skin in seconds.
+        hard_time (float): Time constant of a hard object.
+        soft_time (float): Time constant of a soft object.
+        hand_friction (float): Friction of the hand; below the objects', so that theirs decides.
+        joint_gain (float): Stiffness of a finger joint in newton metres per radian.
+        joint_torque (float): Largest torque of a finger joint in newton metres.
+        joint_damping (float): Damping of a finger joint in newton metre seconds per radian.
+        armature (float): Rotor inertia of a finger joint in kilogram square metres.
+    """
+
+    timestep: float = 0.002
+    taxel_radius: float = 0.0035
+    skin_time: float = 0.025
+    hard_time: float = 0.005
+    soft_time: float = 0.045
+    hand_friction: float = 0.05
+    joint_gain: float = 1.2
+    joint_torque: float = 0.7
+    joint_damping: float = 0.06
+    armature: float = 0.001
+
+
+def taxel_axes(layout: TaxelLayout) -> np.ndarray:
+    r"""Returns the measuring frame of each taxel in its link's frame: :math:`y` along the skin
+    towards the end of the link, :math:`z` outwards along the normal.
+
+    Args:
+        layout (TaxelLayout): The layout, with normals.
+
+    Shapes:
+        - **output:** the axes :math:`x, y, z` as columns :math:`(N, 3, 3)`
+
+    Raises:
+        ValueError: If the layout has no normals, or one that points along the link.
+    """
+    if layout.normal is None:
+        raise ValueError(f"layout '{layout.name}' must have normals (got none)")
+    normal = layout.normal.double().numpy()
+    along = np.array([0.0, 0.0, 1.0]) - normal[:, 2:] * normal
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    if (length < 1e-3).any():
+        i = int(length.argmin())
+        raise ValueError(f"the normal of a taxel must not point along its link (got taxel {i})")
+    y = along / length
+    return np.stack([np.cross(y, normal), y, normal], axis=2)
+
+
+def stock_bodies() -> list[dict[str, Any]]:
+    r"""Returns the boxes and tip spheres of the Allegro hand's links, in metres and kilograms."""
+    content = json.loads(stock_path("chains", "allegro_right").read_text(encoding="utf-8"))
+    bodies: list[dict[str, Any]] = content["bodies"]
+    return bodies
+
+
+def grasp_mjcf(
+    layout: TaxelLayout,
+    kinematics: HandKinematics,
+    item: GraspObject,
+    parameters: ContactParameters | None = None,
+    bodies: Sequence[Mapping[str, Any]] | None = None,
+) -> str:
+    r"""Returns a MuJoCo model (MJCF, no files beside it): the hand on a gantry, palm down, above an
+    object on a stand.
+
+    Each taxel is a small collision sphere below the surface of the skin, named
+    :obj:`taxel_0`, :obj:`taxel_1`, ..., with a site of the same name at the taxel. The bones are
+    the boxes of the hand's own model, a few millimetres behind the skin; they stop what the skin
+    cannot. Contact in MuJoCo is softer for larger masses; all time constants are scaled with the
+    object's mass so that skin and object are not.
+
+    Args:
+        layout (TaxelLayout): The layout; its links are links of :obj:`kinematics`.
+        kinematics (HandKinematics): The hand.
+        item (GraspObject): The object.
+        parameters (ContactParameters, optional): How things touch.
+        bodies (sequence of dict, optional): Boxes and spheres of the links; those of the Allegro
+            hand if left out.
+
+    Raises:
+        ValueError: If a link of the layout is not one of the hand's.
+    """
+    parameters = parameters or ContactParameters()
+    kinematics.require_links(layout)
+    time = math.sqrt(15.0 / (1.0 / item.mass + 5.0))
+
+    def solref(constant: float) -> str:
+        return f"{constant * time!r} 1"
+
+    root = Element("mujoco", model="grasp")
+    SubElement(root, "compiler", angle="radian", autolimits="true")
+    option = SubElement(root, "option", timestep=repr(parameters.timestep))
+    option.attrib |= {"integrator": "implicitfast", "solver": "Newton"}
+    option.attrib |= {"cone": "elliptic", "impratio": "5"}
+    world = SubElement(root, "worldbody")
+    SubElement(world, "light", pos="0 -0.5 1.5", dir="0 0.3 -1")
+    _add_ground(world, item)
+    surface = parameters.soft_time if item.soft else parameters.hard_time
+    _add_object(world, item, solref(surface))
+    links = _add_links(world, kinematics, parameters)
+    for shape in stock_bodies() if bodies is None else bodies:
+        _add_bone(links[shape["link"]], shape, solref(parameters.hard_time), parameters)
+    _add_skin(links, layout, solref(parameters.skin_time), parameters)
+    _add_actuators(root, kinematics, parameters)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _text(numbers: Iterable[float]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _quaternion(rpy: tuple[float, float, float]) -> np.ndarray:
+    out = np.array([1.0, 0.0, 0.0, 0.0])
+    for angle, axis in zip(rpy, (1, 2, 3), strict=True):
+        turn = np.zeros(4)
+        turn[0], turn[axis] = math.cos(angle / 2), math.sin(angle / 2)
+        out = _multiply(turn, out)
+    return out
+
+
+def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    scalar = a[0] * b[0] - a[1:] @ b[1:]
+    return np.array([scalar, *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+
+
+def _add_ground(world: Element, item: GraspObject) -> None:
+    only_objects = {"contype": "0", "conaffinity": "1"}
+    SubElement(
+        world, "geom", name="table", type="plane", size="1 1 0.1", friction="0.6", **only_objects
+    )
+    half_x, half_y, height = STAND
+    SubElement(
+        world,
+        "geom",
+        name="stand",
+        type="box",
+        size=_text((half_x, min(half_y, 0.4 * item.size[1]), height / 2)),
+        pos=_text((0, 0, height / 2)),
+        friction="0.6 0.01 0.002",
+        condim="6",  # with rolling friction, or a cylinder rolls off before it is touched
+        **only_objects,
+    )
+
+
+def _add_object(world: Element, item: GraspObject, solref: str) -> None:
+    x, y, z = (length / 2 for length in item.size)
+    body = SubElement(world, "body", name="object", pos=_text((0, 0, STAND[2] + z)))
+    SubElement(body, "freejoint", name="object")
+    lying = item.shape == "cylinder"  # MuJoCo's cylinders stand along z
+    SubElement(
+        body,
+        "geom",
+        name="object",
+        type=item.shape,
+        size=_text((x, y) if lying else (x, y, z)),
+        quat=_text((0.5**0.5, 0.5**0.5, 0, 0) if lying else (1, 0, 0, 0)),
+        mass=repr(item.mass),
+        friction=f"{item.friction!r} 0.005 0.0005",
+        condim="4",
+        contype="1",
+        conaffinity="2",
+        solref=solref,
+        solimp=_SOLIMP,
+        rgba="0.9 0.6 0.2 1",
+    )
+
+
+def _add_links(
+    world: Element, kinematics: HandKinematics, parameters: ContactParameters
+) -> dict[str, Element]:
+    gantry = SubElement(world, "body", name="gantry", gravcomp="1")
+    for name, kind, axis, damping in (
+        ("x", "slide", "1 0 0", "20"),
+        ("y", "slide", "0 1 0", "20"),
+        ("z", "slide", "0 0 1", "20"),
+        ("yaw", "hinge", "0 0 1", "0.5"),
+    ):
+        SubElement(gantry, "joint", name=f"gantry_{name}", type=kind, axis=axis, damping=damping)
+    SubElement(gantry, "inertial", pos="0 0 0", mass="0.5", diaginertia="0.002 0.002 0.002")
+    # Palm down: the hand's x points to the table, its z (the fingers) along the world's x.
+    root = kinematics.link_names[0]
+    quat = _text((0.5**0.5, 0, 0.5**0.5, 0))
+    links = {root: SubElement(gantry, "body", name=root, quat=quat, gravcomp="1")}
+    for joint in _outwards(kinematics):
+        body = SubElement(
+            links[joint.parent],
+            "body",
+            name=joint.child,
+            pos=_text(joint.xyz),
+            quat=_text(_quaternion(joint.rpy)),
+            gravcomp="1",
+        )
+        links[joint.child] = body
+        if joint.axis is not None:
+            SubElement(
+                body,
+                "joint",
+                name=joint.name,
+                type="hinge",
+                axis=_text(joint.axis),
+                range=_text((joint.lower, joint.upper)),
+                damping=repr(parameters.joint_damping),
+                armature=repr(parameters.armature),
+            )
+    return links
+
+
+def _outwards(kinematics: HandKinematics) -> list[Joint]:
+    number = {name: i for i, name in enumerate(kinematics.link_names)}
+    return sorted(kinematics.joints, key=lambda joint: number[joint.child])
+
+
+def _hand_geom(parameters: ContactParameters, solref: str) -> dict[str, str]:
+    # The hand touches the object and nothing else.
+    return {
+        "contype": "2",
+        "conaffinity": "0",
+        "friction": f"{parameters.hand_friction!r} 0.005 0.0001",
+        "solref": solref,
+    }
+
+
+def _add_bone(
+    body: Element, shape: Mapping[str, Any], solref: str, parameters: ContactParameters
+) -> None:
+    if "box" in shape:
+        size = {"type": "box", "size": _text((np.array(shape["box"]) - _SLIM) / 2)}
+    else:
+        size = {"type": "sphere", "size": repr(_TIP_RADIUS)}
+    SubElement(
+        body,
+        "geom",
+        name=f"bone_{shape['link']}",
+        mass=repr(float(shape["mass"])),
+        pos=_text(shape["center"]),
+        rgba="0.35 0.35 0.4 1",
+        **size,
+        **_hand_geom(parameters, solref),
+    )
+
+
+def _add_skin(
+    links: Mapping[str, Element],
+    layout: TaxelLayout,
+    solref: str,
+    parameters: ContactParameters,
+) -> None:
+    assert layout.link is not None
+    radius = parameters.taxel_radius
+    normal = taxel_axes(layout)[:, :, 2]
+    pos = layout.pos.double().numpy()
+    for i in range(layout.num_taxels):
+        body = links[layout.link_names[int(layout.link[i])]]
+        SubElement(
+            body,
+            "geom",
+            name=f"taxel_{i}",
+            type="sphere",
+            size=repr(radius),
+            pos=_text(pos[i] - radius * normal[i]),
+            mass="0",
+            solimp=_SOLIMP,
+            rgba="0.2 0.2 0.2 1",
+            **_hand_geom(parameters, solref),
+        )
+        SubElement(body, "site", name=f"taxel_{i}", pos=_text(pos[i]), size="0.0005")
+
+
+def _add_actuators(
+    root: Element, kinematics: HandKinematics, parameters: ContactParameters
+) -> None:
+    actuator = SubElement(root, "actuator")
+    for name, gain, damping in (
+        ("x", "4000", "200"),
+        ("y", "4000", "200"),
+        ("z", "6000", "250"),
+        ("yaw", "60", "3"),
+    ):
+        SubElement(actuator, "position", joint=f"gantry_{name}", kp=gain, kv=damping)
+    for name in kinematics.joint_names:
+        SubElement(
+            actuator,
+            "position",
+            joint=name,
+            kp=repr(parameters.joint_gain),
+            forcerange=_text((-parameters.joint_torque, parameters.joint_torque)),
+        )

@@ -1,0 +1,135 @@
+r"""The objects that the simulated hand grasps."""
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Literal
+
+# The order of the "Tactile Object Property Recognition ..." paper.
+PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
+
+_MASS = {"light": 0.10, "heavy": 0.30}  # kg
+_FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
+
+Shape = Literal["box", "cylinder", "ellipsoid"]
+
+
+@dataclass(frozen=True)
+class GraspObject:
+    r"""An object for the simulated hand. Sizes and labels follow the papers' descriptions; masses
+    and frictions are plausible, not measured.
+
+    Args:
+        name (str): Its name.
+        shape (str): :obj:`"box"`, :obj:`"cylinder"` (axis along :math:`y`) or :obj:`"ellipsoid"`.
+        size (tuple of float): Full extent along :math:`x` (between fingers and thumb), :math:`y`
+            (across the fingers) and :math:`z` (upwards), in metres. The controller may know it.
+        mass (float): Mass in kilograms. The controller must not know it, nor what follows.
+        friction (float): Coefficient of sliding friction against the skin.
+        soft (bool): Whether the surface gives way.
+
+    Raises:
+        ValueError: If the shape is unknown or a number is not positive.
+
+    Examples:
+        >>> paper8()[3].labels
+        (0, 1, 0, 1, 1, 0)
+    """
+
+    name: str
+    shape: Shape
+    size: tuple[float, float, float]
+    mass: float
+    friction: float
+    soft: bool
+
+    def __post_init__(self) -> None:
+        if self.shape not in ("box", "cylinder", "ellipsoid"):
+            raise ValueError(
+                f"'shape' must be 'box', 'cylinder' or 'ellipsoid' (got '{self.shape}')"
+            )
+        if self.shape == "cylinder" and self.size[0] != self.size[2]:
+            raise ValueError(f"a cylinder must be as wide as it is high (got {self.size})")
+        for key, numbers in (
+            ("size", self.size),
+            ("mass", [self.mass]),
+            ("friction", [self.friction]),
+        ):
+            if not all(0 < number < float("inf") for number in numbers):
+                raise ValueError(f"'{key}' must be positive (got {numbers})")
+
+    @property
+    def labels(self) -> tuple[int, ...]:
+        r"""The six properties in the order of :obj:`PROPERTIES`, 1 where it has them."""
+        heavy = self.mass > sum(_MASS.values()) / 2
+        slippery = self.friction < sum(_FRICTION.values()) / 2
+        has = (not heavy, heavy, not self.soft, self.soft, not slippery, slippery)
+        return tuple(map(int, has))
+
+
+def _object(
+    name: str, shape: Shape, millimetres: tuple[float, float, float], properties: str
+) -> GraspObject:
+    weight, softness, slip = properties.split()
+    x, y, z = millimetres
+    return GraspObject(
+        name=name,
+        shape=shape,
+        size=(x / 1000, y / 1000, z / 1000),
+        mass=_MASS[weight],
+        friction=_FRICTION[slip],
+        soft=softness == "soft",
+    )
+
+
+def paper8() -> list[GraspObject]:
+    r"""The eight objects of the "Tactile Object Property Recognition ..." paper as primitives:
+    every combination of two masses, two softnesses and two frictions once.
+    """
+    return [
+        _object("plastic_tube", "cylinder", (56, 170, 56), "light soft slippery"),
+        _object("sponge", "box", (70, 115, 60), "light soft non-slippery"),
+        _object("mayonnaise", "ellipsoid", (68, 190, 68), "heavy soft slippery"),
+        _object("kitchen_paper", "cylinder", (90, 220, 90), "heavy soft non-slippery"),
+        _object("potato_chip_can", "cylinder", (74, 200, 74), "light hard slippery"),
+        _object("mango_replica", "ellipsoid", (80, 115, 80), "light hard non-slippery"),
+        _object("saran_wrap", "box", (50, 220, 50), "heavy hard slippery"),
+        _object("purse", "box", (60, 120, 85), "heavy hard non-slippery"),
+    ]
+
+
+def control8() -> list[GraspObject]:
+    r"""Eight objects of one shape and size, with every combination of mass, softness and friction:
+    what tells them apart is not their shape.
+    """
+    return [
+        _object(f"{weight}_{softness}_{slip}", "cylinder", (68, 180, 68), f"{weight} {softness} {slip}")
+        for weight, softness, slip in product(
+            ("light", "heavy"), ("hard", "soft"), ("slippery", "non-slippery")
+        )
+    ]
+
+
+def twenty() -> list[GraspObject]:
+    r"""Twenty objects, five shapes in four sizes: as many as the "Morphology-Specific Convolutional
+    Neural Networks ..." paper has.
+    """
+    shapes = [
+        _object("tube", "cylinder", (64, 180, 64), "light soft slippery"),
+        _object("can", "cylinder", (68, 120, 68), "light hard non-slippery"),
+        _object("ball", "ellipsoid", (76, 90, 76), "light soft non-slippery"),
+        _object("bottle", "ellipsoid", (68, 190, 68), "heavy hard slippery"),
+        _object("carton", "box", (62, 130, 66), "heavy hard non-slippery"),
+    ]
+    return [
+        replace(item, name=f"{item.name}_{i}", size=_scaled(item.size, factor))
+        for item in shapes
+        for i, factor in enumerate((0.85, 0.95, 1.05, 1.15))
+    ]
+
+
+def _scaled(size: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    x, y, z = size
+    return (round(x * factor, 4), round(y * factor, 4), round(z * factor, 4))
+
+
+OBJECT_SETS = {"paper8": paper8, "control8": control8, "twenty": twenty}
