@@ -116,9 +116,7 @@ def _smooth(progress: np.ndarray) -> np.ndarray:
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def _tremor(
-    rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float
-) -> np.ndarray:
+def _tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float) -> np.ndarray:
     # An operator's hand is never still: noise with a correlation time of a fifth of a second.
     keep = np.exp(-step / 0.2)
     noise = rng.normal(0.0, sd, shape)

@@ -102,7 +102,9 @@ def control8() -> list[GraspObject]:
     what tells them apart is not their shape.
     """
     return [
-        _object(f"{weight}_{softness}_{slip}", "cylinder", (68, 180, 68), f"{weight} {softness} {slip}")
+        _object(
+            f"{weight}_{softness}_{slip}", "cylinder", (68, 180, 68), f"{weight} {softness} {slip}"
+        )
         for weight, softness, slip in product(
             ("light", "heavy"), ("hard", "soft"), ("slippery", "non-slippery")
         )
