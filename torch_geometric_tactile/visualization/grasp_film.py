@@ -1,0 +1,257 @@
+r"""Pictures of simulated grasps."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.sim import stock_bodies
+from torch_geometric_tactile.sim.hand_model import STAND
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.hand import plot_hand
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_Color = tuple[float, float, float]
+_BONE: _Color = (0.62, 0.65, 0.70)
+_OBJECT: _Color = (0.95, 0.70, 0.35)
+_STAND: _Color = (0.80, 0.80, 0.78)
+_SKIN, _PRESSED = np.array([0.20, 0.22, 0.26]), np.array([1.0, 0.10, 0.05])
+_LIGHT = np.array([0.35, -0.55, 0.76])
+_FULL_FORCE = 1.5  # newtons at which a taxel is coloured to the full
+_TAXEL = 0.0022  # radius of a drawn taxel, m
+
+
+class _Face(NamedTuple):
+    corners: np.ndarray  # (K, 3)
+    color: np.ndarray  # (3,)
+
+
+def plot_grasp_film(
+    recording: Recording,
+    layout: TaxelLayout,
+    kinematics: HandKinematics,
+    frames: int = 8,
+    azimuth: float = -70.0,
+    elevation: float = 8.0,
+) -> "Figure":
+    r"""Draws a simulated trial as a strip of pictures, the taxels coloured by pressure. Each phase
+    has about as many pictures, however long it lasts.
+
+    Args:
+        recording (Recording): A simulated trial, with the privileged :obj:`palm_pose`,
+            :obj:`object_pose`, :obj:`force` and :obj:`phase`.
+        layout (TaxelLayout): Its taxels.
+        kinematics (HandKinematics): Its hand.
+        frames (int): Number of pictures.
+        azimuth (float): Direction of the view around the vertical in degrees.
+        elevation (float): Height of the view in degrees.
+
+    Raises:
+        ValueError: If the recording lacks something, or :obj:`frames` is below one.
+    """
+    _check(recording)
+    if frames < 1:
+        raise ValueError(f"'frames' must be at least 1 (got {frames})")
+    columns = min(frames, 4)
+    rows = -(-frames // columns)
+    figure = new_figure(3.4 * columns, 3.2 * rows + 0.5)
+    for i, frame in enumerate(_spread_over_phases(recording.privileged["phase"], frames)):
+        ax = figure.add_subplot(rows, columns, i + 1)
+        _draw(ax, list(_scene(recording, int(frame), layout, kinematics)), azimuth, elevation)
+        pressure = float(recording.privileged["force"][frame, :, 2].clip(0).sum())
+        phase = _phase_name(recording, int(recording.privileged["phase"][frame]))
+        ax.set_title(
+            f"{recording.time[frame]:.1f} s, {phase}: {pressure:.0f} N on the skin", fontsize=9
+        )
+    full = f"a taxel at {_FULL_FORCE} N or more is red"
+    figure.suptitle(plain_text(f"Simulated grasp of {recording.label}; {full}"))
+    return figure
+
+
+def plot_grasp_forces(
+    recording: Recording, layout: TaxelLayout, kinematics: HandKinematics
+) -> "Figure":
+    r"""Draws the pressure on every taxel of a simulated trial, one hand for each phase: the mean
+    over the last half of the phase.
+
+    Args:
+        recording (Recording): A simulated trial, with the privileged :obj:`force` and
+            :obj:`phase`.
+        layout (TaxelLayout): Its taxels.
+        kinematics (HandKinematics): Its hand.
+
+    Raises:
+        ValueError: If the recording lacks something.
+    """
+    _check(recording)
+    pressure = {}
+    for phase in np.unique(recording.privileged["phase"]):
+        frames = np.flatnonzero(recording.privileged["phase"] == phase)
+        late = frames[len(frames) // 2 :]
+        pressure[int(phase)] = recording.privileged["force"][late, :, 2].mean(axis=0)
+    top = max(float(values.max()) for values in pressure.values()) or 1.0
+    columns = min(len(pressure), 3)
+    rows = -(-len(pressure) // columns)
+    figure = new_figure(4.0 * columns, 4.4 * rows)
+    for i, (phase, values) in enumerate(pressure.items()):
+        plot_hand(
+            layout,
+            kinematics,
+            value=torch.from_numpy(values.astype(np.float32)),
+            ax=figure.add_subplot(rows, columns, i + 1),
+            limits=(0.0, top),
+            cmap="inferno",
+            label="pressure (N)",
+            title=f"{_phase_name(recording, phase)}: {values.clip(0).sum():.1f} N",
+        )
+    figure.suptitle(
+        plain_text(f"Simulated grasp of {recording.label}: pressure on the skin by phase")
+    )
+    return figure
+
+
+def _check(recording: Recording) -> None:
+    for name in ("palm_pose", "object_pose", "force", "phase"):
+        if name not in recording.privileged:
+            raise ValueError(
+                f"'recording' must be a simulated trial with the privileged '{name}' (got "
+                f"{sorted(recording.privileged)})"
+            )
+    if recording.joint is None or recording.num_frames == 0:
+        raise ValueError("'recording' must have frames and joint angles (got none)")
+
+
+def _phase_name(recording: Recording, phase: int) -> str:
+    names = recording.meta.get("phase_names", [])
+    return names[phase] if phase < len(names) else f"phase {phase}"
+
+
+def _spread_over_phases(phase: np.ndarray, frames: int) -> np.ndarray:
+    weight = 1.0 / np.bincount(phase)[phase]
+    passed = np.cumsum(weight) / weight.sum()
+    return np.searchsorted(passed, (np.arange(frames) + 0.5) / frames).clip(max=len(phase) - 1)
+
+
+def _draw(ax: Any, faces: list[_Face], azimuth: float, elevation: float) -> None:
+    from matplotlib.collections import PolyCollection
+
+    a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    plane = np.stack([right, np.cross(towards, right)], axis=1)
+    # The painter's way: what is far comes first.
+    faces = sorted(faces, key=lambda face: float((face.corners @ towards).mean()))
+    collection = PolyCollection(
+        [face.corners @ plane for face in faces],
+        facecolors=[face.color for face in faces],
+        edgecolors="face",
+        linewidths=0.3,
+    )
+    ax.add_collection(collection)
+    ax.axhline(0.0, color="#999999", linewidth=1.0, zorder=0)
+    ax.set_xlim(-0.18, 0.18)
+    ax.set_ylim(-0.02, 0.32)
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+
+
+def _scene(
+    recording: Recording, frame: int, layout: TaxelLayout, kinematics: HandKinematics
+) -> Iterator[_Face]:
+    assert recording.joint is not None
+    half_x, half_y, height = STAND
+    for corners in _primitive("box", np.array([half_x, half_y, height / 2])):
+        yield _shaded(corners + np.array([0.0, 0.0, height / 2]), _STAND)
+    item = recording.meta["object_parameters"]
+    pose = recording.privileged["object_pose"][frame]
+    for corners in _primitive(item["shape"], np.array(item["size"]) / 2):
+        yield _shaded(corners @ _rotation(pose[3:]).T + pose[:3], _OBJECT)
+
+    palm = recording.privileged["palm_pose"][frame]
+    turn, origin = _rotation(palm[3:]), palm[:3]
+    joint = torch.from_numpy(recording.joint[frame]).double()
+    links = kinematics.link_pose(joint)
+    for body in stock_bodies():
+        number = kinematics.link_names.index(body["link"])
+        link_turn = turn @ links.rotation[number].numpy()
+        place = turn @ links.translation[number].numpy() + origin
+        box = "box" in body
+        half = np.array(body["box"]) / 2 if box else np.full(3, body["sphere"])
+        for corners in _primitive("box" if box else "ellipsoid", half):
+            yield _shaded((corners + np.array(body["center"])) @ link_turn.T + place, _BONE)
+
+    taxels = kinematics.taxel_pose(layout, joint)
+    assert taxels.normal is not None
+    pos = taxels.pos.numpy() @ turn.T + origin
+    normal = taxels.normal.numpy() @ turn.T
+    pressure = (recording.privileged["force"][frame, :, 2] / _FULL_FORCE).clip(0, 1)
+    for i in range(len(pos)):
+        color = (1 - pressure[i]) * _SKIN + pressure[i] * _PRESSED
+        yield _Face(_disc(pos[i], normal[i]), color)
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _shaded(corners: np.ndarray, color: _Color) -> _Face:
+    normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
+    length = float(np.linalg.norm(normal))
+    light = abs(float(normal @ _LIGHT)) / length if length > 0 else 1.0
+    return _Face(corners, np.array(color) * (0.55 + 0.45 * light))
+
+
+def _disc(pos: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    across = np.cross(normal, [0.3, 0.5, 0.8])
+    across /= np.linalg.norm(across)
+    angle = np.linspace(0, 2 * np.pi, 7)[:-1, None]
+    ring = np.cos(angle) * across + np.sin(angle) * np.cross(normal, across)
+    return np.asarray(pos + _TAXEL * ring)
+
+
+def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
+    # In many small faces: the painter's order of large ones can be wrong.
+    if shape == "box":
+        steps = np.linspace(-1, 1, 5)
+        for axis in range(3):
+            first, second = (i for i in range(3) if i != axis)
+            for side in (-1.0, 1.0):
+                for a in zip(steps[:-1], steps[1:], strict=True):
+                    for b in zip(steps[:-1], steps[1:], strict=True):
+                        corners = np.full((4, 3), side)
+                        corners[:, first] = [a[0], a[1], a[1], a[0]]
+                        corners[:, second] = [b[0], b[0], b[1], b[1]]
+                        yield corners * half
+        return
+    around = np.linspace(0, 2 * np.pi, 25)
+    if shape == "cylinder":
+        ring = np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
+        levels = np.linspace(-1, 1, 9)
+        for a, b in zip(ring[:-1], ring[1:], strict=True):
+            for low, high in zip(levels[:-1], levels[1:], strict=True):
+                y0, y1 = np.array([0, low, 0]), np.array([0, high, 0])
+                yield np.stack([a + y0, b + y0, b + y1, a + y1]) * half
+            for end in (-1.0, 1.0):
+                y = np.array([0, end, 0])
+                yield np.stack([a + y, b + y, y]) * half
+        return
+    up = np.linspace(-np.pi / 2, np.pi / 2, 13)
+    for a0, a1 in zip(around[:-1], around[1:], strict=True):
+        for e0, e1 in zip(up[:-1], up[1:], strict=True):
+            corners = [
+                [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
+                for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))
+            ]
+            yield np.array(corners) * half
