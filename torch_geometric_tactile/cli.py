@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import PurePath
 
 from torch_geometric_tactile import __version__
 
@@ -14,6 +15,9 @@ _LIGHTNING = {
     "predict": "write what a checkpoint predicts to a CSV file",
 }
 
+_READABLE = ".h5, .hdf5, .npz, .csv, .json, .jsonl, .ndjson or .txt"
+_WRITABLE = ".h5, .hdf5, .npz, .csv, .jsonl or .ndjson"
+
 _EXAMPLES = """\
 examples:
   tactile demo                                   from data to a judged model and a report
@@ -22,6 +26,8 @@ examples:
                                                  go on where that training was stopped
   tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
   tactile fit --help                             every option of fit
+  tactile inspect recording.h5                   what stands in a recording, and a picture of it
+  tactile convert messages.jsonl recording.h5    another format, by the suffix
 
 Data sets are read from $TACTILE_DATA (a folder with one folder for each data set), or
 from a folder in the user's cache, where they are downloaded if missing.
@@ -65,9 +71,62 @@ def build_parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--generated", action="store_true", help="use generated data, whatever there is"
     )
+    _add_inspect(commands)
+    _add_convert(commands)
     for name, text in _LIGHTNING.items():
         commands.add_parser(name, help=text, add_help=False)
     return parser
+
+
+def _add_inspect(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    inspect = commands.add_parser(
+        "inspect",
+        help="tell and draw what stands in the file of a recording",
+        description="Reads an HDF5, npz or CSV file of a recording, a log of xela_log or messages "
+        "of XELA's server, prints frames, rate, taxels, readings, joints, dead taxels and "
+        "metadata, and draws readings, contact and joints over time.",
+    )
+    inspect.add_argument("file", metavar="FILE", help=f"the recording ({_READABLE})")
+    picture = inspect.add_mutually_exclusive_group()
+    picture.add_argument(
+        "--out",
+        metavar="PICTURE",
+        help="PNG file to draw; by default the name of the file with '_inspect.png', in the "
+        "current folder",
+    )
+    picture.add_argument("--no-picture", action="store_true", help="print only")
+
+
+def _add_convert(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    convert = commands.add_parser(
+        "convert",
+        help="write a recording in another format",
+        description="Reads a recording and writes it in the format of the other suffix. What that "
+        "format cannot hold is named in a warning.",
+    )
+    convert.add_argument("source", metavar="IN", help=f"the recording ({_READABLE})")
+    convert.add_argument("target", metavar="OUT", help=f"the file to write ({_WRITABLE})")
+    convert.add_argument(
+        "--forces", action="store_true", help="forces in newtons instead of counts, from XELA files"
+    )
+
+
+def _inspect(arguments: argparse.Namespace) -> None:
+    from torch_geometric_tactile.visualization import inspect
+
+    recording, facts = inspect.describe_file(arguments.file)
+    print(facts, flush=True)
+    if not arguments.no_picture:
+        picture = arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"
+        inspect.draw_recording(recording, picture)
+        print(f"{'picture':<13}{picture}")
+
+
+def _convert(arguments: argparse.Namespace) -> None:
+    from torch_geometric_tactile.visualization import inspect
+
+    recording = inspect.convert_file(arguments.source, arguments.target, arguments.forces)
+    print(f"{arguments.target}: {recording}")
 
 
 def _positive(text: str) -> int:
@@ -75,6 +134,9 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
     return number
+
+
+_RECORDINGS = {"inspect": _inspect, "convert": _convert}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -94,6 +156,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             cli.main(argv)
         else:
             arguments = build_parser().parse_args(argv)
+            if arguments.command in _RECORDINGS:
+                _RECORDINGS[arguments.command](arguments)
+                return 0
             from torch_geometric_tactile.training import demo
 
             demo.main(

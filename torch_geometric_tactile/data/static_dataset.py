@@ -183,12 +183,20 @@ def save_static(data: StaticData, names: dict[str, list[str]], path: PathLike) -
     """
     attributes: dict[str, Any] = {}
     for key, value in data.to_dict().items():
-        # A view would drag its whole storage into the file.
-        attributes[key] = value.clone() if isinstance(value, Tensor) else value
+        attributes[key] = value.clone() if _is_view(value) else value
     shared = sorted(data.shared)
     content = {"format": _FORMAT, "attributes": attributes, "shared": shared, "names": names}
     with atomic_path(path) as temporary:
         torch.save(content, temporary)
+
+
+def _is_view(value: Any) -> bool:
+    # It would drag its whole storage into the file. Others need no copy, which may not fit.
+    if not isinstance(value, Tensor):
+        return False
+    if type(value) is not Tensor or value.layout != torch.strided:
+        return True
+    return value.untyped_storage().nbytes() != value.numel() * value.element_size()
 
 
 def load_static(path: PathLike) -> tuple[StaticData, dict[str, list[str]]]:

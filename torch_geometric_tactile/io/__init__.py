@@ -1,5 +1,46 @@
 r"""File formats: one per file, the only home of byte layouts."""
 
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
+from torch_geometric_tactile.io.recording_files import (
+    read_recording,
+    recording_format,
+    write_recording,
+)
+from torch_geometric_tactile.io.recording_hdf5 import (
+    append_hdf5,
+    read_hdf5,
+    read_hdf5_head,
+    write_hdf5,
+)
+from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
+from torch_geometric_tactile.io.wide_csv import read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
+from torch_geometric_tactile.io.xela_messages import (
+    XelaFrame,
+    format_xela_message,
+    parse_xela_message,
+    read_xela_messages,
+    write_xela_messages,
+)
 
-__all__ = ["GraspTable", "read_biotac_sp_csv"]
+__all__ = [
+    "GraspTable",
+    "XelaFrame",
+    "append_hdf5",
+    "format_xela_message",
+    "parse_xela_message",
+    "read_biotac_sp_csv",
+    "read_hdf5",
+    "read_hdf5_head",
+    "read_npz",
+    "read_recording",
+    "read_wide_csv",
+    "read_xela_log_csv",
+    "read_xela_messages",
+    "recording_format",
+    "write_hdf5",
+    "write_npz",
+    "write_recording",
+    "write_wide_csv",
+    "write_xela_messages",
+]

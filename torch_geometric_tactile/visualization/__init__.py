@@ -6,6 +6,7 @@ from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
 from torch_geometric_tactile.visualization.metrics import plot_confusion, plot_protocols, plot_roc
+from torch_geometric_tactile.visualization.recording import plot_recording
 from torch_geometric_tactile.visualization.report import ReportPicture, ReportTable, write_report
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "plot_grasps",
     "plot_layout",
     "plot_protocols",
+    "plot_recording",
     "plot_roc",
     "save_figure",
     "write_report",

@@ -1,5 +1,6 @@
 r"""Pictures of simulated grasps."""
 
+import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -228,8 +229,8 @@ def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
         for axis in range(3):
             first, second = (i for i in range(3) if i != axis)
             for side in (-1.0, 1.0):
-                for a in zip(steps[:-1], steps[1:], strict=True):
-                    for b in zip(steps[:-1], steps[1:], strict=True):
+                for a in itertools.pairwise(steps):
+                    for b in itertools.pairwise(steps):
                         corners = np.full((4, 3), side)
                         corners[:, first] = [a[0], a[1], a[1], a[0]]
                         corners[:, second] = [b[0], b[0], b[1], b[1]]
@@ -239,8 +240,8 @@ def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
     if shape == "cylinder":
         ring = np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
         levels = np.linspace(-1, 1, 9)
-        for a, b in zip(ring[:-1], ring[1:], strict=True):
-            for low, high in zip(levels[:-1], levels[1:], strict=True):
+        for a, b in itertools.pairwise(ring):
+            for low, high in itertools.pairwise(levels):
                 y0, y1 = np.array([0, low, 0]), np.array([0, high, 0])
                 yield np.stack([a + y0, b + y0, b + y1, a + y1]) * half
             for end in (-1.0, 1.0):
@@ -248,8 +249,8 @@ def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
                 yield np.stack([a + y, b + y, y]) * half
         return
     up = np.linspace(-np.pi / 2, np.pi / 2, 13)
-    for a0, a1 in zip(around[:-1], around[1:], strict=True):
-        for e0, e1 in zip(up[:-1], up[1:], strict=True):
+    for a0, a1 in itertools.pairwise(around):
+        for e0, e1 in itertools.pairwise(up):
             corners = [
                 [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
                 for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))

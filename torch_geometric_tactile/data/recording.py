@@ -1,0 +1,278 @@
+r"""One trial: what the taxels of a sensor read over time."""
+
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from torch_geometric_tactile.sensors import TaxelLayout
+
+UNITS = ("count", "newton")
+_FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    r"""One trial on one sensor. Frozen, and checked at birth.
+
+    Missing and dead taxels are NaN, never invented numbers. Arrays are taken as they are, without
+    a copy, where their type fits.
+
+    Args:
+        time (numpy.ndarray): Time of each frame in seconds, increasing :math:`(T,)`; since the
+            start of the trial or of the year 1970.
+        tactile (numpy.ndarray): Readings :math:`(T, N, C)`, in the unit that :obj:`meta` names.
+        joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
+        label (str or int, optional): What the trial is an example of.
+        meta (Mapping): What is known about the trial, as JSON values. Keys with a meaning:
+            :obj:`"unit"` (:obj:`"count"` or :obj:`"newton"`), :obj:`"object"`, :obj:`"trial"`,
+            :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per second), :obj:`"tare"` and
+            :obj:`"calibration"` (what was done to the readings), :obj:`"synthetic"` (whether a
+            simulator made them), :obj:`"seed"`, :obj:`"joint_names"`, :obj:`"phase_names"` (names
+            of the integers in the privileged :obj:`"phase"`).
+        privileged (Mapping of str to numpy.ndarray): What a simulator knows and a robot does not,
+            such as clean forces, the pose of the object and the phase; numbers, truth values or
+            texts, with :math:`T` rows each.
+
+    Raises:
+        ValueError: If an array has another number of dimensions or of frames, the time does not
+            increase, a time, reading or angle is infinite, or :obj:`meta` holds other than JSON
+            values.
+
+    Examples:
+        >>> Recording(time=[0.0, 0.01, 0.02], tactile=np.zeros((3, 4, 3)), label="cup")
+        Recording(num_frames=3, num_taxels=4, num_channels=3, rate=100, label='cup')
+    """
+
+    time: np.ndarray
+    tactile: np.ndarray
+    joint: np.ndarray | None = None
+    label: str | int | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    privileged: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._set("time", _checked_time(self.time))
+        tactile = _array("tactile", self.tactile, np.float32)
+        if tactile.ndim != 3 or 0 in tactile.shape[1:]:
+            raise ValueError(
+                "'tactile' must have shape (num_frames, num_taxels, num_channels) "
+                f"(got {tactile.shape})"
+            )
+        self._check_frames("tactile", tactile)
+        infinite = np.argwhere(np.isinf(tactile))
+        if len(infinite):
+            frame, taxel, channel = infinite[0].tolist()
+            raise ValueError(
+                "'tactile' must hold finite readings, or NaN where one is missing (got "
+                f"{tactile[frame, taxel, channel]} in frame {frame}, taxel {taxel}, "
+                f"channel {channel})"
+            )
+        self._set("tactile", tactile)
+        if self.joint is not None:
+            self._set("joint", self._checked_joint(self.joint))
+        self._set("label", _checked_label(self.label))
+        self._set("meta", _checked_meta(self.meta))
+        self._set(
+            "privileged",
+            {name: self._checked_privileged(name, v) for name, v in self.privileged.items()},
+        )
+
+    def _set(self, key: str, value: Any) -> None:
+        object.__setattr__(self, key, value)
+
+    def _check_frames(self, name: str, array: np.ndarray) -> None:
+        if len(array) != self.num_frames:
+            raise ValueError(
+                f"'{name}' must have {self.num_frames} frames, as 'time' has (got {len(array)})"
+            )
+
+    def _checked_joint(self, joint: np.ndarray) -> np.ndarray:
+        joint = _array("joint", joint, np.float32)
+        if joint.ndim != 2 or joint.shape[1] == 0:
+            raise ValueError(
+                "'joint' must have shape (num_frames, num_joints), or be None without joints "
+                f"(got {joint.shape})"
+            )
+        self._check_frames("joint", joint)
+        infinite = np.argwhere(np.isinf(joint))
+        if len(infinite):
+            frame, index = infinite[0].tolist()
+            raise ValueError(
+                "'joint' must hold finite angles, or NaN where one is missing (got "
+                f"{joint[frame, index]} in frame {frame}, joint {index})"
+            )
+        present = np.abs(joint[~np.isnan(joint)])
+        if present.size and present.max() > _FULL_TURN:
+            warnings.warn(
+                f"'joint' must be in radians (got an angle of {present.max():.4g}, more than a "
+                "full turn): if these are degrees, convert them with numpy.deg2rad(joint)",
+                UserWarning,
+                stacklevel=4,
+            )
+        return joint
+
+    def _checked_privileged(self, name: str, value: Any) -> np.ndarray:
+        if not isinstance(name, str) or not name or "/" in name:
+            raise ValueError(
+                f"'privileged' must have names that are texts without '/' (got {name!r})"
+            )
+        array = np.asarray(value)
+        if array.dtype.kind not in "biufU":
+            raise ValueError(
+                f"privileged '{name}' must hold numbers, truth values or texts (got {array.dtype})"
+            )
+        if array.ndim == 0:
+            raise ValueError(f"privileged '{name}' must have one row per frame (got a scalar)")
+        self._check_frames(name, array)
+        return array
+
+    @property
+    def num_frames(self) -> int:
+        r"""The number of frames :math:`T`."""
+        return len(self.time)
+
+    @property
+    def num_taxels(self) -> int:
+        r"""The number of taxels :math:`N`."""
+        return int(self.tactile.shape[1])
+
+    @property
+    def num_channels(self) -> int:
+        r"""The number of channels of a taxel :math:`C`."""
+        return int(self.tactile.shape[2])
+
+    @property
+    def num_joints(self) -> int:
+        r"""The number of joints :math:`J`, 0 without joint angles."""
+        return 0 if self.joint is None else int(self.joint.shape[1])
+
+    @property
+    def duration(self) -> float:
+        r"""Time from the first to the last frame in seconds."""
+        return float(self.time[-1] - self.time[0]) if self.num_frames else 0.0
+
+    @property
+    def rate(self) -> float:
+        r"""Frames per second, from the median distance of frames; NaN with fewer than two."""
+        return 1 / float(np.median(np.diff(self.time))) if self.num_frames > 1 else math.nan
+
+    @property
+    def missing(self) -> np.ndarray:
+        r"""Where a taxel has no reading in one channel or more :math:`(T, N)`."""
+        missing: np.ndarray = np.isnan(self.tactile).any(axis=2)
+        return missing
+
+    @property
+    def dead_taxels(self) -> np.ndarray:
+        r"""Indices of the taxels that are missing in all frames; none without frames."""
+        if self.num_frames == 0:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(self.missing.all(axis=0))
+
+    def select(self, frames: slice) -> Self:
+        r"""Returns some of the frames, without a copy.
+
+        Args:
+            frames (slice): Which ones; the step must be positive.
+
+        Raises:
+            ValueError: If :obj:`frames` is no slice, or runs backwards.
+        """
+        if not isinstance(frames, slice):
+            raise ValueError(f"'frames' must be a slice (got {type(frames).__name__})")
+        if frames.step is not None and frames.step < 1:
+            raise ValueError(f"'frames' must have a positive step (got {frames.step})")
+        return type(self)(
+            time=self.time[frames],
+            tactile=self.tactile[frames],
+            joint=None if self.joint is None else self.joint[frames],
+            label=self.label,
+            meta=self.meta,
+            privileged={name: value[frames] for name, value in self.privileged.items()},
+        )
+
+    def check(self, layout: TaxelLayout) -> None:
+        r"""Checks that the recording has one reading for each taxel of a layout.
+
+        Args:
+            layout (TaxelLayout): The layout.
+
+        Raises:
+            ValueError: If the numbers of taxels differ.
+        """
+        if self.num_taxels != layout.num_taxels:
+            raise ValueError(
+                f"a recording on layout '{layout.name}' must have {layout.num_taxels} taxels "
+                f"(got {self.num_taxels})"
+            )
+
+    def __repr__(self) -> str:
+        parts = [
+            f"num_frames={self.num_frames}",
+            f"num_taxels={self.num_taxels}",
+            f"num_channels={self.num_channels}",
+        ]
+        if self.joint is not None:
+            parts.append(f"num_joints={self.num_joints}")
+        if self.num_frames > 1:
+            parts.append(f"rate={self.rate:.4g}")
+        if self.label is not None:
+            parts.append(f"label={self.label!r}")
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
+    try:
+        # A reading beyond float32 becomes infinite here and is reported as such.
+        with np.errstate(over="ignore"):
+            return np.asarray(value, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
+
+
+def _checked_time(value: Any) -> np.ndarray:
+    time = _array("time", value, np.float64)
+    if time.ndim != 1:
+        raise ValueError(f"'time' must have shape (num_frames,) (got {time.shape})")
+    wrong = np.flatnonzero(~np.isfinite(time))
+    if len(wrong):
+        raise ValueError(f"'time' must be finite (got {time[wrong[0]]} in frame {wrong[0]})")
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if len(wrong):
+        before, frame = wrong[0], wrong[0] + 1
+        raise ValueError(
+            f"'time' must increase (got {float(time[frame])} s in frame {frame} after "
+            f"{float(time[before])} s in frame {before})"
+        )
+    return time
+
+
+def _checked_label(label: Any) -> str | int | None:
+    if isinstance(label, np.integer):
+        return int(label)
+    if isinstance(label, bool) or not isinstance(label, str | int | None):
+        raise ValueError(f"'label' must be a text, an integer or None (got {type(label).__name__})")
+    return label
+
+
+def _checked_meta(meta: Any) -> dict[str, Any]:
+    if not isinstance(meta, Mapping):
+        raise ValueError(f"'meta' must be a mapping (got {type(meta).__name__})")
+    out = {}
+    for key, value in meta.items():
+        if not isinstance(key, str):
+            raise ValueError(f"'meta' must have texts as keys (got {key!r})")
+        try:
+            # Lists for tuples, as every file gives them back.
+            out[key] = json.loads(json.dumps(value, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"'meta' must hold JSON values ({error}, for '{key}')") from error
+    if "unit" in out and out["unit"] not in UNITS:
+        raise ValueError(f"'unit' in 'meta' must be one of {UNITS} (got {out['unit']!r})")
+    return out

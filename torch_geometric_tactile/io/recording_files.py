@@ -1,0 +1,114 @@
+r"""Recordings in whatever format a file has."""
+
+import inspect
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
+from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
+from torch_geometric_tactile.io.recording_schema import checked_file
+from torch_geometric_tactile.io.wide_csv import read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
+from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
+from torch_geometric_tactile.typing import PathLike
+
+_READERS: dict[str, Callable[..., Recording]] = {
+    "HDF5": read_hdf5,
+    "npz": read_npz,
+    "wide CSV": read_wide_csv,
+    "XELA log CSV": read_xela_log_csv,
+    "XELA messages": read_xela_messages,
+}
+_SUFFIXES = {
+    ".h5": "HDF5",
+    ".hdf5": "HDF5",
+    ".npz": "npz",
+    ".csv": "wide CSV",
+    ".json": "XELA messages",
+    ".jsonl": "XELA messages",
+    ".ndjson": "XELA messages",
+    ".txt": "XELA messages",
+}
+_WRITERS: dict[str, Callable[[Recording, PathLike], None]] = {
+    ".h5": write_hdf5,
+    ".hdf5": write_hdf5,
+    ".npz": write_npz,
+    ".csv": write_wide_csv,
+    ".jsonl": write_xela_messages,
+    ".ndjson": write_xela_messages,
+}
+_SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz"}
+_XELA_LOG = re.compile(rb"(\xef\xbb\xbf)?\s*\"?receive time", re.IGNORECASE)
+
+
+def recording_format(path: PathLike) -> str:
+    r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"wide CSV"`,
+    :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
+
+    The suffix must be a known one; what stands at the beginning of the file decides between the
+    two kinds of CSV, and overrules a suffix that is wrong.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the suffix is unknown.
+    """
+    path = checked_file(path)
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise ValueError(f"'{path}' must end in one of {', '.join(_SUFFIXES)} (got '{suffix}')")
+    with path.open("rb") as file:
+        head = file.read(4096)
+    for signature, name in _SIGNATURES.items():
+        if head.startswith(signature):
+            return name
+    if _XELA_LOG.match(head):
+        return "XELA log CSV"
+    return _SUFFIXES[suffix]
+
+
+def read_recording(path: PathLike, **kwargs: Any) -> Recording:
+    r"""Reads a recording, in the format that :meth:`recording_format` finds.
+
+    Args:
+        path (str or PathLike): The file.
+        **kwargs: Options of the format's own function, such as :obj:`forces` for XELA's formats.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If the format needs an extra that is missing.
+        ValueError: If the suffix is unknown, the format has no such option, or the file cannot be
+            read.
+    """
+    name = recording_format(path)
+    reader = _READERS[name]
+    options = [*inspect.signature(reader).parameters][1:]
+    for key in kwargs:
+        if key not in options:
+            known = ", ".join(options) or "none"
+            raise ValueError(f"'{key}' must be an option of the format {name}: {known} ('{path}')")
+    return reader(path, **kwargs)
+
+
+def write_recording(recording: Recording, path: PathLike) -> None:
+    r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.csv``
+    (one frame a row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot hold is
+    logged as a warning.
+
+    Args:
+        recording (Recording): The recording.
+        path (str or PathLike): The file. It is written whole or not at all.
+
+    Raises:
+        ImportError: If the format needs an extra that is missing.
+        ValueError: If the suffix is unknown, or the format cannot hold the readings.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in _WRITERS:
+        raise ValueError(f"'{path}' must end in one of {', '.join(_WRITERS)} (got '{suffix}')")
+    _WRITERS[suffix](recording, path)

@@ -1,0 +1,114 @@
+r"""The CSV files of ``xela_log``, the logger of XELA's server: one message of one sensor a row."""
+
+import re
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
+from torch_geometric_tactile.io.recording_schema import checked_file
+from torch_geometric_tactile.typing import PathLike
+
+_SEND_TIME, _NUMBER = "send time", "message number"
+_COLUMN = re.compile(r"(force )?(\d+)([xyz])")
+
+
+def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
+    r"""Reads a log with the header ``Receive time,Send time,Message number,1X,1Y,1Z,...`` and,
+    where the sensor is calibrated, ``Force 1X,Force 1Y,Force 1Z,...``.
+
+    The log has about 500 rows per second, and most repeat the readings of the row before, under a
+    number and a time of their own. Such a row, or one with the number or the send time of the row
+    before, is left out, and counted as :obj:`"stale_rows"` in the metadata.
+
+    Args:
+        path (str or PathLike): The file; the number of taxels is that of its header.
+        forces (bool): Whether to read the forces in newtons instead of the counts.
+
+    Returns:
+        Recording: The send time in seconds since 1970, and the readings of the three axes.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If a column is missing (also those of the forces, if they are wanted), a line
+            is cut, a cell is no finite number, or the time does not increase. The message names the
+            line.
+    """
+    path = checked_file(path)
+    lines = csv_rows(path)
+    _, header = next(lines)
+    names = [" ".join(name.lower().split()) for name in header]
+    for name in (_SEND_TIME, _NUMBER):
+        if name not in names:
+            raise ValueError(
+                f"'{path}' must have the column '{name.capitalize()}', as a log of xela_log (got "
+                f"{header[:3]})"
+            )
+    time_column, number_column = names.index(_SEND_TIME), names.index(_NUMBER)
+    reading_columns = _reading_columns(path, names, force=False)
+    force_columns = _reading_columns(path, names, force=True)
+    if forces and not force_columns:
+        raise ValueError(
+            f"'{path}' must have the column 'Force 1X' for forces in newtons (got counts only): "
+            "read counts with forces=False"
+        )
+    if not reading_columns and not force_columns:
+        raise ValueError(f"'{path}' must have the column '1X' (got {header[:6]})")
+    measured = [*reading_columns, *force_columns]
+    columns = force_columns if forces else reading_columns
+    if not columns:
+        raise ValueError(f"'{path}' must have the column '1X' (got forces only): use forces=True")
+    rows: list[np.ndarray] = []
+    stale, before = 0, None
+    for line, row in lines:
+        numbers = csv_numbers(path, line, row, header)
+        time, number = numbers[time_column], numbers[number_column]
+        for name, value in ((_SEND_TIME, time), (_NUMBER, number)):
+            if np.isnan(value):
+                raise ValueError(
+                    f"'{path}', line {line}: '{name.capitalize()}' must be a number (got '')"
+                )
+        if before is not None:
+            if (
+                number == before[number_column]
+                or time == before[time_column]
+                or np.array_equal(numbers[measured], before[measured], equal_nan=True)
+            ):
+                stale += 1
+                continue
+            if time < before[time_column]:
+                raise ValueError(
+                    f"'{path}', line {line}: 'Send time' must increase (got {float(time)} s after "
+                    f"{float(before[time_column])} s)"
+                )
+        before = numbers
+        rows.append(numbers)
+    if not rows:
+        raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
+    table = np.stack(rows)
+    return Recording(
+        time=table[:, time_column],
+        tactile=table[:, columns].reshape(len(table), -1, 3),
+        meta={
+            "sensor": "XELA uSkin",
+            "unit": "newton" if forces else "count",
+            "stale_rows": stale,
+        },
+    )
+
+
+def _reading_columns(path: object, names: list[str], force: bool) -> list[int]:
+    place = {}
+    for column, name in enumerate(names):
+        match = _COLUMN.fullmatch(name)
+        if match and bool(match[1]) == force:
+            place[int(match[2]), match[3]] = column
+    num_taxels = max((taxel for taxel, _ in place), default=0)
+    wanted = [(taxel, axis) for taxel in range(1, num_taxels + 1) for axis in "xyz"]
+    for taxel, axis in wanted:
+        if (taxel, axis) not in place:
+            raise ValueError(
+                f"'{path}' must have the column '{'Force ' if force else ''}{taxel}{axis.upper()}'"
+                f", as it has taxel {num_taxels} (got {len(place)} of {len(wanted)} columns)"
+            )
+    return [place[key] for key in wanted]

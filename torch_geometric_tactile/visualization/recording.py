@@ -1,0 +1,276 @@
+r"""Pictures of recordings: readings, contact and joints over time."""
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_CMAP = "RdBu_r"
+_MISSING_COLOR = "#9a9a9a"
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
+_DASHES = ("-", "--", ":", "-.")
+_PHASE_COLORS = ("#ececec", "#ffffff")
+_QUANTILE = 0.995
+_MOST_COLUMNS = 1500  # about the pixels of a panel; more would drop frames unseen
+_NAMED_JOINTS = 24
+
+
+class _Phase(NamedTuple):
+    name: str
+    start: float
+    end: float
+
+
+def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
+    r"""Draws a recording over time: an image of the readings of all taxels for each channel, the
+    sum of their sizes, and the joint angles.
+
+    The rest of each taxel, the median of its first readings, is subtracted (of a single frame, the
+    median of all taxels). The colours are symmetric about zero, and end at the 99.5th percentile of
+    the sizes of each channel; missing readings are grey, and count as rest in the sum. If there are
+    more frames than pixels, the reading farthest from rest stands for its neighbours. A privileged
+    :obj:`"phase"` (integers or texts :math:`(T,)`, whose names may stand as :obj:`"phase_names"` in
+    the metadata) is marked.
+
+    Args:
+        recording (Recording): The recording.
+        rest (float): Length of the beginning that counts as rest, in seconds; a tenth of the
+            recording at most.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no frame, or :obj:`rest` is negative.
+    """
+    if recording.num_frames == 0:
+        raise ValueError("'recording' must hold at least one frame to be drawn (got none)")
+    if not rest >= 0:
+        raise ValueError(f"'rest' must be 0 s or more (got {rest})")
+    time = recording.time - recording.time[0]
+    single = recording.num_frames == 1
+    if single:
+        change = recording.tactile - _nan_median(recording.tactile[0])
+    else:
+        # A rest longer than a tenth would hide what a short recording shows.
+        window = min(rest, recording.duration / 10)
+        change = recording.tactile - _rest(recording.tactile, time, window)
+    zero = "median" if single else "rest"
+    unit = {"count": "counts", "newton": "N"}.get(recording.meta.get("unit", ""), "unit unknown")
+    channels = _channel_names(recording.num_channels)
+    phases = _phases(recording, time)
+
+    image_height = min(max(recording.num_taxels / 90, 1.3), 2.2)
+    heights = [image_height] * recording.num_channels + [1.6]
+    heights += [2.0] if recording.joint is not None else []
+    figure = new_figure(10.5, sum(heights) * 1.12 + 1.3)
+    figure.suptitle(_title(recording), fontsize=11)
+
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
+
+    axes = figure.subplots(
+        len(heights), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights}
+    )[:, 0]
+    cmap = colormaps[_CMAP].with_extremes(bad=_MISSING_COLOR)
+    edges, picture = _columns(time, change)
+    images = axes[: recording.num_channels]
+    for i, (ax, name) in enumerate(zip(images, channels, strict=True)):
+        limit, clipped = _symmetric_limit(change[:, :, i])
+        scale = Normalize(-limit, limit)
+        ax.pcolorfast(
+            edges,
+            np.arange(recording.num_taxels + 1) - 0.5,
+            np.ma.masked_invalid(picture[:, :, i].T),
+            cmap=cmap,
+            norm=scale,
+        )
+        ax.set_ylabel(f"{name}\ntaxel", fontsize=9)
+        ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
+        ax.set_ylim(recording.num_taxels - 0.5, -0.5)
+        for phase in phases[1:]:
+            ax.axvline(phase.start, color="black", linewidth=0.7, linestyle=":")
+        bar = figure.colorbar(
+            ScalarMappable(scale, cmap),
+            cax=ax.inset_axes((1.012, 0, 0.016, 1)),
+            extend="both" if clipped else "neither",
+        )
+        bar.set_label(f"reading - {zero}\n({unit})", fontsize=9)
+        bar.ax.tick_params(labelsize=8)
+
+    size = np.nansum(np.abs(change), axis=1)
+    ax = axes[recording.num_channels]
+    for i, name in enumerate(channels):
+        ax.plot(time, size[:, i], label=name, linewidth=1.1, **_line(i, len(channels), single))
+    ax.set_ylim(0, 1.08 * float(size.max()) or 1.0)
+    ax.set_ylabel(f"sum of\n|reading - {zero}|\n({unit})", fontsize=9)
+    _style_lines(ax, len(channels))
+    if recording.joint is not None:
+        ax = axes[-1]
+        for i, name in enumerate(_joint_names(recording)):
+            ax.plot(
+                time,
+                recording.joint[:, i],
+                label=plain_text(name),
+                linewidth=1.0,
+                **_line(i, recording.num_joints, single),
+            )
+        ax.set_ylabel("joint angle\n(rad)", fontsize=9)
+        _style_lines(ax, recording.num_joints)
+    for ax in axes[recording.num_channels :]:
+        for i, phase in enumerate(phases):
+            ax.axvspan(phase.start, phase.end, color=_PHASE_COLORS[i % 2], zorder=0, linewidth=0)
+    _name_phases(axes[0], phases, float(edges[-1] - edges[0]))
+    for ax in axes:
+        ax.tick_params(labelsize=8)
+    axes[-1].set_xlim(edges[0], edges[-1])
+    axes[-1].set_xlabel("time since the first frame (s)", fontsize=9)
+    figure.align_ylabels(list(axes))
+    return figure
+
+
+def _rest(tactile: np.ndarray, time: np.ndarray, rest: float) -> np.ndarray:
+    first = _nan_median(tactile[time <= rest])
+    # A taxel that was missing at first takes what it read later.
+    late = np.isnan(first)
+    if late.any():
+        first = np.where(late, _nan_median(tactile), first)
+    return first
+
+
+def _nan_median(values: np.ndarray) -> np.ndarray:
+    out = np.full(values.shape[1:], np.nan, dtype=np.float32)
+    present = ~np.isnan(values).all(axis=0)
+    out[present] = np.nanmedian(values[:, present], axis=0)
+    return out
+
+
+def _channel_names(num_channels: int) -> list[str]:
+    return list("xyz") if num_channels == 3 else [f"channel {i}" for i in range(num_channels)]
+
+
+def _joint_names(recording: Recording) -> list[str]:
+    names = recording.meta.get("joint_names")
+    if isinstance(names, list) and len(names) == recording.num_joints:
+        return [str(name) for name in names]
+    return [f"joint {i}" for i in range(recording.num_joints)]
+
+
+def _phases(recording: Recording, time: np.ndarray) -> list[_Phase]:
+    phase = recording.privileged.get("phase")
+    if phase is None or phase.ndim != 1:
+        return []
+    names = recording.meta.get("phase_names")
+
+    def name(value: object) -> str:
+        if isinstance(value, int) and isinstance(names, list) and 0 <= value < len(names):
+            return str(names[value])
+        return value if isinstance(value, str) else f"phase {value}"
+
+    starts = [0, *(np.flatnonzero(phase[1:] != phase[:-1]) + 1).tolist()]
+    ends = [*(float(time[i]) for i in starts[1:]), float(time[-1])]
+    return [
+        _Phase(name(phase[i].item()), float(time[i]), end)
+        for i, end in zip(starts, ends, strict=True)
+    ]
+
+
+def _title(recording: Recording) -> str:
+    parts = []
+    for key in ("sensor", "object", "trial"):
+        if recording.meta.get(key) not in (None, ""):
+            value = str(recording.meta[key])
+            parts.append(value if key == "sensor" else f"{key} {value}")
+    if recording.label is not None:
+        parts.append(f"label {recording.label}")
+    if recording.meta.get("synthetic"):
+        parts.append("SIMULATED")
+    frames = "1 frame" if recording.num_frames == 1 else f"{recording.num_frames:,} frames"
+    parts.append(f"{frames}, {recording.duration:.4g} s")
+    dead = len(recording.dead_taxels)
+    if dead:
+        parts.append(f"{dead} dead taxel{'s' if dead > 1 else ''} (grey)")
+    elif recording.missing.any():
+        parts.append("grey: missing")
+    return plain_text("  |  ".join(parts))
+
+
+def _columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    r"""Edges of the columns of a picture in seconds, and readings, one column or more per pixel."""
+    num_frames = len(time)
+    starts = np.arange(0, num_frames, math.ceil(num_frames / _MOST_COLUMNS))
+    if len(starts) < num_frames:
+        size = np.nan_to_num(np.abs(change), nan=-1.0)
+        blocks = [
+            np.take_along_axis(block, largest.argmax(axis=0)[None], axis=0)[0]
+            for block, largest in zip(
+                np.split(change, starts[1:]), np.split(size, starts[1:]), strict=True
+            )
+        ]
+        change = np.stack(blocks)
+    step = float(np.median(np.diff(time))) if num_frames > 1 else 1.0
+    middles = (time[starts[1:] - 1] + time[starts[1:]]) / 2
+    return np.array([time[0] - step / 2, *middles, time[-1] + step / 2]), change
+
+
+def _symmetric_limit(change: np.ndarray) -> tuple[float, bool]:
+    size = np.abs(change[~np.isnan(change)])
+    if size.size == 0 or size.max() == 0:
+        return 1.0, False
+    # Where almost no reading differs from rest, the percentile is zero.
+    limit = float(np.quantile(size, _QUANTILE)) or float(size.max())
+    return limit, float(size.max()) > limit
+
+
+def _line(i: int, count: int, single: bool) -> dict[str, str]:
+    marker = "o" if single else ""
+    if count > len(_COLORS) * len(_DASHES):
+        return {"color": _COLORS[0], "marker": marker}
+    return {
+        "color": _COLORS[i % len(_COLORS)],
+        "linestyle": _DASHES[i // len(_COLORS)],
+        "marker": marker,
+    }
+
+
+def _style_lines(ax: "Axes", count: int) -> None:
+    ax.grid(color="#dcdcdc", linewidth=0.6)
+    ax.set_axisbelow(True)
+    if count <= _NAMED_JOINTS:
+        ax.legend(
+            loc="upper left",
+            bbox_to_anchor=(1.005, 1.03),
+            borderaxespad=0,
+            ncols=math.ceil(count / 8),
+            fontsize=7,
+            frameon=False,
+            labelspacing=0.3,
+            columnspacing=0.9,
+            handlelength=1.8,
+        )
+
+
+def _name_phases(ax: "Axes", phases: list[_Phase], duration: float) -> None:
+    for phase in phases:
+        # About 130 letters of this size fit above the panel; a longer name would run into the next.
+        letters = int(130 * (phase.end - phase.start) / duration)
+        name = phase.name
+        if len(name) > letters:
+            name = name[: max(letters - 3, 0)].rstrip() + "..."
+        if len(name) <= letters:
+            ax.text(
+                (phase.start + phase.end) / 2,
+                1.03,
+                plain_text(name),
+                transform=ax.get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize=8,
+            )
