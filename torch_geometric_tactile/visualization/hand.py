@@ -23,7 +23,9 @@ _OUTLINE_COLOR = "#303030"
 _DIGIT_COLORS = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#8a8a8a", "#56b4e9", "#f0e442")
 # The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
 _OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
-_NAME_SIZES = {"patch": 7, "digit": 11}
+_NAME_SIZES = {"patch": 6.5, "digit": 11.0}  # points
+# In shares of the extent; names stand in the lower one.
+_MARGIN, _LOWER_MARGIN = 0.048, 0.072
 
 
 def open_hand(kinematics: HandKinematics) -> Tensor:
@@ -120,7 +122,7 @@ def plot_hand(
     kinematics = HandKinematics.allegro() if kinematics is None else kinematics
     pos = _taxel_places(layout, kinematics, joint)
     plane, depth = _view(pos, azimuth, elevation)
-    diameter = (0.45 if edges else 0.9) * _spacing(pos)
+    diameter = (0.42 if edges else 0.845) * _spacing(pos)
     corners = _corners(plane, pos)
     if ax is None:
         width, height = (corners[1] - corners[0]).tolist()
@@ -155,7 +157,7 @@ def plot_hand(
             offset_transform=ax.transData,
             facecolors=[colors[i] for i in order],
             edgecolors=_OUTLINE_COLOR,
-            linewidths=0.5,
+            linewidths=0.45,
             linestyles=["--" if missing[i] else "-" for i in order],
             zorder=2,
         )
@@ -232,8 +234,9 @@ def _spacing(pos: Tensor) -> float:
 
 def _corners(plane: Tensor, pos: Tensor) -> Tensor:
     low, high = plane.amin(dim=0), plane.amax(dim=0)
-    margin = max(0.05 * float((high - low).max()), _spacing(pos))
-    return torch.stack([low - margin * low.new_tensor([1.0, 1.5]), high + margin])
+    extent = max(float((high - low).max()), 2 * _spacing(pos))
+    below = low.new_tensor([_MARGIN, _LOWER_MARGIN])
+    return torch.stack([low - extent * below, high + extent * _MARGIN])
 
 
 def _segment_colors(
@@ -272,7 +275,7 @@ def _draw_edges(ax: "Axes", plane: Tensor, edges: tuple[Tensor, Tensor, Tensor])
         if len(pairs):
             ax.add_collection(
                 LineCollection(
-                    list(plane[pairs].numpy()), colors=color, linewidths=0.8, zorder=1, label=kind
+                    list(plane[pairs].numpy()), colors=color, linewidths=0.7, zorder=1, label=kind
                 )
             )
     for i, (tail, head) in enumerate(plane[arrows].tolist()):
