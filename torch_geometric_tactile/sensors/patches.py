@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 _SIDES = ("bottom", "top", "left", "right")
+# A dome without a cylinder below it, and a capsule of a single column.
+_MAY_BE_ZERO = ("straight", "column_angle")
 _ADJACENCIES = ("sparse", "slanted", "original", "dense")
 
 _Cell = tuple[int, int]  # row from the base, column of the widest row
@@ -127,10 +129,11 @@ class _Patch:
             )
         self.surface, sizes = _SURFACES[kind]
         for size in sizes:
-            if not _need(self.shape, size, f"shape '{shape}'") > 0:
-                raise ValueError(
-                    f"'{size}' of shape '{shape}' must be positive (got {self.shape[size]})"
-                )
+            value = _need(self.shape, size, f"shape '{shape}'")
+            if not value >= 0:
+                raise ValueError(f"'{size}' of shape '{shape}' must not be negative (got {value})")
+            if value == 0 and size not in _MAY_BE_ZERO:
+                raise ValueError(f"'{size}' of shape '{shape}' must not be zero")
 
     def taxels(self) -> Iterator[dict[str, Any]]:
         what = f"patch '{self.name}'"

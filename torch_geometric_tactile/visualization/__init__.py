@@ -4,6 +4,7 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
+from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
 from torch_geometric_tactile.visualization.metrics import plot_confusion, plot_protocols, plot_roc
 from torch_geometric_tactile.visualization.recording import plot_recording
@@ -13,8 +14,10 @@ __all__ = [
     "ReportPicture",
     "ReportTable",
     "layout_plane",
+    "open_hand",
     "plot_confusion",
     "plot_grasps",
+    "plot_hand",
     "plot_layout",
     "plot_protocols",
     "plot_recording",

@@ -1,0 +1,314 @@
+r"""Pictures of a whole hand: its taxels where the joints put them."""
+
+import math
+from typing import TYPE_CHECKING, Literal
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.layout import _value_limits
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_PIECE_COLOR = "#555555"
+_JOIN_COLOR = "#e07b00"
+_ONE_WAY_COLOR = "#d4007a"
+_MISSING_COLOR = "#ffffff"
+_OUTLINE_COLOR = "#303030"
+# Of Okabe and Ito: told apart with any colour vision.
+_DIGIT_COLORS = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#8a8a8a", "#56b4e9", "#f0e442")
+# The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
+_OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
+_NAME_SIZES = {"patch": 6.5, "digit": 11.0}  # points
+# In shares of the extent; names stand in the lower one.
+_MARGIN, _LOWER_MARGIN = 0.048, 0.072
+
+
+def open_hand(kinematics: HandKinematics) -> Tensor:
+    r"""Returns the joint angles of an open hand, as :func:`plot_hand` draws it: all angles zero, or
+    the limit next to it, and an Allegro hand's thumb turned so that its pads are seen.
+
+    Args:
+        kinematics (HandKinematics): The hand.
+
+    Shapes:
+        - **output:** joint angles in radians :math:`(J,)`
+
+    Examples:
+        >>> open_hand(HandKinematics.allegro())[12:]
+        tensor([0.2630, 1.1000, 0.0000, 0.0000])
+    """
+    angle = torch.tensor([_OPEN_ANGLES.get(name, 0.0) for name in kinematics.joint_names])
+    return torch.minimum(torch.maximum(angle, kinematics.lower), kinematics.upper)
+
+
+def plot_hand(
+    layout: TaxelLayout,
+    kinematics: HandKinematics | None = None,
+    joint: Tensor | None = None,
+    adjacency: str | Tensor | None = None,
+    value: Tensor | None = None,
+    *,
+    ax: "Axes | None" = None,
+    color_by: Literal["patch", "digit"] = "digit",
+    names: Literal["patch", "digit"] | None = None,
+    azimuth: float = 0.0,
+    elevation: float = 0.0,
+    limits: tuple[float, float] | None = None,
+    cmap: str = "viridis",
+    label: str | None = "reading",
+    title: str | None = None,
+) -> "Figure":
+    r"""Draws the taxels of a hand where its joints put them, without perspective.
+
+    The viewer looks against the root link's :math:`x` axis, which for an Allegro hand points out of
+    the palm: with :math:`y` to the right and :math:`z` up, its palm is seen with the fingertips up.
+    Edges within a patch are grey, edges between patches orange, and an edge without its reverse is
+    an arrow.
+
+    Args:
+        layout (TaxelLayout): The layout; its links are links of the hand.
+        kinematics (HandKinematics, optional): The hand. The right Allegro hand if left out.
+        joint (torch.Tensor, optional): Joint angles of one frame in radians; :func:`open_hand` if
+            left out.
+        adjacency (str or torch.Tensor, optional): Edges to draw below the taxels: the name of an
+            adjacency of the layout, or directed edges.
+        value (torch.Tensor, optional): What colours the taxels, in place of :obj:`color_by`; a
+            missing value (NaN) stays white with a dashed outline.
+        ax (matplotlib.axes.Axes, optional): Where to draw. A new figure if left out.
+        color_by (str): Which taxels share a colour, those of a :obj:`"patch"` (tints of its digit's
+            colour) or of a :obj:`"digit"`.
+        names (str, optional): What to name below its taxels, each :obj:`"patch"` or each
+            :obj:`"digit"`.
+        azimuth (float): How far the viewer walks around the root link's :math:`z` axis, in degrees;
+            at 90 the view is against :math:`y`.
+        elevation (float): How far the viewer rises, in degrees; at 90 the view is against
+            :math:`z`.
+        limits (tuple of float, optional): Values at the ends of the colour scale; lowest and
+            highest value if left out.
+        cmap (str): Name of matplotlib's colour map.
+        label (str, optional): Label of the colour bar. No colour bar if :obj:`None`.
+        title (str, optional): Title of the picture.
+
+    Shapes:
+        - **joint:** :math:`(J,)`
+        - **adjacency:** directed edges :math:`(2, |\mathcal{E}|)`; each pair is drawn once
+        - **value:** one per taxel :math:`(N,)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If :obj:`joint`, :obj:`adjacency` or :obj:`value` does not fit, a link of the
+            layout is not one of the hand, :obj:`limits` do not rise, or :obj:`color_by` or
+            :obj:`names` is unknown.
+    """
+    for key, by in (("color_by", color_by), ("names", names)):
+        if by not in _NAME_SIZES and not (key == "names" and by is None):
+            raise ValueError(f"'{key}' must be 'patch' or 'digit' (got '{by}')")
+    if value is not None:
+        value = torch.as_tensor(value).detach().cpu().double()
+        if value.shape != (layout.num_taxels,):
+            raise ValueError(
+                f"'value' must have shape ({layout.num_taxels},) (got {tuple(value.shape)})"
+            )
+    low, high = _value_limits(value) if limits is None else limits
+    if not low < high:
+        raise ValueError(f"'limits' must rise (got {low} and {high})")
+    edge_index = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
+    edges = None if edge_index is None else _sorted_edges(edge_index, layout)
+    kinematics = HandKinematics.allegro() if kinematics is None else kinematics
+    pos = _taxel_places(layout, kinematics, joint)
+    plane, depth = _view(pos, azimuth, elevation)
+    diameter = (0.42 if edges else 0.845) * _spacing(pos)
+    corners = _corners(plane, pos)
+    if ax is None:
+        width, height = (corners[1] - corners[0]).tolist()
+        ax = new_figure(7.0, 7.0 * min(max(height / width, 0.4), 1.6) + 0.3).add_subplot()
+
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import Normalize, to_rgba
+    from matplotlib.ticker import MaxNLocator
+
+    scale = ScalarMappable(Normalize(low, high), colormaps[cmap])
+    missing = [False] * layout.num_taxels
+    if value is None:
+        colors = [to_rgba(color) for color in _segment_colors(layout, color_by)]
+    else:
+        missing = value.isnan().tolist()
+        colors = [
+            to_rgba(_MISSING_COLOR) if gone else tuple(color)
+            for gone, color in zip(missing, scale.to_rgba(value.nan_to_num().numpy()), strict=True)
+        ]
+    if edges is not None:
+        _draw_edges(ax, plane, edges)
+    order = depth.argsort(stable=True).tolist()
+    ax.add_collection(
+        EllipseCollection(
+            widths=diameter,
+            heights=diameter,
+            angles=0,
+            units="xy",
+            offsets=plane[order].numpy(),
+            offset_transform=ax.transData,
+            facecolors=[colors[i] for i in order],
+            edgecolors=_OUTLINE_COLOR,
+            linewidths=0.45,
+            linestyles=["--" if missing[i] else "-" for i in order],
+            zorder=2,
+        )
+    )
+    if names is not None:
+        _draw_names(ax, plane, diameter, layout, names)
+    ax.set_xlim(float(corners[0, 0]), float(corners[1, 0]))
+    ax.set_ylim(float(corners[0, 1]), float(corners[1, 1]))
+    ax.set_aspect("equal")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    ax.tick_params(labelsize=8)
+    ax.set_xlabel("mm", fontsize=8)
+    ax.set_ylabel("mm", fontsize=8)
+    if title is not None:
+        ax.set_title(plain_text(title), fontsize=11)
+    if value is not None and label is not None:
+        bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
+        bar.set_label(plain_text(label), fontsize=9)
+        bar.ax.tick_params(labelsize=8)
+    return ax.figure.figure
+
+
+def _sorted_edges(edge_index: Tensor, layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:
+    # Pairs within a patch, pairs between patches, and edges without their reverse, all (n, 2).
+    edge_index = torch.as_tensor(edge_index).detach().cpu().long()
+    if edge_index.dim() != 2 or edge_index.size(0) != 2:
+        raise ValueError(
+            f"'adjacency' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
+        )
+    num_taxels = layout.num_taxels
+    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_taxels:
+        raise ValueError(
+            f"'adjacency' must join taxels 0 to {num_taxels - 1} "
+            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
+        )
+    source, target = edge_index[:, edge_index[0] != edge_index[1]].unique(dim=1)
+    returns = torch.isin(target * num_taxels + source, source * num_taxels + target)
+    pairs = torch.stack([source, target], dim=1)
+    both = pairs[returns & (source < target)]
+    patch = layout.segments("patch")[both]
+    within = patch[:, 0] == patch[:, 1]
+    return both[within], both[~within], pairs[~returns]
+
+
+def _taxel_places(layout: TaxelLayout, kinematics: HandKinematics, joint: Tensor | None) -> Tensor:
+    joint = torch.as_tensor(open_hand(kinematics) if joint is None else joint).detach().cpu()
+    if joint.shape != (kinematics.num_joints,):
+        raise ValueError(
+            f"'joint' must be one frame, of shape ({kinematics.num_joints},) "
+            f"(got {tuple(joint.shape)})"
+        )
+    return kinematics.taxel_pose(layout, joint).pos.double() * 1e3
+
+
+def _view(pos: Tensor, azimuth: float, elevation: float) -> tuple[Tensor, Tensor]:
+    turn, rise = math.radians(azimuth), math.radians(elevation)
+    right = (-math.sin(turn), math.cos(turn), 0.0)
+    up = (-math.sin(rise) * math.cos(turn), -math.sin(rise) * math.sin(turn), math.cos(rise))
+    viewer = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
+    seen = pos @ pos.new_tensor([right, up, viewer]).T
+    # To a nanometre, so that rounding does not order taxels of one depth.
+    return seen[:, :2], seen[:, 2].mul(1e6).round()
+
+
+def _spacing(pos: Tensor) -> float:
+    if len(pos) < 2:
+        return 4.0
+    # In space, not in the plane: circles keep their size while the viewer walks.
+    nearest = torch.cdist(pos, pos).fill_diagonal_(torch.inf).amin(dim=1)
+    extent = float((pos.amax(dim=0) - pos.amin(dim=0)).max())
+    return max(float(nearest.median()), extent / 100) or 4.0
+
+
+def _corners(plane: Tensor, pos: Tensor) -> Tensor:
+    low, high = plane.amin(dim=0), plane.amax(dim=0)
+    extent = max(float((high - low).max()), 2 * _spacing(pos))
+    below = low.new_tensor([_MARGIN, _LOWER_MARGIN])
+    return torch.stack([low - extent * below, high + extent * _MARGIN])
+
+
+def _segment_colors(
+    layout: TaxelLayout, by: Literal["patch", "digit"]
+) -> list[tuple[float, float, float]]:
+    from matplotlib.colors import to_rgb
+
+    digits = layout.segments("digit").tolist()
+    patches = layout.segments("patch").tolist()
+    base = [to_rgb(_DIGIT_COLORS[digit % len(_DIGIT_COLORS)]) for digit in digits]
+    if by == "digit":
+        return base
+    first: dict[int, list[int]] = {}
+    for digit, patch in dict.fromkeys(zip(digits, patches, strict=True)):
+        first.setdefault(digit, []).append(patch)
+    colors = []
+    for (red, green, blue), digit, patch in zip(base, digits, patches, strict=True):
+        # Towards white, with every second patch far ahead, so that neighbours differ.
+        number = first[digit].index(patch)
+        tint = 0.55 * (number % 2) + 0.3 * number / len(first[digit])
+        colors.append(
+            (red + (1 - red) * tint, green + (1 - green) * tint, blue + (1 - blue) * tint)
+        )
+    return colors
+
+
+def _draw_edges(ax: "Axes", plane: Tensor, edges: tuple[Tensor, Tensor, Tensor]) -> None:
+    from matplotlib.collections import LineCollection
+    from matplotlib.patches import FancyArrowPatch
+
+    pieces, joins, arrows = edges
+    for pairs, color, kind in (
+        (pieces, _PIECE_COLOR, "within a patch"),
+        (joins, _JOIN_COLOR, "between patches"),
+    ):
+        if len(pairs):
+            ax.add_collection(
+                LineCollection(
+                    list(plane[pairs].numpy()), colors=color, linewidths=0.7, zorder=1, label=kind
+                )
+            )
+    for i, (tail, head) in enumerate(plane[arrows].tolist()):
+        ax.add_patch(
+            FancyArrowPatch(
+                tail,
+                head,
+                arrowstyle="-|>",
+                mutation_scale=12,
+                shrinkA=0,
+                shrinkB=2,
+                color=_ONE_WAY_COLOR,
+                linewidth=1.6,
+                zorder=3,
+                label="one way only" if i == 0 else None,
+            )
+        )
+
+
+def _draw_names(
+    ax: "Axes", plane: Tensor, diameter: float, layout: TaxelLayout, by: Literal["patch", "digit"]
+) -> None:
+    segments = layout.segments(by)
+    for i, name in enumerate(layout.patch_names if by == "patch" else layout.digit_names):
+        places = plane[segments == i]
+        if len(places):
+            low, high = places.amin(dim=0), places.amax(dim=0)
+            ax.text(
+                float(low[0] + high[0]) / 2,
+                float(low[1]) - diameter,
+                plain_text(name),
+                fontsize=_NAME_SIZES[by],
+                ha="center",
+                va="top",
+                zorder=4,
+            )
