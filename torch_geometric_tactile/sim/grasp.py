@@ -95,15 +95,15 @@ def plan_grasp(
     top = STAND[2] + height + _PALM
     rise = rng.uniform(0.09, 0.13)
     gantry = np.empty((len(ticks), 4))
-    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, 0.006)
-    gantry[:, 1] = rng.normal(0.0, 0.010)
+    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, 0.008)
+    gantry[:, 1] = rng.normal(0.0, 0.014)
     descent = (_HOVER - _ABOVE) * reach + (_ABOVE + _PRESS) * close
     gantry[:, 2] = top + _HOVER - descent + rise * lift
-    gantry[:, 3] = rng.normal(0.0, 0.10)
+    gantry[:, 3] = rng.normal(0.0, 0.16)
     gantry[:, :3] += _tremor(rng, step, (len(ticks), 3), sd=0.0008)
 
-    start = np.array(_OPEN) + rng.normal(0.0, 0.04, 16)
-    end = np.array(_CLOSED) + rng.normal(0.0, 0.06, 16)
+    start = np.array(_OPEN) + rng.normal(0.0, 0.05, 16)
+    end = np.array(_CLOSED) + rng.normal(0.0, 0.10, 16)
     firmness = rng.uniform(0.6, 1.4)
     joint = start + (end - start) * close[:, None]
     joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]

@@ -59,8 +59,8 @@ class SkinModel:
     mixing: float = 0.06
     gain_spread: float = 0.10
     offset_spread: float = 250.0
-    drift: float = 15.0
-    noise: float = 8.0
+    drift: float = 10.0
+    noise: float = 10.0
     quantize: bool = True
     device_seed: int = 0
 
