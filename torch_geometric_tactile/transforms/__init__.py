@@ -1,16 +1,28 @@
 r"""Transforms: from data to data, one per file."""
 
+from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform, fit_transform, fitted_parts
+from torch_geometric_tactile.transforms.drop_patches import DropPatches
+from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
+from torch_geometric_tactile.transforms.fill_missing import FillMissing
+from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.tare import Tare
+from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
 from torch_geometric_tactile.transforms.z_score import ZScore
 
 __all__ = [
+    "AbsoluteMorphology",
+    "DropPatches",
+    "DropTaxels",
+    "FillMissing",
     "FittedTransform",
+    "GeometricEdgeAttr",
     "KNNGraph",
     "SessionZScore",
     "Tare",
+    "TaxelPose",
     "ZScore",
     "fit_transform",
     "fitted_parts",
