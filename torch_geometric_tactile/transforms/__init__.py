@@ -10,6 +10,7 @@ from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.tare import Tare
 from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
+from torch_geometric_tactile.transforms.topological_segmentation import TopologicalSegmentation
 from torch_geometric_tactile.transforms.z_score import ZScore
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "SessionZScore",
     "Tare",
     "TaxelPose",
+    "TopologicalSegmentation",
     "ZScore",
     "fit_transform",
     "fitted_parts",
