@@ -7,6 +7,7 @@ from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
 from torch_geometric_tactile.transforms.fill_missing import FillMissing
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
+from torch_geometric_tactile.transforms.normalize import Normalize
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.tare import Tare
 from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
@@ -21,6 +22,7 @@ __all__ = [
     "FittedTransform",
     "GeometricEdgeAttr",
     "KNNGraph",
+    "Normalize",
     "SessionZScore",
     "Tare",
     "TaxelPose",
