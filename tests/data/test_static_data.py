@@ -144,3 +144,46 @@ def test_single_taxel_and_sample():
     assert data.sample(0).x.shape == (1, 1)
     assert data.sample(0).pos.shape == (1, 3)
     assert data.sample(0).y.tolist() == [1]
+
+
+MARKS = {"absolute": torch.zeros(2, 4), "dropped": torch.zeros(2), "missing": torch.zeros(2)}
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])  # also as many as taxels
+@pytest.mark.parametrize("key", MARKS)
+def test_is_shared_of_marks_of_the_taxels(key, samples):
+    once, own = MARKS[key], torch.stack([MARKS[key]] * samples)
+    data = two_taxels(samples, **{key: once})
+    assert data.is_shared(key)
+    assert not data.has_elements(key)
+    assert data.sample(0)[key] is once
+    assert data.index_select(slice(0, 1)).sample(0)[key] is once
+    data = two_taxels(samples, **{key: own + torch.arange(samples).view(-1, *[1] * once.dim())})
+    assert not data.is_shared(key)
+    assert data.has_elements(key)
+    assert data.sample(0)[key].shape == once.shape
+    assert data.index_select(slice(0, 1))[key].shape == (1, *once.shape)
+    again = StaticData.from_data_list(data.to_data_list())
+    assert torch.equal(again.sample(-1)[key], data.sample(-1)[key])
+
+
+@pytest.mark.parametrize("key", MARKS)
+def test_is_shared_leaves_marks_of_the_samples_alone(key):
+    value = torch.arange(3.0) if MARKS[key].dim() == 1 else torch.arange(15.0).view(3, 5)
+    data = two_taxels(**{key: value})
+    assert not data.is_shared(key)
+    assert not data.has_elements(key)
+    assert torch.equal(data.sample(1)[key], value[1:2])
+    assert torch.equal(data.index_select(torch.tensor([2]))[key], value[2:])
+    again = StaticData.from_data_list(data.to_data_list())
+    assert torch.equal(again[key], value)
+    assert not again.is_shared(key)
+
+
+def test_share_adds_to_the_shared_of_this_one_only():
+    data = two_taxels(gain=torch.ones(3), shared=["bias"])
+    other = copy.copy(data)
+    other.share("gain")
+    assert other.shared == {"bias", "gain"}
+    assert other.sample(0).gain.shape == (3,)
+    assert data.shared == {"bias"}

@@ -194,6 +194,33 @@ def test_topological_segmentation_split_many(num_samples):
         assert joined.edge_label_index.shape == (2, 1)
 
 
+@pytest.mark.parametrize("drop", [False, True])
+def test_topological_segmentation_batch_comes_apart_again(drop):
+    transform = TopologicalSegmentation([0, 1, 1, 1], drop=drop)
+    data = samples(3, edge_attr=torch.randn(3, 6, 2), pos=torch.randn(4, 3))
+    batch = Batch.from_data_list(data.to_data_list())
+    batch.label = torch.arange(12)  # set later: PyG does not know where its samples begin
+    whole = transform(batch)
+    for i in range(3):
+        expected = transform(data.sample(i))
+        for key in expected.keys():  # noqa: SIM118
+            assert torch.equal(whole[i][key], expected[key]), key
+        for k, part in enumerate(transform.split(whole)):
+            expected = transform.split(data.sample(i))[k]
+            for key in expected.keys():  # noqa: SIM118
+                assert torch.equal(part[i][key], expected[key]), key
+            assert torch.equal(part[i].label, batch.label.view(3, 4)[i, transform.segment == k])
+    assert torch.equal(batch[2].edge_index, ROW)
+
+
+def test_topological_segmentation_split_keeps_what_stood_once():
+    data = samples(2, label=torch.arange(4), gain=torch.ones(3, 5))  # cut, as many as samples
+    for k, part in enumerate(TopologicalSegmentation(HALVES).split(data)):
+        assert part.sample(0).label.tolist() == [2 * k, 2 * k + 1]
+        assert part.gain is data.gain
+    assert data.shared == frozenset()
+
+
 def test_topological_segmentation_split_joint_as_long_as_taxels():
     data = row(joint=torch.arange(4.0), label=torch.arange(4))
     part = TopologicalSegmentation(HALVES).split(data)[1]

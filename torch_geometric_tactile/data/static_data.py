@@ -11,7 +11,18 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile.typing import Transform
 
 # The number of dimensions that these attributes have when all samples share them.
-_SHARED_DIM = {"pos": 2, "normal": 2, "edge_attr": 2, "edge_weight": 1}
+_SHARED_DIM = {
+    "pos": 2,
+    "normal": 2,
+    "edge_attr": 2,
+    "edge_weight": 1,
+    "absolute": 2,
+    "dropped": 1,
+    "missing": 1,
+}
+# Everyday words, which may name a user's own attribute of the samples: the number of dimensions is
+# not enough, there must be a row for each taxel as well.
+_NEEDS_ROWS = ("absolute", "dropped", "missing")
 
 
 def _stands_once(key: str, value: Any) -> bool:
@@ -27,7 +38,9 @@ class StaticData(Data):
     An attribute belongs to the samples if its name says so (:obj:`x`; :obj:`pos`, :obj:`normal` and
     :obj:`edge_attr` with three dimensions, :obj:`edge_weight` with two), and otherwise if its first
     dimension is the number of samples. Attributes whose name contains :obj:`index` or
-    :obj:`face`, and those named in :obj:`shared`, stand once for all samples.
+    :obj:`face`, and those named in :obj:`shared`, stand once for all samples. So do
+    :obj:`absolute` with two dimensions and :obj:`dropped` and :obj:`missing` with one, if the first
+    is the number of taxels.
 
     Args:
         x (torch.Tensor, optional): Readings :math:`(S, N, F)`.
@@ -98,7 +111,8 @@ class StaticData(Data):
         by_size = (
             key
             for key in once
-            if key not in _SHARED_DIM and not _stands_once(key, self._store[key])
+            if not _stands_once(key, self._store[key])
+            and not self._is_element_level(key, self._store[key].shape, self.x.size(1))
         )
         return self.shared.union(by_size)
 
@@ -113,9 +127,30 @@ class StaticData(Data):
             return False
         if key in self.shared or _stands_once(key, value):
             return True
-        if key in _SHARED_DIM:
+        if key in _SHARED_DIM and key not in _NEEDS_ROWS:
             return value.dim() == _SHARED_DIM[key]
+        if key in _NEEDS_ROWS and self._is_element_level(key, value.shape, self.x.size(1)):
+            return True
         return value.dim() == 0 or value.size(0) != self.num_samples
+
+    def has_elements(self, key: str) -> bool:
+        r"""Tells whether each sample has its own row for each taxel or edge in an attribute: the
+        elements are then in its second dimension.
+
+        Args:
+            key (str): Name of the attribute.
+        """
+        if self.is_shared(key):
+            return False
+        return self._is_element_level(key, self[key].shape[1:], self.x.size(1))
+
+    def share(self, *keys: str) -> None:
+        r"""Adds to :obj:`shared`.
+
+        Args:
+            *keys (str): Names of attributes that stand once for all samples.
+        """
+        self.__dict__["_shared"] = self.shared.union(keys)
 
     def sample(self, i: int) -> Data:
         r"""Returns one sample as PyG's :class:`~torch_geometric.data.Data`.
@@ -133,14 +168,17 @@ class StaticData(Data):
         for key, value in self._store.items():
             if self.is_shared(key):
                 out[key] = value
-            elif self._is_element_level(key):
+            elif self._is_element_level(key, value.shape[1:], self.x.size(1)):
                 out[key] = value[i]
             else:
                 out[key] = value[i : i + 1]
         return out
 
     @staticmethod
-    def _is_element_level(key: str) -> bool:
+    def _is_element_level(key: str, size: Sequence[int], num_nodes: int | None) -> bool:
+        # `size` is that of one sample's value.
+        if key in _NEEDS_ROWS:
+            return len(size) == _SHARED_DIM[key] and size[0] == num_nodes
         return key == "x" or key in _SHARED_DIM
 
     def index_select(self, index: Tensor | slice) -> Self:
@@ -187,10 +225,12 @@ class StaticData(Data):
                     )
         shared = set(shared)
         stacked = {}
+        x = data_list[0].x
+        num_nodes = None if x is None else x.size(0)
         for key in keys:
             values = [data[key] for data in data_list]
-            stacked[key] = cls._stack(key, values, shared)
-            if cls._has_rows(key, values[0]):
+            stacked[key] = cls._stack(key, values, shared, num_nodes)
+            if cls._has_rows(key, values[0], num_nodes):
                 shared.add(key)
         out = cls(x=stacked.pop("x", None), shared=shared)
         for key, value in stacked.items():
@@ -198,21 +238,25 @@ class StaticData(Data):
         return out
 
     @classmethod
-    def _has_rows(cls, key: str, value: Any) -> bool:
-        if _stands_once(key, value) or cls._is_element_level(key):
+    def _has_rows(cls, key: str, value: Any, num_nodes: int | None) -> bool:
+        if _stands_once(key, value) or cls._is_element_level(key, value.shape, num_nodes):
             return False
         return value.dim() > 0 and value.size(0) != 1
 
     @classmethod
-    def _stack(cls, key: str, values: list[Any], shared: Collection[str]) -> Any:
+    def _stack(
+        cls, key: str, values: list[Any], shared: Collection[str], num_nodes: int | None
+    ) -> Any:
         first = values[0]
-        once = key in shared or _stands_once(key, first) or cls._has_rows(key, first)
-        if once or (key in _SHARED_DIM and all(value is first for value in values)):
+        has_rows = cls._has_rows(key, first, num_nodes)
+        once = key in shared or _stands_once(key, first) or has_rows
+        elements = not once and cls._is_element_level(key, first.shape, num_nodes)
+        if once or (elements and key != "x" and all(value is first for value in values)):
             for i, value in enumerate(values):
                 same = value is first or (
                     torch.equal(value, first) if isinstance(first, Tensor) else value == first
                 )
-                if not same and cls._has_rows(key, first) and key not in shared:
+                if not same and has_rows and key not in shared:
                     raise ValueError(
                         f"'{key}' must have a first dimension of size 1, or be the same in all "
                         f"samples (got {tuple(value.shape)} in sample {i})"
@@ -226,7 +270,7 @@ class StaticData(Data):
         shapes = {tuple(value.shape) for value in values}
         if len(shapes) > 1:
             raise ValueError(f"all samples must have '{key}' in one shape (got {sorted(shapes)})")
-        if cls._is_element_level(key):
+        if elements:
             if key != "x" and all(torch.equal(value, first) for value in values):
                 return first
             return torch.stack(values)

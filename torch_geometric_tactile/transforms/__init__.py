@@ -1,16 +1,32 @@
 r"""Transforms: from data to data, one per file."""
 
+from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform, fit_transform, fitted_parts
+from torch_geometric_tactile.transforms.drop_patches import DropPatches
+from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
+from torch_geometric_tactile.transforms.fill_missing import FillMissing
+from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
+from torch_geometric_tactile.transforms.normalize import Normalize
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.tare import Tare
+from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
+from torch_geometric_tactile.transforms.topological_segmentation import TopologicalSegmentation
 from torch_geometric_tactile.transforms.z_score import ZScore
 
 __all__ = [
+    "AbsoluteMorphology",
+    "DropPatches",
+    "DropTaxels",
+    "FillMissing",
     "FittedTransform",
+    "GeometricEdgeAttr",
     "KNNGraph",
+    "Normalize",
     "SessionZScore",
     "Tare",
+    "TaxelPose",
+    "TopologicalSegmentation",
     "ZScore",
     "fit_transform",
     "fitted_parts",

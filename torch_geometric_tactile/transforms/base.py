@@ -1,6 +1,6 @@
 r"""What the scaling transforms share."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
 import torch
@@ -18,6 +18,9 @@ _Place = tuple[torch.dtype, torch.device]
 class FittedTransform(BaseTransform):
     r"""Subtracts a centre from the readings and divides them by a scale, both fitted before, for
     each taxel and channel, and separately for each value of the sample attribute :obj:`key`.
+
+    A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
+    which samples they are fitted.
 
     Args:
         key (str, optional): Integer attribute of the samples that chooses centre and scale.
@@ -81,19 +84,35 @@ class FittedTransform(BaseTransform):
 
     def _sample_keys(self, data: Data, num_samples: int) -> Tensor:
         assert self.key is not None
-        if self.key not in data:
-            raise ValueError(f"{type(self).__name__} needs samples with '{self.key}' (got none)")
-        keys = torch.as_tensor(data[self.key]).reshape(-1).long().cpu()
-        if len(keys) != num_samples:
+        return self.sample_values(data, self.key, num_samples).long()
+
+    def sample_values(self, data: Data, key: str, num_samples: int) -> Tensor:
+        r"""Returns an attribute that must have one number a sample.
+
+        Args:
+            data (torch_geometric.data.Data): The samples.
+            key (str): Name of the attribute.
+            num_samples (int): The number of samples :math:`S`.
+
+        Shapes:
+            - **output:** :math:`(S,)`
+
+        Raises:
+            ValueError: If there is no such attribute, or it has another number of values.
+        """
+        if key not in data:
+            raise ValueError(f"{type(self).__name__} needs samples with '{key}' (got none)")
+        values = torch.as_tensor(data[key]).reshape(-1).cpu()
+        if len(values) != num_samples:
             raise ValueError(
-                f"'{self.key}' must have {num_samples} values, one a sample (got {len(keys)})"
+                f"'{key}' must have {num_samples} values, one a sample (got {len(values)})"
             )
-        return keys
+        return values
 
     def _measure(self, data: StaticData, keys: Tensor) -> Self:
         values = keys.unique()
         center, scale = zip(
-            *(self._moments(data.x, (keys == value).nonzero().view(-1)) for value in values),
+            *(self._moments(data, (keys == value).nonzero().view(-1)) for value in values),
             strict=True,
         )
         new_center, new_scale = torch.stack(center), torch.stack(scale)
@@ -108,23 +127,51 @@ class FittedTransform(BaseTransform):
         self.center, self.scale = new_center[order], new_scale[order]
         return self
 
-    def _moments(self, x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-        index = index[: self.first]
-        shift = x[index[0]].double().nan_to_num()  # keeps the sum of squares small
-        count = torch.zeros_like(shift)
-        total, square = torch.zeros_like(shift), torch.zeros_like(shift)
-        for part in index.split(_CHUNK):
-            value = x[part].double() - shift
+    def _moments(self, data: StaticData, index: Tensor) -> tuple[Tensor, Tensor]:
+        index = self.measured(data, index)
+        center, scale = self.moments(data.x[part].double() for part in index.split(_CHUNK))
+        return center.cpu(), scale.cpu()
+
+    def measured(self, data: StaticData, index: Tensor) -> Tensor:
+        r"""Returns which samples count, of those with one value of :obj:`key`.
+
+        Args:
+            data (StaticData): All samples.
+            index (torch.Tensor): Indices of those with this value, ascending and at least one.
+
+        Returns:
+            torch.Tensor: Some of these indices, at least one.
+        """
+        return index[: self.first]
+
+    def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
+        r"""Returns centre and scale: mean and standard deviation, without missing readings.
+
+        Args:
+            parts (iterable of torch.Tensor): The readings in parts, double, each to be read once.
+
+        Shapes:
+            - **input:** at least one part :math:`(S_i, N, F)`, with :math:`S_i \ge 1`
+            - **output:** :math:`(N, F)` each, the centre double
+        """
+        shift: Tensor | None = None
+        for part in parts:
+            if shift is None:
+                shift = part[0].nan_to_num()  # keeps the sum of squares small
+                count = torch.zeros_like(shift)
+                total, square = torch.zeros_like(shift), torch.zeros_like(shift)
+            value = part - shift
             count += (~value.isnan()).sum(0)
             total += value.nansum(0)
             square += value.square().nansum(0)
+        assert shift is not None
         count = count.clamp(min=1)
         mean = total / count
         deviation = (square / count - mean.square()).clamp(min=0).sqrt()
         scale = torch.where(deviation > 1e-6 * (shift + mean).abs().clamp(min=1e-6), deviation, 1.0)
         if self.unit_scale:
             scale = torch.ones_like(scale)
-        return (shift + mean).cpu(), scale.float().cpu()
+        return shift + mean, scale.float()
 
     def forward(self, data: Data) -> Data:
         r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)`, or those of a PyG batch."""

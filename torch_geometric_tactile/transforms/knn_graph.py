@@ -5,6 +5,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 from torch_geometric.utils import coalesce
 
@@ -13,9 +14,11 @@ from torch_geometric.utils import coalesce
 _TIE = 1e-5
 
 
+@functional_transform("taxel_knn_graph")
 class KNNGraph(BaseTransform):
     r"""Joins each taxel with its :math:`k` nearest neighbours in three dimensions, as in the
-    "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper.
+    "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper
+    (functional name: :obj:`taxel_knn_graph`, since PyG has a :obj:`knn_graph`).
 
     Unlike :class:`torch_geometric.transforms.KNNGraph` it needs no compiled package, and ties are
     broken alike everywhere: distances that agree to a hundred thousandth of the sensor's size count

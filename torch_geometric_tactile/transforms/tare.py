@@ -1,30 +1,48 @@
 r"""Readings relative to rest."""
 
+import math
+
+from torch import Tensor
+from torch_geometric.data.datapipes import functional_transform
+
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 
+@functional_transform("tare")
 class Tare(FittedTransform):
     r"""Subtracts the rest reading of each taxel and channel: the mean over the first samples of its
-    session (or trial), when nothing is touched yet.
+    session (or trial), when nothing is touched yet (functional name: :obj:`tare`).
 
-    Where nothing was recorded at rest, the mean over the whole session stands in for it
-    (:obj:`first=None`); it takes out the sensor's offset, and the mean touch with it.
+    .. math::
+        x' = x - \frac{1}{|R|} \sum_{r \in R} x_r
+
+    with the samples at rest :math:`R` the :obj:`first` ones, or those with :math:`t - t_0` below
+    :obj:`seconds`, where :math:`t_0` is the earliest time of the session.
+
+    Where nothing was recorded at rest, the mean over the whole session stands in for it (neither
+    :obj:`first` nor :obj:`seconds`); it takes out the sensor's offset, and the mean touch with it.
 
     Args:
         key (str): Integer attribute of the samples within which the rest reading holds, such as
             :obj:`"session"` or :obj:`"trial"`.
         first (int, optional): Number of samples at rest that each session begins with. All samples
             if left out.
+        seconds (float, optional): How long each session is at rest, in seconds of the sample
+            attribute :obj:`time` (best kept in double), in place of :obj:`first`; a sample just
+            so late is past it.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`, with sessions :math:`(B,)`
+          F)`, with sessions :math:`(B,)`; to fit with :obj:`seconds`, times in seconds
+          :math:`(B,)`
         - **output:** the same shape, in the same unit
 
     Raises:
         RuntimeError: If it was not fitted.
-        ValueError: If :obj:`first` is below one, a session was not measured, or the readings have
-            other taxels or channels.
+        ValueError: If :obj:`first` is below one, :obj:`seconds` is not positive, both are given, a
+            session was not measured, the samples to fit on lack finite times that :obj:`seconds`
+            needs, or the readings have other taxels or channels.
 
     Examples:
         >>> import torch
@@ -35,10 +53,30 @@ class Tare(FittedTransform):
         tensor([0., 5., 0., 1.])
     """
 
-    def __init__(self, key: str = "session", first: int | None = None) -> None:
+    def __init__(
+        self, key: str = "session", first: int | None = None, seconds: float | None = None
+    ) -> None:
+        if first is not None and seconds is not None:
+            raise ValueError(
+                f"only one of 'first' and 'seconds' may be given (got {first} and {seconds})"
+            )
+        if seconds is not None and not 0 < seconds < math.inf:
+            raise ValueError(f"'seconds' must be positive and finite (got {seconds})")
         if first is not None and first < 1:
             raise ValueError(f"'first' must be at least 1 (got {first})")
         super().__init__(key, unit_scale=True, first=first)
+        self.seconds = seconds
+
+    def measured(self, data: StaticData, index: Tensor) -> Tensor:
+        r"""Returns which samples are at rest, of those of one session."""
+        if self.seconds is None:
+            return super().measured(data, index)
+        time = self.sample_values(data, "time", data.num_samples)[index].double()
+        if not time.isfinite().all():
+            raise ValueError("'time' must be finite seconds (got NaN or infinity)")
+        return index[time - time.min() < self.seconds]
 
     def __repr__(self) -> str:
+        if self.seconds is not None:
+            return f"{type(self).__name__}('{self.key}', seconds={self.seconds})"
         return f"{type(self).__name__}('{self.key}', first={self.first})"

@@ -1,11 +1,14 @@
 r"""Scaling by the training part."""
 
+from torch_geometric.data.datapipes import functional_transform
+
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 
+@functional_transform("z_score")
 class ZScore(FittedTransform):
     r"""Scales each taxel and channel to mean zero and standard deviation one over the samples that
-    it was fitted on, which should be the training part.
+    it was fitted on, which should be the training part (functional name: :obj:`z_score`).
 
     .. math::
         x' = \frac{x - \mu}{\sigma}

@@ -1,0 +1,108 @@
+r"""What the transforms ask of the attributes that they read."""
+
+from typing import Any
+
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+
+
+def require(transform: object, data: Data, key: str) -> Tensor:
+    r"""Returns an attribute that must be there.
+
+    Args:
+        transform (object): The transform that asks, for the message.
+        data (torch_geometric.data.Data): The data.
+        key (str): Name of the attribute.
+
+    Raises:
+        ValueError: If there is no such attribute.
+    """
+    value: Any = getattr(data, key, None)  # PyG's empty slots (`pos=None`) are no attributes
+    if value is None:
+        raise ValueError(f"{type(transform).__name__} needs '{key}' (got none)")
+    return value
+
+
+def require_pos(transform: object, data: Data) -> Tensor:
+    r"""Returns the positions :math:`(N, 3)` or :math:`(B, N, 3)`.
+
+    Args:
+        transform (object): The transform that asks, for the message.
+        data (torch_geometric.data.Data): The data.
+
+    Raises:
+        ValueError: If there are none, or they have another shape.
+    """
+    pos = require(transform, data, "pos")
+    dims = (2,) if isinstance(data, Batch) else (2, 3)
+    if pos.dim() not in dims or pos.size(-1) != 3:
+        raise ValueError(
+            "'pos' must have shape (num_taxels, 3) or (num_samples, num_taxels, 3) "
+            f"(got {tuple(pos.shape)})"
+        )
+    return pos
+
+
+def require_x(transform: object, data: Data) -> Tensor:
+    r"""Returns the readings :math:`(N, F)` or :math:`(B, N, F)`.
+
+    Args:
+        transform (object): The transform that asks, for the message.
+        data (torch_geometric.data.Data): The data.
+
+    Raises:
+        ValueError: If there are none, or they have another shape.
+    """
+    x = require(transform, data, "x")
+    dims = (2,) if isinstance(data, Batch) else (2, 3)
+    if x.dim() not in dims:
+        raise ValueError(
+            "'x' must have shape (num_taxels, num_features) or (num_samples, num_taxels, "
+            f"num_features) (got {tuple(x.shape)})"
+        )
+    return x
+
+
+def check_num_taxels(data: Data, num_taxels: int, model: str) -> None:
+    r"""Checks that each sample has as many taxels as something else.
+
+    Args:
+        data (torch_geometric.data.Data): The data.
+        num_taxels (int): The number of taxels that each sample must have.
+        model (str): What has them, for the message, such as :obj:`"layout 'biotac_sp'"`.
+
+    Raises:
+        ValueError: If a sample has another number.
+    """
+    x = getattr(data, "x", None)
+    if isinstance(data, Batch) and "ptr" in data:
+        counts = data.ptr.diff().unique().tolist()
+    elif isinstance(x, Tensor) and x.dim() > 1:
+        counts = [x.size(-2)]
+    else:
+        counts = [data.num_nodes]
+    for count in counts:
+        if count != num_taxels:
+            raise ValueError(f"a sample must have {num_taxels} taxels, as {model} (got {count})")
+
+
+def add_mark(data: Data, key: str, mark: Tensor) -> None:
+    r"""Marks taxels, beside those that are marked already.
+
+    Args:
+        data (torch_geometric.data.Data): The data.
+        key (str): Name of the marks.
+        mark (torch.Tensor): Booleans :math:`(N,)` or :math:`(B, N)`.
+
+    Raises:
+        ValueError: If :obj:`data` has other than one mark a taxel.
+    """
+    old: Any = getattr(data, key, None)
+    if old is not None:
+        if old.shape not in (mark.shape, mark.shape[-1:]):
+            raise ValueError(
+                f"'{key}' must have shape {tuple(mark.shape)}, a mark for each taxel "
+                f"(got {tuple(old.shape)})"
+            )
+        mark = mark | old.bool()
+    data[key] = mark

@@ -1,0 +1,95 @@
+r"""Dead patches."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import functional_transform
+
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms._attributes import check_num_taxels
+from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
+
+
+@functional_transform("drop_patches")
+class DropPatches(DeadTaxels):
+    r"""Simulates dead patches, as by a broken cable: sets the readings of all their taxels to a
+    value and marks them as :obj:`dropped` (functional name: :obj:`drop_patches`).
+
+    Args:
+        layout (TaxelLayout): The taxels and their patches.
+        p (float, optional): Probability with which each patch of each sample is dropped; 0.1 if
+            neither :obj:`p` nor :obj:`patches` is given.
+        patches (sequence of int or str, optional): The patches, by number or name, that are
+            dropped in every sample, in place of :obj:`p`.
+        value (float): The reading of a dead taxel; NaN makes it a missing one.
+        generator (torch.Generator, optional): Where random numbers come from; PyTorch's own if
+            left out.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same shape, and booleans :obj:`dropped` :math:`(N,)`, :math:`(B, N)` or
+          :math:`(B \cdot N,)`, with those that are marked already
+
+    Raises:
+        ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`patches` are given, the
+            layout has no such patch, or the readings are not of its taxels.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> data = DropPatches(allegro_uskin(), patches=[0, 3])(Data(x=torch.ones(384, 3)))
+        >>> int(data.dropped.sum())
+        40
+    """
+
+    def __init__(
+        self,
+        layout: TaxelLayout,
+        p: float | None = None,
+        patches: Sequence[int | str] | Tensor | None = None,
+        value: float = 0.0,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        super().__init__(p, patches, "patches", value, generator)
+        self.layout = layout
+        self.patches = None if patches is None else self._numbers(patches)
+
+    def _numbers(self, patches: Sequence[int | str] | Tensor) -> list[int]:
+        if isinstance(patches, str):
+            raise ValueError(f"'patches' must be a list of numbers or names (got '{patches}')")
+        names = self.layout.patch_names
+        numbers = set()
+        for patch in patches:
+            if isinstance(patch, str):
+                if patch not in names:
+                    raise ValueError(
+                        f"'patches' must name patches of layout '{self.layout.name}': "
+                        f"{', '.join(names)} (got '{patch}')"
+                    )
+                numbers.add(names.index(patch))
+            elif isinstance(patch, bool | float) or not 0 <= int(patch) < len(names):
+                raise ValueError(f"'patches' must be 0 to {len(names) - 1} (got {patch})")
+            else:
+                numbers.add(int(patch))
+        return sorted(numbers)
+
+    def dead(self, data: Data, x: Tensor) -> Tensor:
+        r"""Returns which taxels are dropped."""
+        num_taxels, num_patches = self.layout.num_taxels, len(self.layout.patch_names)
+        check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
+        num_samples = x.shape[:-1].numel() // num_taxels
+        if self.patches is None:
+            dropped = self.draw(num_samples * num_patches, x).view(num_samples, num_patches)
+        else:
+            dropped = torch.zeros(num_samples, num_patches, dtype=torch.bool, device=x.device)
+            dropped[:, self.patches] = True
+        assert self.layout.patch is not None
+        return dropped[:, self.layout.patch.to(x.device)].reshape(x.shape[:-1])
+
+    def __repr__(self) -> str:
+        what = f"p={self.p}"
+        if self.patches is not None:
+            what = f"patches={[self.layout.patch_names[number] for number in self.patches]}"
+        return f"{type(self).__name__}('{self.layout.name}', {what}, value={self.value})"

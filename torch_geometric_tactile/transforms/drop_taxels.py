@@ -1,0 +1,81 @@
+r"""Dead taxels."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
+
+from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
+
+
+@functional_transform("drop_taxels")
+class DropTaxels(DeadTaxels):
+    r"""Simulates dead taxels: sets their readings to a value and marks them as :obj:`dropped`
+    (functional name: :obj:`drop_taxels`).
+
+    Args:
+        p (float, optional): Probability with which each taxel of each sample is dropped; 0.1 if
+            neither :obj:`p` nor :obj:`taxels` is given.
+        taxels (sequence of int, optional): The taxels that are dropped in every sample, in place
+            of :obj:`p`.
+        value (float): The reading of a dead taxel; NaN makes it a missing one.
+        generator (torch.Generator, optional): Where random numbers come from; PyTorch's own if
+            left out.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same shape, and booleans :obj:`dropped` :math:`(N,)`, :math:`(B, N)` or
+          :math:`(B \cdot N,)`, with those that are marked already
+
+    Raises:
+        ValueError: If :obj:`p` is no probability, both :obj:`p` and :obj:`taxels` are given, a
+            sample has no such taxel, or there are no readings.
+
+    Examples:
+        >>> data = DropTaxels(taxels=[1])(Data(x=torch.ones(3, 1)))
+        >>> data.x.view(-1), data.dropped
+        (tensor([1., 0., 1.]), tensor([False,  True, False]))
+    """
+
+    def __init__(
+        self,
+        p: float | None = None,
+        taxels: Sequence[int] | Tensor | None = None,
+        value: float = 0.0,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        super().__init__(p, taxels, "taxels", value, generator)
+        self.taxels: Tensor | None = None
+        if taxels is not None:
+            index = torch.as_tensor(taxels).cpu()
+            whole = not (index.is_floating_point() or index.is_complex())
+            if index.dim() != 1 or (len(index) and (not whole or index.dtype == torch.bool)):
+                raise ValueError(f"'taxels' must be a list of indices (got {taxels})")
+            self.taxels = index.long().unique()
+            if len(index) and int(self.taxels[0]) < 0:
+                raise ValueError(f"'taxels' must be numbered from 0 (got {int(self.taxels[0])})")
+
+    def dead(self, data: Data, x: Tensor) -> Tensor:
+        r"""Returns which taxels are dropped."""
+        if self.taxels is None:
+            return self.draw(x.shape[:-1].numel(), x).view(x.shape[:-1])
+        dead = torch.zeros(x.shape[:-1], dtype=torch.bool, device=x.device)
+        taxels = self.taxels.to(x.device)
+        if len(taxels) == 0:
+            return dead
+        last = int(self.taxels[-1])
+        num_taxels = int(data.ptr.diff().min()) if isinstance(data, Batch) else x.size(-2)
+        if last >= num_taxels:
+            raise ValueError(f"'taxels' must be below {num_taxels} (got {last})")
+        if isinstance(data, Batch):
+            dead[(data.ptr[:-1, None] + taxels).view(-1)] = True
+        else:
+            dead[..., taxels] = True
+        return dead
+
+    def __repr__(self) -> str:
+        what = f"p={self.p}" if self.taxels is None else f"taxels={self.taxels.tolist()}"
+        return f"{type(self).__name__}({what}, value={self.value})"

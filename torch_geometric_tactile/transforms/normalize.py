@@ -1,0 +1,72 @@
+r"""Scaling to a range."""
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+from torch_geometric.data.datapipes import functional_transform
+
+from torch_geometric_tactile.transforms.base import FittedTransform
+
+
+@functional_transform("normalize_range")
+class Normalize(FittedTransform):
+    r"""Scales each taxel and channel so that its readings run from :obj:`low` to :obj:`high` over
+    the samples that it was fitted on, which should be the training part (functional name:
+    :obj:`normalize_range`).
+
+    .. math::
+        x' = l + (h - l) \frac{x - x_{\min}}{x_{\max} - x_{\min}}
+
+    A taxel that never changes is shifted to the middle of the range. Readings beyond those it was
+    fitted on lie beyond the range.
+
+    Args:
+        low (float): The lower end :math:`l`.
+        high (float): The upper end :math:`h`.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same shape
+
+    Raises:
+        RuntimeError: If it was not fitted.
+        ValueError: If :obj:`low` is not below :obj:`high`, or the readings have other taxels or
+            channels than those it was fitted on.
+
+    Examples:
+        >>> from torch_geometric_tactile.data import StaticData
+        >>> data = StaticData(x=torch.tensor([10.0, 15.0, 30.0]).view(3, 1, 1))
+        >>> Normalize().fit(data)(data).x.view(-1)
+        tensor([-1.0000, -0.5000,  1.0000])
+    """
+
+    def __init__(self, low: float = -1.0, high: float = 1.0) -> None:
+        if not -math.inf < low < high < math.inf:
+            raise ValueError(f"'low' must be below 'high', both finite (got {low} and {high})")
+        super().__init__()
+        self.low = float(low)
+        self.high = float(high)
+
+    def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
+        r"""Returns which reading goes to zero, and which difference to one, both double."""
+        lows, highs = zip(*(_extremes(part) for part in parts), strict=True)
+        lowest, highest = torch.stack(lows).amin(0), torch.stack(highs).amax(0)
+        never = lowest > highest  # only missing readings
+        lowest, highest = lowest.masked_fill(never, 0.0), highest.masked_fill(never, 0.0)
+        changes = highest > lowest
+        scale = torch.where(changes, (highest - lowest) / (self.high - self.low), 1.0)
+        middle = (self.low + self.high) / 2
+        center = torch.where(changes, lowest - self.low * scale, lowest - middle)
+        return center, scale
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(low={self.low}, high={self.high})"
+
+
+def _extremes(part: Tensor) -> tuple[Tensor, Tensor]:
+    missing = part.isnan()
+    lowest = part.masked_fill(missing, torch.inf).amin(0)
+    return lowest, part.masked_fill(missing, -torch.inf).amax(0)

@@ -1,0 +1,102 @@
+r"""From joint angles to the places of the taxels."""
+
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+
+
+@functional_transform("taxel_pose")
+class TaxelPose(BaseTransform):
+    r"""Places the taxels of a hand by its joint angles :obj:`joint` (functional name:
+    :obj:`taxel_pose`), differentiably.
+
+    A taxel at :math:`\mathbf{p}_i` with the normal :math:`\mathbf{n}_i` on link :math:`l`, whose
+    rotation and translation follow from the angles :math:`\mathbf{q}`, gets
+
+    .. math::
+        \mathbf{p}'_i = \mathbf{R}_l(\mathbf{q}) \, \mathbf{p}_i + \mathbf{t}_l(\mathbf{q}), \qquad
+        \mathbf{n}'_i = \mathbf{R}_l(\mathbf{q}) \, \mathbf{n}_i
+
+    Args:
+        layout (TaxelLayout): The taxels, in the frames of their links.
+        kinematics (HandKinematics): The hand that these links belong to.
+
+    Shapes:
+        - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
+          samples, or those of a PyG batch
+        - **output:** :obj:`pos` in metres and unit :obj:`normal` (if the layout has normals) in the
+          hand's root frame :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`. One row of
+          angles for many samples gives one :math:`(N, 3)` that they share.
+
+    Raises:
+        ValueError: If a link of the layout is not one of the hand, there are no angles, their
+            number is not that of the hand's joints, or their rows are not those of the samples.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> transform = TaxelPose(allegro_uskin(), HandKinematics.allegro())
+        >>> transform(Data(joint=torch.zeros(1, 16)))
+        Data(joint=[1, 16], pos=[384, 3], normal=[384, 3])
+    """
+
+    supports_static = True
+
+    def __init__(self, layout: TaxelLayout, kinematics: HandKinematics) -> None:
+        kinematics.require_links(layout)
+        self.layout = layout
+        self.kinematics = kinematics
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`pos` and :obj:`normal`."""
+        joint = require(self, data, "joint")
+        if getattr(data, "x", None) is not None:
+            name = f"layout '{self.layout.name}'"
+            check_num_taxels(data, self.layout.num_taxels, name)
+        rows = self._rows(data, joint)
+        posed = self.kinematics.taxel_pose(self.layout, rows)
+        one_for_all = joint.dim() == 1 or (
+            isinstance(data, StaticData) and len(rows) == 1 and data.num_samples != 1
+        )
+        for key, value in (("pos", posed.pos), ("normal", posed.normal)):
+            if value is not None:
+                if isinstance(data, Batch):
+                    value = value.reshape(-1, 3)
+                elif one_for_all or not isinstance(data, StaticData):
+                    value = value[0]
+                data[key] = value
+        return data
+
+    def _rows(self, data: Data, joint: Tensor) -> Tensor:
+        num_joints = self.kinematics.num_joints
+        rows = joint
+        if joint.dim() == 1 and (
+            joint.numel() == num_joints
+            or (isinstance(data, Batch) and joint.numel() % num_joints == 0)  # PyG joined (J,)
+        ):
+            rows = joint.view(-1, num_joints)
+        if rows.dim() != 2 or rows.size(1) != num_joints:
+            raise ValueError(
+                f"'joint' must have {num_joints} angles a sample, as '{self.kinematics.name}' has "
+                f"joints (got shape {tuple(joint.shape)})"
+            )
+        num_samples = 1
+        if isinstance(data, Batch):
+            num_samples = data.num_graphs
+        elif isinstance(data, StaticData):
+            num_samples = data.num_samples
+        shared = isinstance(data, StaticData) and len(rows) == 1
+        if len(rows) != num_samples and not shared:
+            raise ValueError(
+                f"'joint' must have {num_samples} rows, one a sample (got shape "
+                f"{tuple(joint.shape)})"
+            )
+        return rows
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}('{self.layout.name}', '{self.kinematics.name}')"

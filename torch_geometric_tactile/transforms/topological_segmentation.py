@@ -1,0 +1,232 @@
+r"""A hand in segments."""
+
+import copy
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+
+_SET_HERE = ("segment_batch", "edge_is_within")
+
+
+@functional_transform("topological_segmentation")
+class TopologicalSegmentation(BaseTransform):
+    r"""Parts the taxels into segments, such as the digits of a hand, that are joined by no edge
+    (functional name: :obj:`topological_segmentation`), as for the threads of the "Tactile Object
+    Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional
+    Network" paper.
+
+    .. math::
+        \mathcal{E}' = \{ (j, i) \in \mathcal{E} : s_j = s_i \}
+
+    The segments :math:`s` are stored as :obj:`segment_batch`, which PyG's
+    :class:`~torch_geometric.loader.DataLoader` numbers on from sample to sample, so that it serves
+    as the :obj:`batch` of a pooling layer. :meth:`split` returns the segments one by one.
+
+    Args:
+        by (str or sequence of int): What a segment is, :obj:`"digit"` or :obj:`"patch"` of the
+            layout, or a whole number for each taxel :math:`(N,)`. Segments are numbered from zero
+            without gaps, in ascending order.
+        layout (TaxelLayout, optional): The taxels; needed for :obj:`"digit"` and :obj:`"patch"`.
+        drop (bool): Whether to drop the edges between segments, with their :obj:`edge_attr` and
+            :obj:`edge_weight`. Otherwise all edges stay, and :obj:`edge_is_within` tells which do
+            not leave their segment.
+
+    Shapes:
+        - **input:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)`, :obj:`edge_attr`
+          :math:`(|\mathcal{E}|, D)` or :math:`(B, |\mathcal{E}|, D)`
+        - **output:** :obj:`segment_batch` :math:`(N,)`, shared by the samples of
+          :class:`~torch_geometric_tactile.data.StaticData`, or :math:`(B \cdot N,)` for a PyG
+          batch; :obj:`edge_index` :math:`(2, |\mathcal{E}'|)`, or booleans :obj:`edge_is_within`
+          :math:`(|\mathcal{E}|,)`
+
+    Raises:
+        ValueError: If :obj:`by` is none of these or comes without a layout that it needs, there
+            are no edges, or a sample has another number of taxels.
+
+    Examples:
+        >>> edge_index = torch.tensor([[0, 1, 1, 2], [1, 0, 2, 1]])
+        >>> transform = TopologicalSegmentation([0, 0, 1])
+        >>> data = transform(Data(x=torch.ones(3, 1), edge_index=edge_index))
+        >>> data.segment_batch, data.edge_index.tolist()
+        (tensor([0, 0, 1]), [[0, 1], [1, 0]])
+        >>> transform.split(data)
+        [Data(x=[2, 1], edge_index=[2, 2]), Data(x=[1, 1], edge_index=[2, 0])]
+    """
+
+    supports_static = True
+
+    def __init__(
+        self,
+        by: str | Sequence[int] | Tensor,
+        layout: TaxelLayout | None = None,
+        drop: bool = True,
+    ) -> None:
+        self.by = by if isinstance(by, str) else "numbers"
+        self.drop = drop
+        if isinstance(by, str):
+            if layout is None:
+                raise ValueError(f"'by' must come with a layout if it is a name (got '{by}')")
+            numbers = layout.segments(by)  # type: ignore[arg-type]
+        else:
+            numbers = torch.as_tensor(by).cpu()
+            whole = not (numbers.is_floating_point() or numbers.is_complex())
+            if numbers.dim() != 1 or len(numbers) == 0 or not whole or numbers.dtype == torch.bool:
+                raise ValueError(
+                    "'by' must be 'digit', 'patch' or a whole number for each taxel "
+                    f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
+                )
+            if layout is not None and len(numbers) != layout.num_taxels:
+                raise ValueError(
+                    f"'by' must have {layout.num_taxels} numbers, as layout '{layout.name}' has "
+                    f"taxels (got {len(numbers)})"
+                )
+        values, segment = numbers.unique(return_inverse=True)
+        self.segment: Tensor = segment  # (N,), from zero without gaps
+        self.num_segments = len(values)
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`segment_batch`, and :obj:`edge_index` or :obj:`edge_is_within`."""
+        edge_index, segment = self._checked(data)
+        num_samples = data.num_graphs if isinstance(data, Batch) else 1
+        shift = self.num_segments * torch.arange(num_samples, device=segment.device)
+        source, target = edge_index
+        within = segment[source] == segment[target]
+        if self.drop:
+            if "edge_is_within" in data:
+                del data["edge_is_within"]
+            edges = within.nonzero().view(-1)
+            counts = _edges_of_graphs(data, source[edges])
+            for key, dim in _edge_attributes(data, edge_index.size(1)).items():
+                data[key] = data[key].index_select(dim, edges)
+                _reslice(data, key, counts)
+            data.edge_index = edge_index[:, edges]
+            _reslice(data, "edge_index", counts)
+        else:
+            data.edge_is_within = within
+            _reslice(data, "edge_is_within", _edges_of_graphs(data, source))
+        data.segment_batch = segment + shift.repeat_interleave(len(self.segment))
+        taxels = torch.full((num_samples,), len(self.segment))
+        _reslice(data, "segment_batch", taxels, self.num_segments)
+        if isinstance(data, StaticData):
+            # By their size alone they would belong to as many samples as there are taxels or edges.
+            data.share(*(key for key in _SET_HERE if key in data))
+        return data
+
+    def split(self, data: Data) -> list[Data]:
+        r"""Returns the segments as data of their own, of the kind of :obj:`data`, with taxels
+        numbered from zero and the edges within the segment.
+
+        What has a row for each taxel or (if its name says :obj:`edge`) for each edge is cut;
+        everything else, and the angles :obj:`joint`, goes to every segment whole.
+
+        Args:
+            data (torch_geometric.data.Data): The data, before or after the transform.
+
+        Raises:
+            ValueError: If there are no edges, or a sample has another number of taxels.
+        """
+        edge_index, segment = self._checked(data)
+        return [self._part(data, edge_index, segment == k) for k in range(self.num_segments)]
+
+    def _checked(self, data: Data) -> tuple[Tensor, Tensor]:
+        edge_index = require(self, data, "edge_index")
+        check_num_taxels(data, len(self.segment), "the segmentation has")
+        segment = self.segment.to(edge_index.device)
+        return edge_index, segment.repeat(data.num_graphs) if isinstance(data, Batch) else segment
+
+    def _part(self, data: Data, edge_index: Tensor, mask: Tensor) -> Data:
+        part = copy.copy(data)
+        for key in _SET_HERE:
+            if key in part:
+                del part[key]
+        if isinstance(data, StaticData) and isinstance(part, StaticData):
+            # What stood once because of its size may now have as many rows as there are samples.
+            part.share(*data.shared_names())
+        taxels = mask.nonzero().view(-1)
+        source, target = edge_index
+        # Both ends of an edge of a batch are in one graph.
+        edges = (mask[source] & mask[target]).nonzero().view(-1)
+        num_graphs = data.num_graphs if isinstance(data, Batch) else 1
+        num_taxels = len(taxels) // num_graphs if num_graphs else 0
+        counts = torch.full((num_graphs,), num_taxels)
+        for key, dim in _taxel_attributes(part, len(mask)).items():
+            part[key] = part[key].index_select(dim, taxels)
+            _reslice(part, key, counts)
+        edge_counts = _edges_of_graphs(data, source[edges])
+        for key, dim in _edge_attributes(part, edge_index.size(1)).items():
+            part[key] = part[key].index_select(dim, edges)
+            _reslice(part, key, edge_counts)
+        number = mask.long().cumsum(0) - 1
+        part.edge_index = number[edge_index[:, edges]]
+        _reslice(part, "edge_index", edge_counts, num_taxels)
+        if "num_nodes" in part:
+            part.num_nodes = len(taxels)
+            if isinstance(part, Batch):
+                part._num_nodes = counts.tolist()
+        if isinstance(part, Batch):
+            part.batch = data.batch[taxels]
+            part.ptr = num_taxels * torch.arange(num_graphs + 1, device=data.ptr.device)
+        return part
+
+    def __repr__(self) -> str:
+        by = self.by if self.by == "numbers" else f"'{self.by}'"
+        return f"{type(self).__name__}({by}, num_segments={self.num_segments}, drop={self.drop})"
+
+
+def _row_dims(data: Data) -> dict[str, int]:
+    # The dimension in which an attribute may have a row for each taxel or edge.
+    dims = {}
+    for key, value in data.to_dict().items():
+        if not isinstance(value, Tensor) or value.dim() == 0 or "index" in key or "face" in key:
+            continue
+        if key in ("joint", "batch", "ptr", *_SET_HERE):
+            continue
+        if not isinstance(data, StaticData):
+            dims[key] = 0
+        elif data.has_elements(key):
+            dims[key] = 1 if value.dim() > 1 else 0  # an edge_attr (E,) counts as shared
+        elif data.is_shared(key):
+            dims[key] = 0
+    return dims
+
+
+def _taxel_attributes(data: Data, num_taxels: int) -> dict[str, int]:
+    return {
+        key: dim
+        for key, dim in _row_dims(data).items()
+        if "edge" not in key and data[key].size(dim) == num_taxels
+    }
+
+
+def _edge_attributes(data: Data, num_edges: int) -> dict[str, int]:
+    return {
+        key: dim
+        for key, dim in _row_dims(data).items()
+        if "edge" in key and data[key].size(dim) == num_edges
+    }
+
+
+def _edges_of_graphs(data: Data, source: Tensor) -> Tensor:
+    if not isinstance(data, Batch):
+        return torch.tensor([len(source)])
+    counts: Tensor = data.batch[source].bincount(minlength=data.num_graphs).cpu()
+    return counts
+
+
+def _reslice(data: Data, key: str, counts: Tensor, increment: int | None = None) -> None:
+    # A batch remembers where its samples begin, from which PyG takes them apart again.
+    if not isinstance(data, Batch) or not hasattr(data, "_slice_dict"):
+        return
+    start = torch.nn.functional.pad(counts.cumsum(0), (1, 0))
+    data._slice_dict = {**data._slice_dict, key: start}
+    if increment is not None or key not in data._inc_dict:
+        shift = (increment or 0) * torch.arange(len(counts))
+        data._inc_dict = {**data._inc_dict, key: shift}
