@@ -153,21 +153,18 @@ def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _add_ground(world: Element, item: GraspObject) -> None:
     only_objects = {"contype": "0", "conaffinity": "1"}
-    SubElement(
-        world, "geom", name="table", type="plane", size="1 1 0.1", friction="0.6", **only_objects
-    )
+    table = {"name": "table", "type": "plane", "size": "1 1 0.1", "friction": "0.6"}
+    SubElement(world, "geom", table | only_objects)
     half_x, half_y, height = STAND
-    SubElement(
-        world,
-        "geom",
-        name="stand",
-        type="box",
-        size=_text((half_x, min(half_y, 0.4 * item.size[1]), height / 2)),
-        pos=_text((0, 0, height / 2)),
-        friction="0.6 0.01 0.002",
-        condim="6",  # with rolling friction, or a cylinder rolls off before it is touched
-        **only_objects,
-    )
+    stand = {
+        "name": "stand",
+        "type": "box",
+        "size": _text((half_x, min(half_y, 0.4 * item.size[1]), height / 2)),
+        "pos": _text((0, 0, height / 2)),
+        "friction": "0.6 0.01 0.002",
+        "condim": "6",  # with rolling friction, or a cylinder rolls off before it is touched
+    }
+    SubElement(world, "geom", stand | only_objects)
 
 
 def _add_object(world: Element, item: GraspObject, solref: str) -> None:
@@ -255,16 +252,13 @@ def _add_bone(
         size = {"type": "box", "size": _text((np.array(shape["box"]) - _SLIM) / 2)}
     else:
         size = {"type": "sphere", "size": repr(_TIP_RADIUS)}
-    SubElement(
-        body,
-        "geom",
-        name=f"bone_{shape['link']}",
-        mass=repr(float(shape["mass"])),
-        pos=_text(shape["center"]),
-        rgba="0.35 0.35 0.4 1",
-        **size,
-        **_hand_geom(parameters, solref),
-    )
+    attributes = {
+        "name": f"bone_{shape['link']}",
+        "mass": repr(float(shape["mass"])),
+        "pos": _text(shape["center"]),
+        "rgba": "0.35 0.35 0.4 1",
+    }
+    SubElement(body, "geom", attributes | size | _hand_geom(parameters, solref))
 
 
 def _add_skin(
@@ -279,18 +273,16 @@ def _add_skin(
     pos = layout.pos.double().numpy()
     for i in range(layout.num_taxels):
         body = links[layout.link_names[int(layout.link[i])]]
-        SubElement(
-            body,
-            "geom",
-            name=f"taxel_{i}",
-            type="sphere",
-            size=repr(radius),
-            pos=_text(pos[i] - radius * normal[i]),
-            mass="0",
-            solimp=_SOLIMP,
-            rgba="0.2 0.2 0.2 1",
-            **_hand_geom(parameters, solref),
-        )
+        attributes = {
+            "name": f"taxel_{i}",
+            "type": "sphere",
+            "size": repr(radius),
+            "pos": _text(pos[i] - radius * normal[i]),
+            "mass": "0",
+            "solimp": _SOLIMP,
+            "rgba": "0.2 0.2 0.2 1",
+        }
+        SubElement(body, "geom", attributes | _hand_geom(parameters, solref))
         SubElement(body, "site", name=f"taxel_{i}", pos=_text(pos[i]), size="0.0005")
 
 

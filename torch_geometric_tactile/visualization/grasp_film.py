@@ -225,7 +225,7 @@ def _disc(pos: np.ndarray, normal: np.ndarray) -> np.ndarray:
 def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
     # In many small faces: the painter's order of large ones can be wrong.
     if shape == "box":
-        steps = np.linspace(-1, 1, 5)
+        steps = np.linspace(-1, 1, 4)
         for axis in range(3):
             first, second = (i for i in range(3) if i != axis)
             for side in (-1.0, 1.0):
@@ -251,8 +251,8 @@ def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
     up = np.linspace(-np.pi / 2, np.pi / 2, 13)
     for a0, a1 in itertools.pairwise(around):
         for e0, e1 in itertools.pairwise(up):
-            corners = [
+            cell = [
                 [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
                 for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))
             ]
-            yield np.array(corners) * half
+            yield np.array(cell) * half
