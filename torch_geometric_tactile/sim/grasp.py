@@ -23,7 +23,7 @@ _HOVER, _ABOVE, _PRESS = 0.10, 0.030, 0.001  # palm above the object while hover
 _THUMB = -0.030  # where the thumb stands behind the palm's origin, m
 _OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
 _CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
-_SQUEEZE = (0.0, 0.15, 0.15, 0.15) * 3 + (0.0, 0.0, 0.15, 0.15)
+_SQUEEZE = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)
 _LIFTED = 0.05  # height above the stand that counts, m
 
 
@@ -103,7 +103,7 @@ def plan_grasp(
     gantry[:, :3] += _tremor(rng, step, (len(ticks), 3), sd=0.0008)
 
     start = np.array(_OPEN) + rng.normal(0.0, 0.05, 16)
-    end = np.array(_CLOSED) + rng.normal(0.0, 0.10, 16)
+    end = np.array(_CLOSED) + rng.normal(0.0, 0.08, 16)
     firmness = rng.uniform(0.6, 1.4)
     joint = start + (end - start) * close[:, None]
     joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]

@@ -40,9 +40,9 @@ class ContactParameters:
     taxel_radius: float = 0.0035
     skin_time: float = 0.025
     hard_time: float = 0.005
-    soft_time: float = 0.045
+    soft_time: float = 0.08
     hand_friction: float = 0.05
-    joint_gain: float = 1.2
+    joint_gain: float = 0.85
     joint_torque: float = 0.7
     joint_damping: float = 0.06
     armature: float = 0.001
