@@ -4,10 +4,20 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+from collections.abc import Callable
 
 import torch_geometric_tactile as package
 
-EXTRAS = {"lightning", "jsonargparse", "torchmetrics", "tensorboard", "matplotlib", "tabulate"}
+EXTRAS = {
+    "h5py",
+    "jsonargparse",
+    "lightning",
+    "matplotlib",
+    "mujoco",
+    "tabulate",
+    "tensorboard",
+    "torchmetrics",
+}
 NEEDS_EXTRA = ("torch_geometric_tactile.training",)
 
 installed = sorted(name for name in EXTRAS if importlib.util.find_spec(name))
@@ -21,11 +31,20 @@ for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
     importlib.import_module(module.name)
     count += 1
 
-try:
-    importlib.import_module("torch_geometric_tactile.training")
-except ImportError as error:
-    if "torch-geometric-tactile[train]" not in str(error):
-        sys.exit(f"a missing extra must be named with its pip line (got '{error}')")
-else:
-    sys.exit("'torch_geometric_tactile.training' must need the extra 'train'")
+
+def check_named(extra: str, call: Callable[[], object]) -> None:
+    try:
+        call()
+    except ImportError as error:
+        if f"torch-geometric-tactile[{extra}]" not in str(error):
+            sys.exit(f"the missing extra '{extra}' must be named with its pip line (got '{error}')")
+    else:
+        sys.exit(f"something must need the extra '{extra}'")
+
+
+from torch_geometric_tactile import io, sim  # noqa: E402
+
+check_named("train", lambda: importlib.import_module("torch_geometric_tactile.training"))
+check_named("sim", lambda: sim.simulate("nowhere"))
+check_named("io", lambda: io.read_hdf5(__file__))
 print(f"{count} core modules import without extras")
