@@ -33,6 +33,7 @@ for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
 
 
 def check_named(extra: str, call: Callable[[], object]) -> None:
+    """Calls something that needs a missing extra; it must say so."""
     try:
         call()
     except ImportError as error:
