@@ -83,8 +83,9 @@ def train_fnn(x: Tensor, y: Tensor, seed: int) -> nn.Module:
 
 def predict(model: str, x: Tensor, y: Tensor, x_test: Tensor, seed: int) -> Tensor:
     if model == "FNN":
+        network = train_fnn(x, y, seed)
         with torch.no_grad():
-            logits = train_fnn(x, y, seed)(x_test)
+            logits = network(x_test)
         return (logits > 0).to(y) if y.dim() == 2 else logits.argmax(dim=1)
     forest = RandomForestClassifier(100, random_state=seed, n_jobs=-1)
     forest.fit(x.numpy(), y.long().numpy())
