@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-mujoco = pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+
+import mujoco
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.sim import (
@@ -93,7 +95,7 @@ def test_layout_of_fewer_taxels():
 
 
 def test_bad_layouts_are_named():
-    with pytest.raises(ValueError, match="must have the links of layout 'odd'.*'toe'"):
+    with pytest.raises(ValueError, match=r"must have the links of layout 'odd'.*'toe'"):
         grasp_mjcf(replace(ROD, name="odd", link_names=("palm_link", "toe")), HAND, ITEM)
     with pytest.raises(ValueError, match=r"layout 'rod' must have normals \(got none\)"):
         grasp_mjcf(replace(ROD, normal=None), HAND, ITEM)

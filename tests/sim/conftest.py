@@ -1,0 +1,66 @@
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+
+class Grasp(NamedTuple):
+    """One attempt, and the contacts of the taxels at its end: taxel, pressure and friction force in
+    newtons, and depth in metres."""
+
+    item: object
+    result: object
+    taxel: np.ndarray
+    pressure: np.ndarray
+    friction: np.ndarray
+    depth: np.ndarray
+
+    @property
+    def hold(self):
+        """The frames of the last second."""
+        return self.result.time > self.result.time[-1] - 1.0
+
+
+def _grasps(items, trials):
+    pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+    from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+    from torch_geometric_tactile.sim import ContactParameters, GraspSimulator, plan_grasp
+
+    layout, hand = allegro_uskin(), HandKinematics.allegro()
+    grasps = []
+    for item in items:
+        simulator = GraspSimulator(layout, hand, item, ContactParameters(timestep=0.004))
+        for trial in range(trials):
+            plan = plan_grasp(item.size, np.random.default_rng([7, trial]), 5.0, step=0.02)
+            result = simulator.run(plan, rate=50.0)
+            grasps.append(Grasp(item, result, *_contacts(simulator)))
+    return grasps
+
+
+def _contacts(simulator):
+    model, data = simulator.model, simulator.data
+    rows = []
+    for contact in data.contact:
+        names = [model.geom(int(geom)).name for geom in contact.geom]
+        taxels = [int(name.removeprefix("taxel_")) for name in names if "taxel_" in name]
+        if taxels and contact.efc_address >= 0:
+            force = data.efc_force[contact.efc_address :][:3]
+            rows.append((taxels[0], force[0], np.hypot(*force[1:]), -contact.dist))
+    taxel, pressure, friction, depth = np.array(rows).reshape(-1, 4).T
+    return taxel.astype(int), pressure, friction, depth
+
+
+@pytest.fixture(scope="session")
+def paper8_grasps():
+    """Two short attempts at each of the eight objects, held or not."""
+    from torch_geometric_tactile.sim import paper8
+
+    return _grasps(paper8(), 2)
+
+
+@pytest.fixture(scope="session")
+def control8_grasps():
+    """Two attempts at each control object, the same two plans for all."""
+    from torch_geometric_tactile.sim import control8
+
+    return _grasps(control8(), 2)
