@@ -64,3 +64,31 @@ def control8_grasps():
     from torch_geometric_tactile.sim import control8
 
     return _grasps(control8(), 2)
+
+
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory):
+    """The folder of one short trial of each of the eight objects, and the reports."""
+    for package in ("mujoco", "h5py", "joblib"):
+        pytest.importorskip(package, reason="needs the extra 'sim'")
+    from torch_geometric_tactile.sim import simulate
+
+    out = tmp_path_factory.mktemp("undisturbed")
+    return out, list(simulate(out, trials=1, preset="ci"))
+
+
+@pytest.fixture(scope="session")
+def same_arrays():
+    """Whether two files hold the same arrays, bit for bit: ``same_arrays(path, path)``."""
+    from torch_geometric_tactile.io import read_recording
+
+    def same(*paths):
+        first, second = map(read_recording, paths)
+        assert set(first.privileged) == set(second.privileged)
+        pairs = [
+            (getattr(first, name), getattr(second, name)) for name in ("time", "tactile", "joint")
+        ]
+        pairs += [(values, second.privileged[name]) for name, values in first.privileged.items()]
+        return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
+
+    return same

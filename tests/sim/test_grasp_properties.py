@@ -82,8 +82,8 @@ def test_heavier_twin_leaves_the_palm_and_shears_the_skin(control8_grasps):
             PALM,
             id="palm",
             marks=pytest.mark.xfail(
-                reason="time constants are scaled for a fingertip's inertia; on the palm, a tenth "
-                "of it to the object, contacts are about 30 % stiffer for heavy objects",
+                reason="time constants are scaled for the inertia of a fingertip; on the palm, of "
+                "six times that, contacts are 7 to 37 % stiffer for heavy objects",
                 strict=True,
             ),
         ),
