@@ -1,7 +1,15 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+
+ROOT = Path(__file__).parents[2]
 
 
 class Grasp(NamedTuple):
@@ -92,3 +100,58 @@ def same_arrays():
         return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in pairs)
 
     return same
+
+
+@pytest.fixture
+def start_run(tmp_path):
+    """Starts a run on two processes, in a group of its own as a terminal does, and waits for two
+    finished trials."""
+    if os.name != "posix":
+        pytest.skip("sends signals to a group of processes")
+    started = []
+
+    def run():
+        command = [sys.executable, "-m", "torch_geometric_tactile", "simulate"]
+        command += ["--out", str(tmp_path), "--preset", "ci", "--trials", "1", "--jobs", "2"]
+        process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        started.append(process)
+        deadline = time.monotonic() + 120
+        while len(list(tmp_path.glob("*.h5"))) < 2:
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        return process
+
+    yield run
+    for process in started:
+        if _running(process.pid):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _running(group):
+    """The processes of a group that have not ended."""
+    listed = subprocess.run(
+        ["ps", "-eo", "pgid=,stat=,args="], capture_output=True, text=True, check=True
+    ).stdout
+    rows = [line.split(None, 2) for line in listed.splitlines()]
+    return [row for row in rows if int(row[0]) == group and not row[1].startswith("Z")]
+
+
+@pytest.fixture
+def wait_until_gone():
+    """Waits until a group of processes has ended: ``wait_until_gone(group, seconds)``."""
+
+    def wait(group, seconds):
+        deadline = time.monotonic() + seconds
+        while _running(group):
+            assert time.monotonic() < deadline, _running(group)
+            time.sleep(0.1)
+
+    return wait
