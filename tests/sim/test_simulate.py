@@ -1,4 +1,5 @@
 import json
+import signal
 import sys
 from dataclasses import replace
 from math import comb
@@ -10,6 +11,8 @@ from sklearn.neighbors import KNeighborsClassifier
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
 pytest.importorskip("joblib", reason="needs the extra 'sim'")
+
+import joblib
 
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sim import (
@@ -221,6 +224,22 @@ def test_temporary_files_of_a_killed_run_are_removed(tmp_path, objects, hovering
     list(simulate(tmp_path, objects("three", SPONGE), 1, preset="ci"))
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [".other.tmp", "simulation.json", "sponge_000.h5"]
+
+
+def test_workers_start_with_interrupts_ignored(tmp_path, objects, hovering, monkeypatch):
+    # What is ignored at the start of a process stays so: no traces from half-imported workers.
+    at_start, call = [], joblib.Parallel.__call__
+
+    def spied(self, tasks):
+        at_start.append(signal.getsignal(signal.SIGINT))
+        return call(self, tasks)
+
+    monkeypatch.setattr(joblib.Parallel, "__call__", spied)
+    before = signal.getsignal(signal.SIGINT)
+    for _ in simulate(tmp_path, objects("four", SPONGE), 1, preset="ci"):
+        assert signal.getsignal(signal.SIGINT) is before
+    assert at_start == [signal.SIG_IGN]
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_bad_arguments_are_named(tmp_path):
