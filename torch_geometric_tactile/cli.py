@@ -16,7 +16,28 @@ _LIGHTNING = {
 }
 
 _READABLE = ".h5, .hdf5, .npz, .csv, .json, .jsonl, .ndjson or .txt"
+# The names in `sim`, which is not to be imported for them.
+_OBJECT_SETS = ("paper8", "control8", "twenty")
+_PRESETS = ("full", "ci")
 _WRITABLE = ".h5, .hdf5, .npz, .csv, .jsonl or .ndjson"
+
+_SIMULATE = """\
+Simulates an Allegro hand covered with 384 magnetic taxels that grasps, lifts and holds
+objects of different mass, softness and friction, and writes one HDF5 recording a trial:
+readings, joint angles, the object's properties and, apart, the true forces and poses.
+Needs the extra 'sim'.
+"""
+
+_SIMULATE_EXAMPLES = """\
+examples:
+  tactile simulate --out grasps                          80 trials of 17 s of eight objects
+  tactile simulate --out small --preset ci --preview     24 short and coarse trials in a minute
+  tactile simulate --out control --objects control8      objects of one shape and size
+
+Finished trials are kept: the same command goes on where a run was stopped, and with
+--preview draws the pictures of a finished one. The same seed gives the same recordings,
+whatever --jobs is. Masses, frictions and the skin are plausible, not measured.
+"""
 
 _EXAMPLES = """\
 examples:
@@ -28,6 +49,8 @@ examples:
   tactile fit --help                             every option of fit
   tactile inspect recording.h5                   what stands in a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
+  tactile simulate --out grasps --trials 2 --preview
+                                                 grasps of a simulated Allegro hand, with pictures
 
 Data sets are read from $TACTILE_DATA (a folder with one folder for each data set), or
 from a folder in the user's cache, where they are downloaded if missing.
@@ -73,6 +96,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     _add_inspect(commands)
     _add_convert(commands)
+    _add_simulate(commands)
     for name, text in _LIGHTNING.items():
         commands.add_parser(name, help=text, add_help=False)
     return parser
@@ -111,7 +135,61 @@ def _add_convert(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
 
 
-def _inspect(arguments: argparse.Namespace) -> None:
+def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    simulate = commands.add_parser(
+        "simulate",
+        help="simulate grasps with an Allegro hand of 384 taxels, and write recordings",
+        description=_SIMULATE,
+        epilog=_SIMULATE_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    simulate.add_argument(
+        "--out", metavar="DIR", required=True, help="folder of the recordings, made if missing"
+    )
+    simulate.add_argument(
+        "--objects",
+        choices=_OBJECT_SETS,
+        default="paper8",
+        help="which objects: eight of different shapes, every combination of light or heavy, hard "
+        "or soft, slippery or not (paper8, the default); the same combinations in one shape and "
+        "size (control8); five shapes in four sizes (twenty)",
+    )
+    simulate.add_argument(
+        "--trials",
+        metavar="N",
+        type=_positive,
+        help="trials of each object (default: 10, or 3 with the preset ci)",
+    )
+    simulate.add_argument(
+        "--seed", type=_not_negative, default=0, help="decides all randomness (default: 0)"
+    )
+    simulate.add_argument(
+        "--jobs", metavar="N", type=_positive, default=2, help="processes (default: 2)"
+    )
+    simulate.add_argument(
+        "--preset",
+        choices=_PRESETS,
+        default="full",
+        help="trials of 17 s with 100 frames a second (full, the default), or of 5 s with 50, "
+        "coarser and about ten times as fast (ci)",
+    )
+    simulate.add_argument(
+        "--max-attempts",
+        metavar="N",
+        type=_positive,
+        default=5,
+        help="grasps tried until the object is lifted and held, before a trial is given up "
+        "(default: 5)",
+    )
+    simulate.add_argument(
+        "--preview",
+        action="store_true",
+        help="draw the first trial of the first object to DIR/preview: preview_film.png and "
+        "preview_forces.png",
+    )
+
+
+def _inspect(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.visualization import inspect
 
     recording, facts = inspect.describe_file(arguments.file)
@@ -120,13 +198,38 @@ def _inspect(arguments: argparse.Namespace) -> None:
         picture = arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"
         inspect.draw_recording(recording, picture)
         print(f"{'picture':<13}{picture}")
+    return 0
 
 
-def _convert(arguments: argparse.Namespace) -> None:
+def _convert(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.visualization import inspect
 
     recording = inspect.convert_file(arguments.source, arguments.target, arguments.forces)
     print(f"{arguments.target}: {recording}")
+    return 0
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.visualization import simulate_command
+
+    if arguments.preview:
+        simulate_command.check_preview()
+    run = simulate_command.run_simulation(
+        out=arguments.out,
+        objects=arguments.objects,
+        trials=arguments.trials,
+        seed=arguments.seed,
+        jobs=arguments.jobs,
+        preset=arguments.preset,
+        max_attempts=arguments.max_attempts,
+    )
+    print(run.describe(), flush=True)
+    if run.given_up:
+        print(f"tactile: error: {run.describe_given_up()}", file=sys.stderr, flush=True)
+    if arguments.preview and len(run.given_up) < len(run.reports):
+        for path in simulate_command.draw_preview(run, arguments.objects):
+            print(f"drew {path}")
+    return 1 if run.given_up else 0
 
 
 def _positive(text: str) -> int:
@@ -136,7 +239,14 @@ def _positive(text: str) -> int:
     return number
 
 
-_RECORDINGS = {"inspect": _inspect, "convert": _convert}
+def _not_negative(text: str) -> int:
+    number = int(text)
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"must not be negative (got {number})")
+    return number
+
+
+_RECORDINGS = {"inspect": _inspect, "convert": _convert, "simulate": _simulate}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -157,8 +267,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             arguments = build_parser().parse_args(argv)
             if arguments.command in _RECORDINGS:
-                _RECORDINGS[arguments.command](arguments)
-                return 0
+                return _RECORDINGS[arguments.command](arguments)
             from torch_geometric_tactile.training import demo
 
             demo.main(
@@ -176,7 +285,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"tactile: error: {error}", file=sys.stderr)
         print("(TACTILE_TRACEBACK=1 shows where it came from)", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("tactile: stopped", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"tactile: {str(stop) or 'stopped'}", file=sys.stderr)
         return 130
     return 0

@@ -2,7 +2,12 @@ r"""Recordings of simulated grasps: many trials, on many processes, finished one
 
 import json
 import logging
-from collections.abc import Iterator
+import os
+import signal
+import threading
+import warnings
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -110,7 +115,7 @@ def simulate(
     preset: str = "full",
     max_attempts: int = 5,
     skin: SkinModel | None = None,
-) -> Iterator[TrialReport]:
+) -> Generator[TrialReport, None, None]:
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording a trial. Yields a
     report for each trial when its file is finished, and writes :obj:`simulation.json` at the end.
 
@@ -158,7 +163,7 @@ def simulate(
     return _run(tasks, Path(out), jobs)
 
 
-def _run(tasks: list[_Task], out: Path, jobs: int) -> Iterator[TrialReport]:
+def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, None, None]:
     from joblib import Parallel, delayed, parallel_config
 
     out.mkdir(parents=True, exist_ok=True)
@@ -169,13 +174,43 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Iterator[TrialReport]:
             yield reports[-1]
         else:
             missing.append(task)
-    # Workers of their own even for one job, with one BLAS thread each: bits must not depend on it.
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-        for report in work(delayed(_simulate_trial)(task) for task in missing):
-            reports.append(report)
-            yield report
+    try:
+        with parallel_config(backend="loky", inner_max_num_threads=1):
+            work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+            with _interrupts_ignored():  # by the workers, which inherit it: they are stopped here
+                results = work(delayed(_simulate_trial)(task, os.getpid()) for task in missing)
+            with _closing_quietly(results):
+                for report in results:
+                    reports.append(report)
+                    yield report
+    finally:
+        # What workers that were killed, now or in an earlier run, had begun to write.
+        for task in missing:
+            for leftover in out.glob(f".{task.path.name}.*.tmp"):
+                leftover.unlink(missing_ok=True)
     _write_summary(out, tasks, reports)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
+def _closing_quietly(results: Generator[TrialReport, None, None]) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        with warnings.catch_warnings():  # joblib warns of results that nobody waits for
+            warnings.simplefilter("ignore")
+            results.close()
 
 
 def _kept(task: _Task) -> TrialReport:
@@ -189,10 +224,12 @@ def _kept(task: _Task) -> TrialReport:
     return TrialReport(task.item.name, task.trial, int(meta["attempt"]) + 1, task.path, kept=True)
 
 
-def _simulate_trial(task: _Task) -> TrialReport:
+def _simulate_trial(task: _Task, parent: int) -> TrialReport:
     name = task.item.name
     simulator = _simulator(task.object_set, task.index, task.preset.timestep)
     for attempt in range(task.max_attempts):
+        if parent not in (os.getpid(), os.getppid()):
+            os._exit(1)  # the run was killed: its workers would go on with what was dispatched
         rng = np.random.default_rng([task.seed, task.index, task.trial, attempt])
         plan = plan_grasp(task.item.size, rng, task.preset.duration, task.preset.step)
         result = simulator.run(plan, task.preset.rate)

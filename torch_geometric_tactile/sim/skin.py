@@ -25,8 +25,9 @@ class SkinModel:
     Args:
         spread (float): Part of a taxel's force that its neighbours in the patch read (0).
         spread_length (float): Distance in metres over which it falls to 61 %.
-        lag (float): Part of the force that follows with the time constant :obj:`lag_time`; a slow
-            press and release then differ by about this much of the range (0).
+        lag (float): Part of the force that follows with the time constant :obj:`lag_time`; a press
+            and a release of one second each then differ by up to half of it, slower ones by less,
+            :obj:`2 * lag * lag_time / seconds` of the range (0).
         lag_time (float): Time constant in seconds.
         saturation (tuple of float): Force in newtons at which shear :math:`x`, :math:`y` and
             pressure :math:`z` level off (infinity).

@@ -2,10 +2,12 @@ r"""Pictures of simulated grasps."""
 
 import itertools
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
@@ -27,9 +29,9 @@ _FULL_FORCE = 1.5  # newtons at which a taxel is coloured to the full
 _TAXEL = 0.0022  # radius of a drawn taxel, m
 
 
-class _Face(NamedTuple):
-    corners: np.ndarray  # (K, 3)
-    color: np.ndarray  # (3,)
+class _Faces(NamedTuple):
+    corners: np.ndarray  # (F, K, 3)
+    color: np.ndarray  # (F, 3)
 
 
 def plot_grasp_film(
@@ -138,18 +140,20 @@ def _spread_over_phases(phase: np.ndarray, frames: int) -> np.ndarray:
     return np.searchsorted(passed, (np.arange(frames) + 0.5) / frames).clip(max=len(phase) - 1)
 
 
-def _draw(ax: Any, faces: list[_Face], azimuth: float, elevation: float) -> None:
+def _draw(ax: Any, scene: list[_Faces], azimuth: float, elevation: float) -> None:
     from matplotlib.collections import PolyCollection
 
     a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
     plane = np.stack([right, np.cross(towards, right)], axis=1)
+    polygons = [polygon for faces in scene for polygon in faces.corners @ plane]
+    depth = np.concatenate([(faces.corners @ towards).mean(axis=1) for faces in scene])
     # The painter's way: what is far comes first.
-    faces = sorted(faces, key=lambda face: float((face.corners @ towards).mean()))
+    order = depth.argsort(kind="stable")
     collection = PolyCollection(
-        [face.corners @ plane for face in faces],
-        facecolors=[face.color for face in faces],
+        [polygons[i] for i in order],
+        facecolors=np.concatenate([faces.color for faces in scene])[order],
         edgecolors="face",
         linewidths=0.3,
     )
@@ -163,10 +167,10 @@ def _draw(ax: Any, faces: list[_Face], azimuth: float, elevation: float) -> None
 
 def _scene(
     recording: Recording, frame: int, layout: TaxelLayout, kinematics: HandKinematics
-) -> Iterator[_Face]:
+) -> Iterator[_Faces]:
     assert recording.joint is not None
     half_x, half_y, height = STAND
-    for corners in _primitive("box", np.array([half_x, half_y, height / 2])):
+    for corners in _primitive("box", [half_x, half_y, height / 2]):
         yield _shaded(corners + np.array([0.0, 0.0, height / 2]), _STAND)
     item = recording.meta["object_parameters"]
     pose = recording.privileged["object_pose"][frame]
@@ -182,18 +186,17 @@ def _scene(
         link_turn = turn @ links.rotation[number].numpy()
         place = turn @ links.translation[number].numpy() + origin
         box = "box" in body
-        half = np.array(body["box"]) / 2 if box else np.full(3, body["sphere"])
+        half = np.array(body["box"]) / 2 if box else [body["sphere"]] * 3
         for corners in _primitive("box" if box else "ellipsoid", half):
             yield _shaded((corners + np.array(body["center"])) @ link_turn.T + place, _BONE)
 
     taxels = kinematics.taxel_pose(layout, joint)
     assert taxels.normal is not None
-    pos = taxels.pos.numpy() @ turn.T + origin
-    normal = taxels.normal.numpy() @ turn.T
-    pressure = (recording.privileged["force"][frame, :, 2] / _FULL_FORCE).clip(0, 1)
-    for i in range(len(pos)):
-        color = (1 - pressure[i]) * _SKIN + pressure[i] * _PRESSED
-        yield _Face(_disc(pos[i], normal[i]), color)
+    pressure = (recording.privileged["force"][frame, :, 2, None] / _FULL_FORCE).clip(0, 1)
+    yield _Faces(
+        _discs(taxels.pos.numpy() @ turn.T + origin, taxels.normal.numpy() @ turn.T),
+        (1 - pressure) * _SKIN + pressure * _PRESSED,
+    )
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
@@ -207,52 +210,64 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
     )
 
 
-def _shaded(corners: np.ndarray, color: _Color) -> _Face:
-    normal = np.cross(corners[1] - corners[0], corners[-1] - corners[0])
-    length = float(np.linalg.norm(normal))
-    light = abs(float(normal @ _LIGHT)) / length if length > 0 else 1.0
-    return _Face(corners, np.array(color) * (0.55 + 0.45 * light))
+def _shaded(corners: np.ndarray, color: _Color) -> _Faces:
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    light = np.abs(normal @ _LIGHT) / np.where(length > 0, length, 1.0)
+    light[length == 0] = 1.0
+    return _Faces(corners, np.array(color) * (0.55 + 0.45 * light[:, None]))
 
 
-def _disc(pos: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _discs(pos: np.ndarray, normal: np.ndarray) -> np.ndarray:
     across = np.cross(normal, [0.3, 0.5, 0.8])
-    across /= np.linalg.norm(across)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
     angle = np.linspace(0, 2 * np.pi, 7)[:-1, None]
-    ring = np.cos(angle) * across + np.sin(angle) * np.cross(normal, across)
-    return np.asarray(pos + _TAXEL * ring)
+    ring = np.cos(angle) * across[:, None] + np.sin(angle) * np.cross(normal, across)[:, None]
+    return np.asarray(pos[:, None] + _TAXEL * ring)
 
 
-def _primitive(shape: str, half: np.ndarray) -> Iterator[np.ndarray]:
+def _primitive(shape: str, half: ArrayLike) -> list[np.ndarray]:
+    return [corners * np.asarray(half) for corners in _unit_primitive(shape)]
+
+
+@lru_cache
+def _unit_primitive(shape: str) -> list[np.ndarray]:
     # In many small faces: the painter's order of large ones can be wrong.
     if shape == "box":
-        steps = np.linspace(-1, 1, 4)
-        for axis in range(3):
-            first, second = (i for i in range(3) if i != axis)
-            for side in (-1.0, 1.0):
-                for a in itertools.pairwise(steps):
-                    for b in itertools.pairwise(steps):
-                        corners = np.full((4, 3), side)
-                        corners[:, first] = [a[0], a[1], a[1], a[0]]
-                        corners[:, second] = [b[0], b[0], b[1], b[1]]
-                        yield corners * half
-        return
+        return [np.array(list(_unit_box()))]
     around = np.linspace(0, 2 * np.pi, 25)
     if shape == "cylinder":
         ring = np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
         levels = np.linspace(-1, 1, 9)
+        sides, ends = [], []
         for a, b in itertools.pairwise(ring):
             for low, high in itertools.pairwise(levels):
                 y0, y1 = np.array([0, low, 0]), np.array([0, high, 0])
-                yield np.stack([a + y0, b + y0, b + y1, a + y1]) * half
+                sides.append([a + y0, b + y0, b + y1, a + y1])
             for end in (-1.0, 1.0):
                 y = np.array([0, end, 0])
-                yield np.stack([a + y, b + y, y]) * half
-        return
+                ends.append([a + y, b + y, y])
+        return [np.array(sides), np.array(ends)]
     up = np.linspace(-np.pi / 2, np.pi / 2, 13)
-    for a0, a1 in itertools.pairwise(around):
-        for e0, e1 in itertools.pairwise(up):
-            cell = [
-                [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
-                for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))
-            ]
-            yield np.array(cell) * half
+    cells = [
+        [
+            [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
+            for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))
+        ]
+        for a0, a1 in itertools.pairwise(around)
+        for e0, e1 in itertools.pairwise(up)
+    ]
+    return [np.array(cells)]
+
+
+def _unit_box() -> Iterator[np.ndarray]:
+    steps = np.linspace(-1, 1, 4)
+    for axis in range(3):
+        first, second = (i for i in range(3) if i != axis)
+        for side in (-1.0, 1.0):
+            for a in itertools.pairwise(steps):
+                for b in itertools.pairwise(steps):
+                    corners = np.full((4, 3), side)
+                    corners[:, first] = [a[0], a[1], a[1], a[0]]
+                    corners[:, second] = [b[0], b[0], b[1], b[1]]
+                    yield corners

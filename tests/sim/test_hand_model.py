@@ -1,0 +1,112 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+
+import mujoco
+
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
+from torch_geometric_tactile.sim import (
+    ContactParameters,
+    GraspSimulator,
+    grasp_mjcf,
+    paper8,
+    stock_bodies,
+    taxel_axes,
+)
+
+LAYOUT, HAND, ITEM = allegro_uskin(), HandKinematics.allegro(), paper8()[0]
+ROD = TaxelLayout(
+    "rod",
+    pos=torch.tensor([[0.01, 0.0, 0.0], [0.0, 0.01, 0.02]]),
+    normal=torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]]),
+    link=[0, 1],
+    link_names=("palm_link", "link_3_tip"),
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_string(grasp_mjcf(LAYOUT, HAND, ITEM))
+
+
+def test_model_has_every_taxel_joint_and_actuator(model):
+    names = {model.geom(i).name for i in range(model.ngeom)}
+    assert {f"taxel_{i}" for i in range(384)} <= names
+    assert {f"bone_{body['link']}" for body in stock_bodies()} <= names
+    assert model.nu == 4 + 16
+    assert [model.actuator(i).trnid[0] for i in range(4, 20)] == [
+        model.joint(name).id for name in HAND.joint_names
+    ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_simulated_and_computed_taxels_agree(model, seed):
+    draw = np.random.default_rng(seed)
+    joint = draw.uniform(HAND.lower.numpy(), HAND.upper.numpy())
+    data = mujoco.MjData(model)
+    data.qpos[[model.joint(name).qposadr[0] for name in HAND.joint_names]] = joint
+    for name in ("x", "y", "z", "yaw"):
+        data.qpos[model.joint(f"gantry_{name}").qposadr[0]] = draw.normal()
+    mujoco.mj_forward(model, data)
+    palm = model.body("palm_link").id
+    turn = data.xmat[palm].reshape(3, 3)
+    sites = np.array([data.site(f"taxel_{i}").xpos for i in range(384)])
+    pose = HAND.taxel_pose(LAYOUT, torch.from_numpy(joint))
+    assert np.abs((sites - data.xpos[palm]) @ turn - pose.pos.numpy()).max() < 1e-6
+    # The spheres touch the skin from within: a radius behind the taxel, against its normal.
+    spheres = np.array([data.geom(f"taxel_{i}").xpos for i in range(384)])
+    normal = (sites - spheres) @ turn / ContactParameters().taxel_radius
+    assert np.abs(normal - pose.normal.numpy()).max() < 1e-4
+
+
+def test_axes_are_right_handed_and_stand_on_the_skin():
+    axes = taxel_axes(LAYOUT)
+    assert np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max() < 1e-6
+    assert np.linalg.det(axes) == pytest.approx(np.ones(384))
+    assert np.array_equal(axes[:, :, 2], LAYOUT.normal.double().numpy())
+    assert (axes[:, 2, 1] > 0).all()  # y towards the end of the link
+
+
+def test_axes_by_hand():
+    first, second = taxel_axes(ROD)
+    assert first.tolist() == [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    assert second.T.ravel().tolist() == pytest.approx([-1, 0, 0, 0, -0.8, 0.6, 0, 0.6, 0.8])
+
+
+def test_links_have_the_masses_of_the_table(model):
+    for body in stock_bodies():
+        assert model.body(body["link"]).mass[0] == pytest.approx(body["mass"], rel=1e-9)
+    assert model.body("object").mass[0] == ITEM.mass
+
+
+def test_layout_of_fewer_taxels():
+    simulator = GraspSimulator(ROD, HAND, ITEM)
+    taxels = [simulator.model.geom(f"taxel_{i}") for i in range(2)]
+    bodies = [simulator.model.body(int(taxel.bodyid[0])).name for taxel in taxels]
+    assert bodies == ["palm_link", "link_3_tip"]
+    force, bones, support = simulator.forces()
+    assert force.tolist() == [[0, 0, 0], [0, 0, 0]]
+    assert bones == 0
+    assert support.tolist() == [0, 0, 0]
+
+
+def test_bad_layouts_are_named():
+    with pytest.raises(ValueError, match=r"must have the links of layout 'odd'.*'toe'"):
+        grasp_mjcf(replace(ROD, name="odd", link_names=("palm_link", "toe")), HAND, ITEM)
+    with pytest.raises(ValueError, match=r"layout 'rod' must have normals \(got none\)"):
+        grasp_mjcf(replace(ROD, normal=None), HAND, ITEM)
+    along = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    with pytest.raises(ValueError, match=r"must not point along its link \(got taxel 1\)"):
+        taxel_axes(replace(ROD, normal=along))
+    with pytest.raises(ValueError, match="must have normals"):
+        taxel_axes(replace(grid(2, 2, 0.005), normal=None))
+
+
+def test_missing_mujoco_names_the_extra(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r"pip install 'torch-geometric-tactile\[sim\]'"):
+        GraspSimulator(ROD, HAND, ITEM)

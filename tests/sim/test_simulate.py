@@ -1,0 +1,264 @@
+import json
+import signal
+import sys
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+import pytest
+from sklearn.neighbors import KNeighborsClassifier
+
+pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+pytest.importorskip("h5py", reason="needs the extra 'sim'")
+pytest.importorskip("joblib", reason="needs the extra 'sim'")
+
+import joblib
+
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.sim import (
+    OBJECT_SETS,
+    PHASES,
+    PRESETS,
+    PROPERTIES,
+    GraspPlan,
+    SkinModel,
+    TrialReport,
+    paper8,
+    plan_grasp,
+    simulate,
+)
+
+module = sys.modules["torch_geometric_tactile.sim.simulate"]
+SPONGE = paper8()[1]
+PRIVILEGED = ("bone_force", "force", "object_pose", "palm_pose", "phase", "support")
+
+
+@pytest.fixture
+def objects(monkeypatch):
+    """Another set of objects, for simulations in this process."""
+
+    def choose(name, *items):
+        monkeypatch.setitem(OBJECT_SETS, name, lambda: list(items))
+        return name
+
+    return choose
+
+
+@pytest.fixture
+def hovering(monkeypatch):
+    """Trials end before the hand reaches for the object."""
+
+    def plan(*args):
+        gantry, joint, phase, step = plan_grasp(*args)
+        hover = phase == PHASES.index("hover")
+        return GraspPlan(gantry[hover], joint[hover], phase[hover], step)
+
+    monkeypatch.setattr(module, "plan_grasp", plan)
+
+
+def test_every_trial_has_a_file_and_a_report(undisturbed):
+    out, reports = undisturbed
+    names = [item.name for item in paper8()]
+    assert [report.object_name for report in reports] == names
+    for report in reports:
+        assert isinstance(report, TrialReport)
+        assert report.path == out / f"{report.object_name}_000.h5"
+        assert report.trial == 0
+        assert 1 <= report.attempts <= 5
+        assert not report.kept
+    files = sorted(path.name for path in out.iterdir())
+    assert files == sorted([*(f"{name}_000.h5" for name in names), "simulation.json"])
+
+
+def test_summary(undisturbed):
+    out, reports = undisturbed
+    summary = json.loads((out / "simulation.json").read_text())
+    assert summary["synthetic"] is True
+    assert "not measured" in summary["note"]
+    assert summary["attempts"] == sum(report.attempts for report in reports)
+    assert (summary["trials"], summary["successes"], summary["given_up"]) == (8, 8, [])
+    assert (summary["object_set"], summary["seed"]) == ("paper8", 0)
+
+
+def test_recording_tells_that_it_is_simulated_and_how(undisturbed):
+    out, reports = undisturbed
+    for item, report in zip(paper8(), reports, strict=True):
+        recording = read_recording(out / f"{item.name}_000.h5")
+        assert recording.label == item.name
+        meta = recording.meta
+        assert meta["synthetic"] is True
+        assert (meta["seed"], meta["trial"], meta["attempt"]) == (0, 0, report.attempts - 1)
+        assert meta["labels"] == list(item.labels)
+        assert meta["label_names"] == list(PROPERTIES)
+        assert meta["phase_names"] == list(PHASES)
+        assert (meta["unit"], meta["rate"], meta["sensor"]) == ("count", 50.0, "allegro_uskin")
+        assert set(meta["versions"]) == {"torch-geometric-tactile", "mujoco", "numpy"}
+
+
+def test_truth_is_kept_apart(undisturbed):
+    out, _ = undisturbed
+    recording = read_recording(out / "sponge_000.h5")
+    assert recording.tactile.shape == (250, 384, 3)
+    assert recording.joint.shape == (250, 16)
+    assert recording.rate == pytest.approx(50)
+    assert tuple(sorted(recording.privileged)) == PRIVILEGED
+    assert all(len(values) == 250 for values in recording.privileged.values())
+    assert np.array_equal(recording.tactile, recording.tactile.round())
+    # Pressure raises the count of z; nothing of it is seen before contact.
+    change = recording.tactile[..., 2] - recording.tactile[:10, :, 2].mean(axis=0)
+    pressed = recording.privileged["force"][..., 2] > 1.0
+    assert (change[pressed] > 300).mean() > 0.99
+    assert np.abs(change[recording.privileged["phase"] == 0]).max() < 100
+
+
+def test_order_of_work_does_not_matter(undisturbed, tmp_path, objects, same_arrays):
+    out, _ = undisturbed
+    # Alone, and after another trial of the same model, in place of second of eight.
+    objects("paper8", *paper8()[:2])
+    module._simulator.cache_clear()
+    tasks = [
+        module._Task(str(tmp_path), "paper8", 1, trial, 0, 5, PRESETS["ci"], SkinModel())
+        for trial in (1, 0)
+    ]
+    for task in tasks:
+        module._simulate_trial(task, parent=module.os.getpid())
+    assert same_arrays(tmp_path / "sponge_000.h5", out / "sponge_000.h5")
+    assert not same_arrays(tmp_path / "sponge_001.h5", out / "sponge_000.h5")
+
+
+def test_another_seed_gives_other_trials(tmp_path, objects, hovering):
+    name = objects("one", SPONGE)
+    for seed in (0, 1):
+        list(simulate(tmp_path / str(seed), name, trials=1, seed=seed, preset="ci"))
+    first, second = (read_recording(tmp_path / f"{seed}/sponge_000.h5") for seed in (0, 1))
+    shortest = min(first.num_frames, second.num_frames)
+    assert not np.allclose(first.joint[:shortest], second.joint[:shortest], atol=1e-3)
+
+
+def test_finished_trials_are_kept(undisturbed):
+    out, reports = undisturbed
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*.h5")}
+    again = list(simulate(out, trials=1, preset="ci"))
+    assert all(report.kept for report in again)
+    assert [report._replace(kept=False) for report in again] == reports
+    assert {path: path.stat().st_mtime_ns for path in out.glob("*.h5")} == before
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"seed": 1}, "seed"),
+        ({"preset": "full"}, "preset"),
+        ({"skin": SkinModel(noise=0)}, "skin"),
+        ({"objects": "renamed"}, "object_set"),
+    ],
+)
+def test_folder_of_another_run_is_refused(undisturbed, objects, change, key):
+    out, _ = undisturbed
+    objects("renamed", *paper8())
+    arguments = {"trials": 1, "preset": "ci"} | change
+    with pytest.raises(ValueError, match=rf"plastic_tube_000\.h5' was made with another '{key}'"):
+        list(simulate(out, **arguments))
+    assert len(list(out.glob("*.h5"))) == 8
+
+
+def test_object_that_cannot_be_lifted_is_given_up(tmp_path, objects, caplog):
+    anvil = replace(SPONGE, name="anvil", mass=50.0)
+    (report,) = simulate(tmp_path, objects("anvils", anvil), 1, preset="ci", max_attempts=2)
+    assert report == TrialReport("anvil", 0, 2, None, kept=False)
+    assert "anvil, trial 0: not lifted in 2 attempts" in caplog.text
+    assert [path.name for path in tmp_path.iterdir()] == ["simulation.json"]
+    summary = json.loads((tmp_path / "simulation.json").read_text())
+    assert (summary["trials"], summary["attempts"], summary["successes"]) == (1, 2, 0)
+    assert summary["given_up"] == ["anvil_000"]
+
+
+def test_second_attempt_is_another_grasp(tmp_path, objects, hovering, monkeypatch):
+    run, seen = module.GraspSimulator.run, []
+
+    def fails_once(self, plan, rate):
+        seen.append(plan)
+        return run(self, plan, rate)._replace(success=len(seen) > 1)
+
+    monkeypatch.setattr(module.GraspSimulator, "run", fails_once)
+    (report,) = simulate(tmp_path, objects("two", SPONGE), 1, preset="ci")
+    assert report.attempts == 2
+    assert read_recording(report.path).meta["attempt"] == 1
+    assert not np.array_equal(seen[0].joint[:10], seen[1].joint[:10])
+
+
+def test_frames_before_contact_tell_the_trial_but_not_the_object(tmp_path, hovering):
+    list(simulate(tmp_path, trials=3, preset="ci"))
+    x, y, trial = [], [], []
+    for path in sorted(tmp_path.glob("*.h5")):
+        recording = read_recording(path)
+        x += list(np.concatenate([recording.tactile.reshape(-1, 1152), recording.joint], axis=1))
+        y += [recording.label] * recording.num_frames
+        trial += [recording.meta["trial"]] * recording.num_frames
+    x, y, trial = np.array(x), np.array(y), np.array(trial)
+    x = (x - x.mean(axis=0)) / x.std(axis=0)
+
+    # By trial: each of the 24 trials is one vote, right by chance with 1/8.
+    votes = 0
+    for held_out in range(3):
+        test = trial == held_out
+        guess = KNeighborsClassifier(5).fit(x[~test], y[~test]).predict(x[test])
+        for name in set(y):
+            names, counts = np.unique(guess[y[test] == name], return_counts=True)
+            votes += names[counts.argmax()] == name
+    bound = next(
+        k
+        for k in range(25)
+        if sum(comb(24, i) * 7 ** (24 - i) / 8**24 for i in range(k + 1)) > 0.999
+    )
+    assert votes <= bound  # 9
+
+    # By frame: neighbours in time are on both sides of the split.
+    test = np.random.default_rng(0).random(len(y)) < 0.3
+    assert KNeighborsClassifier(5).fit(x[~test], y[~test]).score(x[test], y[test]) > 0.9
+
+
+def test_temporary_files_of_a_killed_run_are_removed(tmp_path, objects, hovering):
+    (tmp_path / ".sponge_000.h5.abc.tmp").write_text("half a file")
+    (tmp_path / ".other.tmp").write_text("another's")
+    list(simulate(tmp_path, objects("three", SPONGE), 1, preset="ci"))
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [".other.tmp", "simulation.json", "sponge_000.h5"]
+
+
+def test_workers_start_with_interrupts_ignored(tmp_path, objects, hovering, monkeypatch):
+    # What is ignored at the start of a process stays so: no traces from half-imported workers.
+    at_start, call = [], joblib.Parallel.__call__
+
+    def spied(self, tasks):
+        at_start.append(signal.getsignal(signal.SIGINT))
+        return call(self, tasks)
+
+    monkeypatch.setattr(joblib.Parallel, "__call__", spied)
+    before = signal.getsignal(signal.SIGINT)
+    for _ in simulate(tmp_path, objects("four", SPONGE), 1, preset="ci"):
+        assert signal.getsignal(signal.SIGINT) is before
+    assert at_start == [signal.SIG_IGN]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_bad_arguments_are_named(tmp_path):
+    for arguments, message in [
+        ({"objects": "nine"}, r"'objects' must be one of \['paper8', .*\] \(got 'nine'\)"),
+        ({"preset": "slow"}, r"'preset' must be one of \['full', 'ci'\] \(got 'slow'\)"),
+        ({"trials": 0}, r"'trials' must be at least 1 \(got 0\)"),
+        ({"jobs": 0}, r"'jobs' must be at least 1 \(got 0\)"),
+        ({"max_attempts": 0}, r"'max_attempts' must be at least 1 \(got 0\)"),
+        ({"seed": -1}, r"'seed' must not be negative \(got -1\)"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            simulate(tmp_path, **arguments)
+
+
+@pytest.mark.parametrize("package", ["mujoco", "h5py", "joblib"])
+def test_missing_package_names_the_extra(tmp_path, monkeypatch, package):
+    find = module.find_spec
+    monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))
+    message = rf"needs {package}: pip install 'torch-geometric-tactile\[sim\]'"
+    with pytest.raises(ImportError, match=message):
+        simulate(tmp_path)

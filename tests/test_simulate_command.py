@@ -1,0 +1,219 @@
+import sys
+
+import pytest
+
+from torch_geometric_tactile.cli import _OBJECT_SETS, _PRESETS, build_parser, main
+
+pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+pytest.importorskip("h5py", reason="needs the extra 'sim'")
+pytest.importorskip("joblib", reason="needs the extra 'sim'")
+
+from torch_geometric_tactile.sim import (
+    OBJECT_SETS,
+    PHASES,
+    PRESETS,
+    GraspPlan,
+    paper8,
+    plan_grasp,
+    twenty,
+)
+
+module = sys.modules["torch_geometric_tactile.sim.simulate"]
+
+
+@pytest.fixture
+def quick(monkeypatch, tmp_path):
+    """Two objects in place of eight, and trials that end before contact; runs the command."""
+
+    def plan(*args):
+        gantry, joint, phase, step = plan_grasp(*args)
+        hover = phase == PHASES.index("hover")
+        return GraspPlan(gantry[hover], joint[hover], phase[hover], step)
+
+    monkeypatch.setattr(module, "plan_grasp", plan)
+    monkeypatch.setitem(OBJECT_SETS, "paper8", lambda: paper8()[:2])
+    out = tmp_path / "grasps"
+
+    def run(*flags):
+        short = ["--preset", "ci", "--jobs", "1", "--trials", "2"]
+        return main(["simulate", "--out", str(out), *short, *map(str, flags)])
+
+    return out, run
+
+
+def never_lifted(monkeypatch, name):
+    """Attempts at one object fail."""
+    run = module.GraspSimulator.run
+    monkeypatch.setattr(
+        module.GraspSimulator,
+        "run",
+        lambda self, *args: run(self, *args)._replace(success=self.item.name != name),
+    )
+
+
+def files(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_choices_are_those_of_the_simulation():
+    assert tuple(OBJECT_SETS) == _OBJECT_SETS
+    assert tuple(PRESETS) == _PRESETS
+    assert len(twenty()) == 20
+
+
+def test_run_ends_with_one_line(quick, capsys):
+    out, run = quick
+    assert run() == 0
+    output = capsys.readouterr()
+    (line,) = output.out.splitlines()
+    assert line.startswith("4 trials (0 kept from before), 4 attempts, 100 % of them successful, ")
+    assert line.endswith(f" s; simulated data, not measured, in '{out}'")
+    assert output.err == ""  # no bar where there is no terminal
+    assert files(out) == [
+        "plastic_tube_000.h5",
+        "plastic_tube_001.h5",
+        "simulation.json",
+        "sponge_000.h5",
+        "sponge_001.h5",
+    ]
+
+
+def test_run_goes_on_where_it_was(quick, capsys):
+    out, run = quick
+    assert run("--trials", 1) == 0
+    assert run() == 0
+    assert "\n4 trials (2 kept from before), 4 attempts" in capsys.readouterr().out
+    assert len(files(out)) == 5
+
+
+def test_trials_by_the_preset(quick, capsys):
+    out, _ = quick
+    assert main(["simulate", "--out", str(out), "--preset", "ci", "--jobs", "1"]) == 0
+    assert capsys.readouterr().out.startswith("6 trials")
+
+
+def test_given_up_trials_are_listed_and_the_status_is_1(quick, capsys, monkeypatch):
+    out, run = quick
+    never_lifted(monkeypatch, "plastic_tube")
+    assert run("--max-attempts", 3) == 1
+    output = capsys.readouterr()
+    assert "4 trials (0 kept from before), 8 attempts, 25 % of them successful" in output.out
+    assert output.err.endswith(
+        "tactile: error: 2 trials given up after 3 attempts each: plastic_tube 0, plastic_tube 1\n"
+    )
+    assert files(out) == ["simulation.json", "sponge_000.h5", "sponge_001.h5"]
+
+
+def test_preview_is_drawn_and_named(quick, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    out, run = quick
+    assert run("--trials", 1, "--preview") == 0
+    pictures = [out / "preview" / f"preview_{name}.png" for name in ("film", "forces")]
+    assert capsys.readouterr().out.splitlines()[1:] == [f"drew {path}" for path in pictures]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures)
+
+
+def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, capsys, monkeypatch):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.visualization import simulate_command
+
+    out, run = quick
+    assert run() == 0
+    (out / "plastic_tube_000.h5").unlink()
+    never_lifted(monkeypatch, "plastic_tube")
+    drawn = []
+    monkeypatch.setattr(simulate_command, "read_recording", drawn.append)
+    monkeypatch.setattr(simulate_command, "plot_grasp_film", lambda *args: None)
+    monkeypatch.setattr(simulate_command, "plot_grasp_forces", lambda *args: None)
+    monkeypatch.setattr(simulate_command, "save_figure", lambda *args: None)
+    assert run("--preview") == 1
+    assert drawn == [out / "plastic_tube_001.h5"]
+
+
+def test_preview_without_matplotlib_fails_before_the_run(quick, capsys, monkeypatch):
+    out, _ = quick
+    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["simulate", "--out", str(out), "--preview"]) == 1
+    assert 'pip install "torch-geometric-tactile[viz]"' in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_folder_of_another_seed_is_explained(quick, capsys):
+    out, run = quick
+    assert run() == 0
+    assert run("--seed", 1) == 1
+    error = capsys.readouterr().err
+    assert f"tactile: error: '{out / 'plastic_tube_000.h5'}' was made with another 'seed'" in error
+    assert "(0, not 1); choose another folder or delete the file" in error
+
+
+@pytest.mark.parametrize("package", ["mujoco", "h5py"])
+def test_missing_package_names_the_extra(quick, capsys, monkeypatch, package):
+    out, run = quick
+    find = module.find_spec
+    monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))
+    assert run() == 1
+    error = capsys.readouterr().err
+    assert f"needs {package}: pip install 'torch-geometric-tactile[sim]'" in error
+    assert not out.exists()
+
+
+def test_interrupt_between_two_trials_tells_what_is_kept(quick, capsys, monkeypatch):
+    out, run = quick
+    write, written = module.write_hdf5, []
+
+    def stopped_at_the_third(recording, path):
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        written.append(path)
+        write(recording, path)
+
+    monkeypatch.setattr(module, "write_hdf5", stopped_at_the_third)
+    assert run() == 130
+    assert capsys.readouterr().err == "tactile: stopped; 2 finished trials are kept\n"
+    assert len(files(out)) == 2
+
+
+def test_killed_process_is_explained(quick, capsys, monkeypatch):
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    def killed(*args):
+        raise TerminatedWorkerError("a worker stopped")
+
+    monkeypatch.setattr(module, "write_hdf5", killed)
+    assert quick[1]() == 1
+    error = capsys.readouterr().err
+    assert "a process of the simulation was killed" in error
+    assert "fewer jobs" in error
+
+
+@pytest.mark.parametrize("flag", ["--trials", "--jobs", "--max-attempts"])
+def test_numbers_below_one_are_refused(flag, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(["simulate", "--out", "a", flag, "0"])
+    assert f"argument {flag}: must be at least 1 (got 0)" in capsys.readouterr().err
+
+
+def test_other_wrong_arguments_are_refused(capsys):
+    for arguments, message in [
+        (["--seed", "-1"], "argument --seed: must not be negative (got -1)"),
+        (["--objects", "nine"], "argument --objects: invalid choice: 'nine'"),
+        (["--preset", "slow"], "argument --preset: invalid choice: 'slow'"),
+    ]:
+        with pytest.raises(SystemExit, match="2"):
+            build_parser().parse_args(["simulate", "--out", "a", *arguments])
+        assert message in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(["simulate"])
+    assert "required: --out" in capsys.readouterr().err
+
+
+def test_help_has_examples(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        build_parser().parse_args(["simulate", "--help"])
+    text = capsys.readouterr().out
+    assert "tactile simulate --out grasps" in text
+    assert "plausible, not measured" in text
+    assert "    simulate " in build_parser().format_help()
