@@ -177,7 +177,7 @@ def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         "--max-attempts",
         metavar="N",
         type=_positive,
-        default=5,
+        default=10,
         help="grasps tried until the object is lifted and held, before a trial is given up "
         "(default: 5)",
     )
@@ -279,6 +279,8 @@ def main(argv: Sequence[str] | None = None) -> int:
                 num_processes=arguments.jobs,
                 generated=arguments.generated,
             )
+    except BrokenPipeError:  # whoever read our output, such as `head`, has what it wanted
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (ImportError, OSError, ValueError) as error:
         if os.environ.get("TACTILE_TRACEBACK"):
             raise

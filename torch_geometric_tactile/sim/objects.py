@@ -7,7 +7,7 @@ from typing import Literal
 # The order of the "Tactile Object Property Recognition ..." paper.
 PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
 
-_MASS = {"light": 0.08, "heavy": 0.40}  # kg
+_MASS = {"light": 0.08, "heavy": 0.35}  # kg
 _FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
 
 Shape = Literal["box", "cylinder", "ellipsoid"]

@@ -113,7 +113,7 @@ def simulate(
     seed: int = 0,
     jobs: int = 1,
     preset: str = "full",
-    max_attempts: int = 5,
+    max_attempts: int = 10,
     skin: SkinModel | None = None,
 ) -> Generator[TrialReport, None, None]:
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording a trial. Yields a

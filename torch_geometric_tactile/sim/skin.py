@@ -53,7 +53,7 @@ class SkinModel:
 
     spread: float = 0.35
     spread_length: float = 0.005
-    lag: float = 0.10
+    lag: float = 0.20
     lag_time: float = 0.6
     saturation: tuple[float, float, float] = (4.0, 4.0, 10.0)
     gain: tuple[float, float, float] = (1200.0, 1200.0, 1800.0)

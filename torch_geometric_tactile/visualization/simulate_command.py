@@ -52,7 +52,7 @@ def run_simulation(
     seed: int = 0,
     jobs: int = 1,
     preset: str = "full",
-    max_attempts: int = 5,
+    max_attempts: int = 10,
 ) -> SimulatedRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
 
