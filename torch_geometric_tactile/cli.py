@@ -179,7 +179,7 @@ def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         type=_positive,
         default=10,
         help="grasps tried until the object is lifted and held, before a trial is given up "
-        "(default: 5)",
+        "(default: 10)",
     )
     simulate.add_argument(
         "--preview",

@@ -73,15 +73,16 @@ def test_taxels_and_bones_together_support_the_object(paper8_grasps):
         # Forces are those at the begin of the last time step and joints those at its end, which
         # shows while the hand moves.
         assert (rest <= bones + 0.06 * pressure + 0.02).all()
-        hold = result.phase == PHASES.index("hold")
+        hold = result.phase == PHASES.index("hold") if result.success else []  # not while it falls
         assert (rest <= bones + 0.003 * pressure + 0.01)[hold].all()
         alone += int(((result.bone_force == 0) & (pressure > 1)).sum())
     assert alone > 50  # frames in which taxels alone are the balance
 
 
 def test_taxels_are_pressed_and_hardly_ever_pulled(paper8_grasps):
+    # The edge of a box can meet the side of a taxel that looks away from it.
     pressure = np.concatenate([grasp.result.force[..., 2].ravel() for grasp in paper8_grasps])
-    assert (pressure < -0.01).sum() < 0.01 * (np.abs(pressure) > 0.01).sum()
+    assert -pressure.clip(max=0).sum() < 0.01 * np.abs(pressure).sum()
 
 
 def test_nothing_touches_before_the_hand_closes(paper8_grasps):

@@ -17,6 +17,8 @@ STAND = (0.02, 0.05, 0.07)  # half width, half length and height of the stand be
 _TIP_RADIUS = 0.0090  # of the bone in a fingertip, behind its skin, m
 _SLIM = np.array([0.002, 0.006, 0.0])  # by which bones are thinner than the links' boxes, m
 _SOLIMP = "0.5 0.93 0.004"
+_GANTRY_MASS = 0.5  # kg
+_FINGER_WEIGHT = 5.0  # inverse mass in 1/kg that a contact on a finger feels
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,9 @@ def grasp_mjcf(
     Each taxel is a small collision sphere below the surface of the skin, named
     :obj:`taxel_0`, :obj:`taxel_1`, ..., with a site of the same name at the taxel. The bones are
     the boxes of the hand's own model, a few millimetres behind the skin; they stop what the skin
-    cannot. Contact in MuJoCo is softer for larger masses; all time constants are scaled with the
-    object's mass so that skin and object are not.
+    cannot. How stiff a contact of MuJoCo is depends on the masses that meet in it; time constants
+    are scaled with the object's mass, and with what a finger or the palm weighs against it, so that
+    skin and object are as soft as they are.
 
     Args:
         layout (TaxelLayout): The layout; its links are links of :obj:`kinematics`.
@@ -109,10 +112,11 @@ def grasp_mjcf(
     """
     parameters = parameters or ContactParameters()
     kinematics.require_links(layout)
-    time = math.sqrt(15.0 / (1.0 / item.mass + 5.0))
+    bodies = stock_bodies() if bodies is None else bodies
+    palm_weight = 1.0 / (_GANTRY_MASS + sum(body["mass"] for body in bodies))
 
-    def solref(constant: float) -> str:
-        return f"{constant * time!r} 1"
+    def solref(constant: float, weight: float = _FINGER_WEIGHT) -> str:
+        return f"{constant * math.sqrt(15.0 / (1.0 / item.mass + weight))!r} 1"
 
     root = Element("mujoco", model="grasp")
     SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -125,9 +129,13 @@ def grasp_mjcf(
     surface = parameters.soft_time if item.soft else parameters.hard_time
     _add_object(world, item, solref(surface))
     links = _add_links(world, kinematics, parameters)
-    for shape in stock_bodies() if bodies is None else bodies:
+    for shape in bodies:
         _add_bone(links[shape["link"]], shape, solref(parameters.hard_time), parameters)
-    _add_skin(links, layout, solref(parameters.skin_time), parameters)
+    skin = _hand_geom(parameters, solref(parameters.skin_time))
+    # MuJoCo takes the mean of skin and object, but what has priority as it is.
+    both = (parameters.skin_time + surface) / 2
+    palm = {"priority": "1", "solref": solref(both, palm_weight), "friction": _friction(item)}
+    _add_skin(links, layout, {kinematics.link_names[0]: skin | palm}, skin, parameters)
     _add_actuators(root, kinematics, parameters)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")
@@ -180,7 +188,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
         size=_text((x, y) if lying else (x, y, z)),
         quat=_text((0.5**0.5, 0.5**0.5, 0, 0) if lying else (1, 0, 0, 0)),
         mass=repr(item.mass),
-        friction=f"{item.friction!r} 0.005 0.0005",
+        friction=_friction(item),
         condim="4",
         contype="1",
         conaffinity="2",
@@ -188,6 +196,10 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
         solimp=_SOLIMP,
         rgba="0.9 0.6 0.2 1",
     )
+
+
+def _friction(item: GraspObject) -> str:
+    return f"{item.friction!r} 0.005 0.0005"
 
 
 def _add_links(
@@ -201,7 +213,9 @@ def _add_links(
         ("yaw", "hinge", "0 0 1", "0.5"),
     ):
         SubElement(gantry, "joint", name=f"gantry_{name}", type=kind, axis=axis, damping=damping)
-    SubElement(gantry, "inertial", pos="0 0 0", mass="0.5", diaginertia="0.002 0.002 0.002")
+    SubElement(
+        gantry, "inertial", pos="0 0 0", mass=repr(_GANTRY_MASS), diaginertia="0.002 0.002 0.002"
+    )
     # Palm down: the hand's x points to the table, its z (the fingers) along the world's x.
     root = kinematics.link_names[0]
     quat = _text((0.5**0.5, 0, 0.5**0.5, 0))
@@ -264,7 +278,8 @@ def _add_bone(
 def _add_skin(
     links: Mapping[str, Element],
     layout: TaxelLayout,
-    solref: str,
+    special: Mapping[str, dict[str, str]],
+    usual: dict[str, str],
     parameters: ContactParameters,
 ) -> None:
     assert layout.link is not None
@@ -272,7 +287,8 @@ def _add_skin(
     normal = taxel_axes(layout)[:, :, 2]
     pos = layout.pos.double().numpy()
     for i in range(layout.num_taxels):
-        body = links[layout.link_names[int(layout.link[i])]]
+        link = layout.link_names[int(layout.link[i])]
+        body = links[link]
         attributes = {
             "name": f"taxel_{i}",
             "type": "sphere",
@@ -282,7 +298,7 @@ def _add_skin(
             "solimp": _SOLIMP,
             "rgba": "0.2 0.2 0.2 1",
         }
-        SubElement(body, "geom", attributes | _hand_geom(parameters, solref))
+        SubElement(body, "geom", attributes | special.get(link, usual))
         SubElement(body, "site", name=f"taxel_{i}", pos=_text(pos[i]), size="0.0005")
 
 
