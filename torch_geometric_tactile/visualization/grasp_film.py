@@ -19,19 +19,19 @@ from torch_geometric_tactile.visualization.hand import plot_hand
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_Color = tuple[float, float, float]
-_BONE: _Color = (0.62, 0.65, 0.70)
-_OBJECT: _Color = (0.95, 0.70, 0.35)
-_STAND: _Color = (0.80, 0.80, 0.78)
-_SKIN, _PRESSED = np.array([0.20, 0.22, 0.26]), np.array([1.0, 0.10, 0.05])
+_Color = tuple[float, float, float, float]  # with opacity: taxels are seen through bones and object
+_BONE: _Color = (0.62, 0.65, 0.70, 0.45)
+_OBJECT: _Color = (0.95, 0.70, 0.35, 0.30)
+_STAND: _Color = (0.80, 0.80, 0.78, 1.0)
+_SKIN, _PRESSED = np.array([0.20, 0.22, 0.26, 1.0]), np.array([1.0, 0.10, 0.05, 1.0])
 _LIGHT = np.array([0.35, -0.55, 0.76])
-_FULL_FORCE = 1.5  # newtons at which a taxel is coloured to the full
+_FULL_FORCE = 1.0  # newtons at which a taxel is coloured to the full
 _TAXEL = 0.0022  # radius of a drawn taxel, m
 
 
 class _Faces(NamedTuple):
     corners: np.ndarray  # (F, K, 3)
-    color: np.ndarray  # (F, 3)
+    color: np.ndarray  # (F, 4)
 
 
 def plot_grasp_film(
@@ -39,8 +39,8 @@ def plot_grasp_film(
     layout: TaxelLayout,
     kinematics: HandKinematics,
     frames: int = 8,
-    azimuth: float = -70.0,
-    elevation: float = 8.0,
+    azimuth: float = -62.0,
+    elevation: float = 6.0,
 ) -> "Figure":
     r"""Draws a simulated trial as a strip of pictures, the taxels coloured by pressure. Each phase
     has about as many pictures, however long it lasts.
@@ -154,8 +154,7 @@ def _draw(ax: Any, scene: list[_Faces], azimuth: float, elevation: float) -> Non
     collection = PolyCollection(
         [polygons[i] for i in order],
         facecolors=np.concatenate([faces.color for faces in scene])[order],
-        edgecolors="face",
-        linewidths=0.3,
+        edgecolors="none",
     )
     ax.add_collection(collection)
     ax.axhline(0.0, color="#999999", linewidth=1.0, zorder=0)
@@ -195,7 +194,7 @@ def _scene(
     pressure = (recording.privileged["force"][frame, :, 2, None] / _FULL_FORCE).clip(0, 1)
     yield _Faces(
         _discs(taxels.pos.numpy() @ turn.T + origin, taxels.normal.numpy() @ turn.T),
-        (1 - pressure) * _SKIN + pressure * _PRESSED,
+        ((1 - pressure) * _SKIN + pressure * _PRESSED).clip(0, 1),  # rounding ends above one
     )
 
 
@@ -215,7 +214,8 @@ def _shaded(corners: np.ndarray, color: _Color) -> _Faces:
     length = np.linalg.norm(normal, axis=1)
     light = np.abs(normal @ _LIGHT) / np.where(length > 0, length, 1.0)
     light[length == 0] = 1.0
-    return _Faces(corners, np.array(color) * (0.55 + 0.45 * light[:, None]))
+    shade = (0.55 + 0.45 * light)[:, None] * np.array(color[:3])
+    return _Faces(corners, np.column_stack([shade, np.full(len(shade), color[3])]))
 
 
 def _discs(pos: np.ndarray, normal: np.ndarray) -> np.ndarray:
