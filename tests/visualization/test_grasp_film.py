@@ -55,7 +55,7 @@ def test_film_has_a_picture_of_every_phase():
     assert [title.split(", ")[1].split(":")[0] for title in titles] == list(PHASES)
     assert titles[0] == "0.4 s, hover: 0 N on the skin"
     assert titles[-1].endswith(" s, hold: 2 N on the skin")
-    assert figure.get_suptitle().startswith(r"Simulated grasp of \$5 tube; a taxel at 1.5 N")
+    assert figure.get_suptitle().startswith(r"Simulated grasp of \$5 tube; a taxel at 1.0 N")
 
 
 def test_film_gives_a_short_phase_its_picture():
