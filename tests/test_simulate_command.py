@@ -115,6 +115,7 @@ def test_preview_is_drawn_and_named(quick, capsys):
 
 def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, capsys, monkeypatch):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.io import read_recording
     from torch_geometric_tactile.visualization import simulate_command
 
     out, run = quick
@@ -122,7 +123,12 @@ def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, ca
     (out / "plastic_tube_000.h5").unlink()
     never_lifted(monkeypatch, "plastic_tube")
     drawn = []
-    monkeypatch.setattr(simulate_command, "read_recording", drawn.append)
+
+    def read(path):
+        drawn.append(path)
+        return read_recording(path)
+
+    monkeypatch.setattr(simulate_command, "read_recording", read)
     monkeypatch.setattr(simulate_command, "plot_grasp_film", lambda *args: None)
     monkeypatch.setattr(simulate_command, "plot_grasp_forces", lambda *args: None)
     monkeypatch.setattr(simulate_command, "save_figure", lambda *args: None)

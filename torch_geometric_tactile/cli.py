@@ -18,6 +18,7 @@ _LIGHTNING = {
 _READABLE = ".h5, .hdf5, .npz, .csv, .json, .jsonl, .ndjson or .txt"
 # The names in `sim`, which is not to be imported for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty")
+_HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
 _WRITABLE = ".h5, .hdf5, .npz, .csv, .jsonl or .ndjson"
 
@@ -155,6 +156,12 @@ def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         "size (control8); five shapes in four sizes (twenty)",
     )
     simulate.add_argument(
+        "--hand",
+        choices=_HANDS,
+        help="384 taxels, or 240 with none on the palm (default: the second for the objects "
+        "twenty, else the first)",
+    )
+    simulate.add_argument(
         "--trials",
         metavar="N",
         type=_positive,
@@ -222,6 +229,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
         jobs=arguments.jobs,
         preset=arguments.preset,
         max_attempts=arguments.max_attempts,
+        hand=arguments.hand,
     )
     print(run.describe(), flush=True)
     if run.given_up:

@@ -4,7 +4,12 @@ import pytest
 import torch
 from torch_geometric.utils import contains_self_loops, is_undirected, subgraph
 
-from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, stock_path
+from torch_geometric_tactile.sensors import (
+    TaxelLayout,
+    allegro_uskin,
+    allegro_uskin_240,
+    stock_path,
+)
 
 LAYOUT = allegro_uskin()
 COUNTS = {"sparse": 1000, "slanted": 1184, "original": 1401, "dense": 2488}
@@ -182,3 +187,39 @@ def test_save_load_gives_the_same_layout(tmp_path):
     assert list(layout.adjacency) == list(LAYOUT.adjacency)
     for name in COUNTS:
         assert layout.edge_index(name).equal(LAYOUT.edge_index(name))
+
+
+def test_hand_without_palm():
+    layout = allegro_uskin_240()
+    assert (layout.num_taxels, len(layout.patch_names), len(layout.digit_names)) == (240, 15, 4)
+    assert layout.segments("patch").bincount().tolist() == [16] * 15
+    assert layout.segments("digit").bincount().tolist() == [64, 64, 64, 48]
+    # Taxels of a phalanx stand where those of the hand with a palm do.
+    full = allegro_uskin()
+    for name in ("index_1", "ring_3", "thumb_2"):
+        of, among = layout.patch_names.index(name), full.patch_names.index(name)
+        assert torch.equal(layout.pos[layout.patch == of], full.pos[full.patch == among])
+
+
+def test_image_map_of_the_hand_without_palm():
+    cells = allegro_uskin_240().image_map
+    assert cells.max(dim=0).values.tolist() == [17, 15]
+    assert not ((cells[:, 0] < 4) & (cells[:, 1] >= 12)).any()  # nothing above the thumb
+    for left in (0, 4, 8, 12):
+        top = 4 if left == 12 else 0
+        rows, columns = cells[:, 0] - top, cells[:, 1] - left
+        tip = (rows >= 0) & (rows < 6) & (columns >= 0) & (columns < 4)
+        assert tip.sum() == 16  # of 24 cells
+
+
+def test_edges_of_the_hand_without_palm():
+    layout = allegro_uskin_240()
+    for name in ("sparse", "slanted", "original", "dense"):
+        source, target = layout.edge_index(name)
+        digit = layout.segments("digit")
+        assert torch.equal(digit[source], digit[target])
+        assert {tuple(e) for e in layout.edge_index(name).t().tolist()} == {
+            tuple(e) for e in layout.edge_index(name).flip(0).t().tolist()
+        }
+    # Straight edges of 11 phalanges and 4 fingertips, 7 seams and 4 fans, both ways.
+    assert layout.edge_index("original").size(1) == 2 * (11 * 24 + 4 * 22 + 7 * 4 + 4 * 13)

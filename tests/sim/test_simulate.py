@@ -15,6 +15,7 @@ pytest.importorskip("joblib", reason="needs the extra 'sim'")
 import joblib
 
 from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.sensors import stock_layout
 from torch_geometric_tactile.sim import (
     OBJECT_SETS,
     PHASES,
@@ -26,6 +27,7 @@ from torch_geometric_tactile.sim import (
     paper8,
     plan_grasp,
     simulate,
+    twenty,
 )
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]
@@ -117,7 +119,17 @@ def test_order_of_work_does_not_matter(undisturbed, tmp_path, objects, same_arra
     objects("paper8", *paper8()[:2])
     module._simulator.cache_clear()
     tasks = [
-        module._Task(str(tmp_path), "paper8", 1, trial, 0, 5, PRESETS["ci"], SkinModel())
+        module._Task(
+            out=str(tmp_path),
+            hand="allegro_uskin",
+            object_set="paper8",
+            index=1,
+            trial=trial,
+            seed=0,
+            max_attempts=5,
+            preset=PRESETS["ci"],
+            skin=SkinModel(),
+        )
         for trial in (1, 0)
     ]
     for task in tasks:
@@ -242,6 +254,20 @@ def test_workers_start_with_interrupts_ignored(tmp_path, objects, hovering, monk
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_hand_is_that_of_the_objects_paper_unless_told(tmp_path, objects, hovering):
+    tube = twenty()[0]
+    for name, hand, num_taxels in [
+        ("twenty", None, 240),
+        ("tubes", None, 384),
+        ("tubes", "allegro_uskin_240", 240),
+    ]:
+        out = tmp_path / f"{name}_{hand}"
+        (report,) = simulate(out, objects(name, tube), 1, preset="ci", hand=hand)
+        recording = read_recording(report.path)
+        assert recording.num_taxels == num_taxels
+        assert stock_layout(recording.meta["sensor"]).num_taxels == num_taxels
+
+
 def test_bad_arguments_are_named(tmp_path):
     for arguments, message in [
         ({"objects": "nine"}, r"'objects' must be one of \['paper8', .*\] \(got 'nine'\)"),
@@ -249,6 +275,7 @@ def test_bad_arguments_are_named(tmp_path):
         ({"trials": 0}, r"'trials' must be at least 1 \(got 0\)"),
         ({"jobs": 0}, r"'jobs' must be at least 1 \(got 0\)"),
         ({"max_attempts": 0}, r"'max_attempts' must be at least 1 \(got 0\)"),
+        ({"hand": "glove"}, r"'hand' must be one of \['allegro_uskin', .*\] \(got 'glove'\)"),
         ({"seed": -1}, r"'seed' must not be negative \(got -1\)"),
     ]:
         with pytest.raises(ValueError, match=message):

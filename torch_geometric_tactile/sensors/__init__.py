@@ -1,6 +1,6 @@
 r"""What a sensor is: the places of its taxels, how they are joined and how a hand moves them."""
 
-from torch_geometric_tactile.sensors.allegro import allegro_uskin
+from torch_geometric_tactile.sensors.allegro import allegro_uskin, allegro_uskin_240
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
 from torch_geometric_tactile.sensors.grid import grid
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, Joint, LinkPose, PosedTaxels
@@ -15,6 +15,7 @@ __all__ = [
     "PosedTaxels",
     "TaxelLayout",
     "allegro_uskin",
+    "allegro_uskin_240",
     "biotac",
     "biotac_sp",
     "expand_patches",

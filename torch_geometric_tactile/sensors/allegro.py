@@ -49,3 +49,25 @@ def allegro_uskin(symmetric: bool = False) -> TaxelLayout:
     code, reverse = source * len(layout) + target, target * len(layout) + source
     adjacency["original"] = adjacency["original"][:, torch.isin(code, reverse)]
     return replace(layout, adjacency=adjacency)
+
+
+def allegro_uskin_240() -> TaxelLayout:
+    r"""The 240 taxels of a right Allegro hand with XELA uSkin on its digits and none on its palm,
+    the hand of the "Morphology-Specific Convolutional Neural Networks for Tactile Object
+    Recognition with a Multi-Fingered Hand" paper: 11 phalanges of 4 x 4 and four fingertips of 16.
+
+    Numbered as :func:`allegro_uskin`, with the same kinds of adjacencies; its four digits are not
+    joined with each other. The paper lays a fingertip on 6 x 4 cells, of which 8 are empty; that
+    these are beside the four outer rows is our choice.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors in the frames of the links that
+          :meth:`HandKinematics.allegro` moves :math:`(240, 3)`
+        - **image_map:** the digits side by side, index, middle, ring, thumb, fingertips up, on
+          18 x 16 cells; the 4 x 4 above the thumb are empty
+
+    Examples:
+        >>> allegro_uskin_240()
+        TaxelLayout('allegro_uskin_240', num_taxels=240, patches=15, digits=4)
+    """
+    return stock_layout("allegro_uskin_240")

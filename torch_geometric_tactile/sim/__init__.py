@@ -22,10 +22,11 @@ from torch_geometric_tactile.sim.objects import (
     paper8,
     twenty,
 )
-from torch_geometric_tactile.sim.simulate import PRESETS, Preset, TrialReport, simulate
+from torch_geometric_tactile.sim.simulate import HANDS, PRESETS, Preset, TrialReport, simulate
 from torch_geometric_tactile.sim.skin import SkinModel
 
 __all__ = [
+    "HANDS",
     "OBJECT_SETS",
     "PHASES",
     "PRESETS",

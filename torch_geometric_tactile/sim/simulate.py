@@ -20,7 +20,7 @@ import numpy as np
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_hdf5_head, write_hdf5
-from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim.grasp import PHASES, GraspResult, GraspSimulator, plan_grasp
 from torch_geometric_tactile.sim.hand_model import ContactParameters
 from torch_geometric_tactile.sim.objects import OBJECT_SETS, PROPERTIES, GraspObject
@@ -29,6 +29,7 @@ from torch_geometric_tactile.typing import PathLike
 
 _ENCODER_NOISE = 0.0015  # rad
 _SUMMARY = "simulation.json"
+HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
 
 
@@ -73,6 +74,7 @@ class TrialReport(NamedTuple):
 class _Task:
     # All that decides the bits of a trial, and where it goes.
     out: str
+    hand: str
     object_set: str
     index: int
     trial: int
@@ -93,6 +95,7 @@ class _Task:
         identity: dict[str, Any] = json.loads(
             json.dumps(
                 {
+                    "sensor": self.hand,
                     "object_set": self.object_set,
                     "object": self.item.name,
                     "object_parameters": asdict(self.item),
@@ -115,6 +118,7 @@ def simulate(
     preset: str = "full",
     max_attempts: int = 10,
     skin: SkinModel | None = None,
+    hand: str | None = None,
 ) -> Generator[TrialReport, None, None]:
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording a trial. Yields a
     report for each trial when its file is finished, and writes :obj:`simulation.json` at the end.
@@ -132,6 +136,9 @@ def simulate(
         preset (str): :obj:`"full"` (17 s at 100 Hz) or :obj:`"ci"` (5 s at 50 Hz, coarse).
         max_attempts (int): Attempts at a trial before it is given up.
         skin (SkinModel, optional): What the skin makes of the forces.
+        hand (str, optional): :obj:`"allegro_uskin"` (384 taxels) or :obj:`"allegro_uskin_240"`
+            (none on the palm). If left out, that of the paper which the objects are of: the
+            second for :obj:`"twenty"`, else the first.
 
     Raises:
         ImportError: If MuJoCo, h5py or joblib is missing.
@@ -142,6 +149,9 @@ def simulate(
         raise ValueError(f"'objects' must be one of {list(OBJECT_SETS)} (got '{objects}')")
     if preset not in PRESETS:
         raise ValueError(f"'preset' must be one of {list(PRESETS)} (got '{preset}')")
+    hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
+    if hand not in HANDS:
+        raise ValueError(f"'hand' must be one of {list(HANDS)} (got '{hand}')")
     settings = PRESETS[preset]
     trials = settings.trials if trials is None else trials
     for name, number in (("trials", trials), ("jobs", jobs), ("max_attempts", max_attempts)):
@@ -156,7 +166,7 @@ def simulate(
             )
     skin = skin or SkinModel()
     tasks = [
-        _Task(str(out), objects, index, trial, seed, max_attempts, settings, skin)
+        _Task(str(out), hand, objects, index, trial, seed, max_attempts, settings, skin)
         for trial in range(trials)
         for index in range(len(OBJECT_SETS[objects]()))
     ]
@@ -226,7 +236,7 @@ def _kept(task: _Task) -> TrialReport:
 
 def _simulate_trial(task: _Task, parent: int) -> TrialReport:
     name = task.item.name
-    simulator = _simulator(task.object_set, task.index, task.preset.timestep)
+    simulator = _simulator(task.hand, task.object_set, task.index, task.preset.timestep)
     for attempt in range(task.max_attempts):
         if parent not in (os.getpid(), os.getppid()):
             os._exit(1)  # the run was killed: its workers would go on with what was dispatched
@@ -241,13 +251,13 @@ def _simulate_trial(task: _Task, parent: int) -> TrialReport:
 
 
 @lru_cache(maxsize=1)
-def _hand() -> tuple[TaxelLayout, HandKinematics]:
-    return allegro_uskin(), HandKinematics.allegro()
+def _hand(name: str) -> tuple[TaxelLayout, HandKinematics]:
+    return stock_layout(name), HandKinematics.allegro()
 
 
 @lru_cache(maxsize=4)
-def _simulator(object_set: str, index: int, timestep: float) -> GraspSimulator:
-    layout, kinematics = _hand()
+def _simulator(hand: str, object_set: str, index: int, timestep: float) -> GraspSimulator:
+    layout, kinematics = _hand(hand)
     item = OBJECT_SETS[object_set]()[index]
     return GraspSimulator(layout, kinematics, item, ContactParameters(timestep=timestep))
 
@@ -269,7 +279,6 @@ def _recording(
         meta={
             **task.identity(),
             "attempt": attempt,
-            "sensor": layout.name,
             "unit": "count",
             "rate": task.preset.rate,
             "synthetic": True,
@@ -295,6 +304,7 @@ def _write_summary(out: Path, tasks: list[_Task], reports: list[TrialReport]) ->
         "synthetic": True,
         "note": "Simulated. Masses, frictions, skin constants and patch places are plausible, not "
         "measured.",
+        "hand": tasks[0].hand,
         "object_set": tasks[0].object_set,
         "seed": tasks[0].seed,
         "preset": asdict(tasks[0].preset),

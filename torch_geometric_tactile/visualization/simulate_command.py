@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+from torch_geometric_tactile.sensors import HandKinematics, stock_layout
 from torch_geometric_tactile.sim import OBJECT_SETS, PRESETS, TrialReport, simulate
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import new_figure, save_figure
@@ -53,6 +53,7 @@ def run_simulation(
     jobs: int = 1,
     preset: str = "full",
     max_attempts: int = 10,
+    hand: str | None = None,
 ) -> SimulatedRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
 
@@ -64,6 +65,7 @@ def run_simulation(
         jobs (int): Processes.
         preset (str): Name of the preset.
         max_attempts (int): Attempts at a trial before it is given up.
+        hand (str, optional): Name of the hand; that of the objects' paper if left out.
 
     Raises:
         ImportError: If MuJoCo, h5py or joblib is missing.
@@ -74,7 +76,7 @@ def run_simulation(
     from tqdm import tqdm
 
     start = time.monotonic()
-    running = simulate(out, objects, trials, seed, jobs, preset, max_attempts)
+    running = simulate(out, objects, trials, seed, jobs, preset, max_attempts, hand=hand)
     total = len(OBJECT_SETS[objects]()) * (trials or PRESETS[preset].trials)
     reports: list[TrialReport] = []
     attempts = 0
@@ -124,7 +126,8 @@ def draw_preview(run: SimulatedRun, objects: str) -> list[Path]:
     first = _first_trial(run.reports, [item.name for item in OBJECT_SETS[objects]()])
     if first is None:
         raise ValueError("a preview must have a trial to show (got none that succeeded)")
-    recording, layout, hand = read_recording(first), allegro_uskin(), HandKinematics.allegro()
+    recording, hand = read_recording(first), HandKinematics.allegro()
+    layout = stock_layout(recording.meta["sensor"])
     pictures = {
         run.out / "preview" / "preview_film.png": plot_grasp_film,
         run.out / "preview" / "preview_forces.png": plot_grasp_forces,
