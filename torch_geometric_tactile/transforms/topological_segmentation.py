@@ -19,9 +19,9 @@ _SET_HERE = ("segment_batch", "edge_is_within")
 @functional_transform("topological_segmentation")
 class TopologicalSegmentation(BaseTransform):
     r"""Parts the taxels into segments, such as the digits of a hand, that are joined by no edge
-    (functional name: :obj:`topological_segmentation`), as for the threads of the "Tactile Object
-    Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional
-    Network" paper.
+    (functional name: :obj:`topological_segmentation`), as in the "Multifingered Object Recognition
+    with Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation"
+    paper: :obj:`"digit"` is its method I, :obj:`"patch"` its method II.
 
     .. math::
         \mathcal{E}' = \{ (j, i) \in \mathcal{E} : s_j = s_i \}
