@@ -35,8 +35,8 @@ class AllegroUSkin(StaticDataset):
     r"""Grasps with a right Allegro hand whose 384 taxels are XELA uSkin, as in the "Tactile Object
     Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional
     Network" and the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
-    Networks using Topological Graph Segmentation" papers: what is the object, or is it light or heavy,
-    hard or soft, slippery or not?
+    Networks using Topological Graph Segmentation" papers: what is the object, or is it light or
+    heavy, hard or soft, slippery or not?
 
     The recordings of the papers are not public. This class reads a folder of your own, or one that
     ``tactile simulate --out FOLDER`` wrote: one trial a file, in :obj:`root/raw` or in :obj:`root`
