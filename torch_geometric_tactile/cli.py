@@ -254,7 +254,22 @@ def _not_negative(text: str) -> int:
     return number
 
 
-_RECORDINGS = {"inspect": _inspect, "convert": _convert, "simulate": _simulate}
+def _demo(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.training import demo
+
+    demo.main(
+        root=arguments.root,
+        out=arguments.out,
+        seeds=arguments.seeds,
+        folds=arguments.folds,
+        epochs=arguments.epochs,
+        num_processes=arguments.jobs,
+        generated=arguments.generated,
+    )
+    return 0
+
+
+_COMMANDS = {"demo": _demo, "inspect": _inspect, "convert": _convert, "simulate": _simulate}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -274,19 +289,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             cli.main(argv)
         else:
             arguments = build_parser().parse_args(argv)
-            if arguments.command in _RECORDINGS:
-                return _RECORDINGS[arguments.command](arguments)
-            from torch_geometric_tactile.training import demo
-
-            demo.main(
-                root=arguments.root,
-                out=arguments.out,
-                seeds=arguments.seeds,
-                folds=arguments.folds,
-                epochs=arguments.epochs,
-                num_processes=arguments.jobs,
-                generated=arguments.generated,
-            )
+            return _COMMANDS[arguments.command](arguments)
     except BrokenPipeError:  # whoever read our output, such as `head`, has what it wanted
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (ImportError, OSError, ValueError) as error:

@@ -2,6 +2,7 @@ import json
 import math
 import pickle
 import warnings
+from dataclasses import replace
 
 import pytest
 import torch
@@ -460,3 +461,24 @@ def test_missing_files_are_named(tmp_path):
         HandKinematics.load(tmp_path / "gone.json")
     with pytest.raises(FileNotFoundError, match=r"gone\.urdf"):
         HandKinematics.from_urdf(tmp_path / "gone.urdf")
+
+
+def test_what_is_kept_of_a_layout_serves_no_other():
+    hand, layout = HandKinematics.allegro(), allegro_uskin()
+    joint = torch.full((2, 16), 0.3)
+    with torch.inference_mode():
+        first = hand.taxel_pose(layout, joint).pos
+    moved = replace(layout, pos=layout.pos + 0.001)
+    assert not torch.allclose(hand.taxel_pose(moved, joint).pos, first)
+    assert hand.taxel_pose(layout, joint.double()).pos.dtype == torch.double
+    assert torch.equal(hand.taxel_pose(layout, joint).pos, first)
+
+
+def test_gradient_after_inference_mode():
+    hand, layout = HandKinematics.allegro(), allegro_uskin()
+    joint = torch.full((2, 16), 0.3)
+    with torch.inference_mode():
+        hand.taxel_pose(layout, joint)
+    joint.requires_grad_()
+    hand.taxel_pose(layout, joint).pos.sum().backward()
+    assert joint.grad.abs().sum() > 0

@@ -19,6 +19,9 @@ from torch_geometric_tactile.typing import PathLike
 _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 _MOVING = ("revolute", "continuous")
 
+_Table = tuple[int, Tensor, Tensor | None]  # a link, and what its pose is multiplied with
+_Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], tuple[list[_Table], Tensor | None]]
+
 
 class LinkPose(NamedTuple):
     r"""Where the links are, in the frame of the root link.
@@ -125,6 +128,7 @@ class HandKinematics:
         self.lower = torch.tensor([float(joint.lower) for joint in moving])
         self.upper = torch.tensor([float(joint.upper) for joint in moving])
         self._sort_links(moving)
+        self._kept: _Kept | None = None
 
     def _sort_links(self, moving: list[Joint]) -> None:
         by_child: dict[str, Joint] = {}
@@ -308,12 +312,10 @@ class HandKinematics:
                 number of angles.
         """
         self._check(joint)
-        groups = self._groups(layout)
         shape, num_taxels = joint.shape[:-1], layout.num_taxels
         flat = joint.reshape(-1, self.num_joints)
-        order = torch.cat([taxels for _, taxels in groups])
         with_normal = layout.normal is not None
-        tables = [(link, *_tables(layout, taxels, flat)) for link, taxels in groups]
+        tables, place = self._tables(layout, flat)
         parts = flat.split(_CHUNK)
         if len(parts) > 1 and not (torch.is_grad_enabled() and joint.requires_grad):
             out = [flat.new_empty(len(flat), num_taxels * 3) for _ in range(1 + with_normal)]
@@ -324,8 +326,8 @@ class HandKinematics:
         else:
             out = [torch.cat(values, dim=1) for values in self._taxels(tables, flat)]
         values = [value.view(*shape, num_taxels, 3) for value in out]
-        if not torch.equal(order, torch.arange(num_taxels)):
-            values = [value[..., order.argsort(), :] for value in values]
+        if place is not None:
+            values = [value[..., place, :] for value in values]
         return PosedTaxels(values[0], values[1] if with_normal else None)
 
     def require_links(self, layout: TaxelLayout) -> list[str]:
@@ -347,18 +349,25 @@ class HandKinematics:
             )
         return used
 
-    def _groups(self, layout: TaxelLayout) -> list[tuple[int, Tensor]]:
-        used = self.require_links(layout)
-        assert layout.link is not None
-        groups = []
-        for name in used:
-            taxels = (layout.link == layout.link_names.index(name)).nonzero().view(-1)
-            groups.append((self.link_names.index(name), taxels))
-        return groups
+    def _tables(self, layout: TaxelLayout, like: Tensor) -> tuple[list[_Table], Tensor | None]:
+        # The tables, and where each taxel stands in what they give if that is in another order.
+        # Kept, since a layout is frozen, and making them costs more than the pose of a frame.
+        kept = self._kept
+        if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
+            with torch.inference_mode(False):  # or no gradient could pass through them later
+                tables, order = [], []
+                assert layout.link is not None
+                for name in self.require_links(layout):
+                    taxels = (layout.link == layout.link_names.index(name)).nonzero().view(-1)
+                    tables.append((self.link_names.index(name), *_tables(layout, taxels, like)))
+                    order.append(taxels)
+                place = torch.cat(order).argsort()
+            in_order = torch.equal(place, torch.arange(layout.num_taxels))
+            made = tables, None if in_order else place
+            self._kept = kept = (layout, (like.dtype, like.device), made)
+        return kept[2]
 
-    def _taxels(
-        self, tables: list[tuple[int, Tensor, Tensor | None]], joint: Tensor
-    ) -> list[list[Tensor]]:
+    def _taxels(self, tables: list[_Table], joint: Tensor) -> list[list[Tensor]]:
         rotation, translation = self._link_pose(joint)
         pos, normal = [], []
         for link, pos_table, normal_table in tables:
