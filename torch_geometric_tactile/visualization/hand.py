@@ -8,7 +8,14 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.visualization.figure import new_figure, plain_text
-from torch_geometric_tactile.visualization.layout import _value_limits
+from torch_geometric_tactile.visualization.taxel_map import (
+    checked_edges,
+    checked_values,
+    draw_taxels,
+    finish_map,
+    value_colors,
+    value_scale,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +24,6 @@ if TYPE_CHECKING:
 _PIECE_COLOR = "#555555"
 _JOIN_COLOR = "#e07b00"
 _ONE_WAY_COLOR = "#d4007a"
-_MISSING_COLOR = "#ffffff"
 _OUTLINE_COLOR = "#303030"
 # Of Okabe and Ito: told apart with any colour vision.
 _DIGIT_COLORS = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#8a8a8a", "#56b4e9", "#f0e442")
@@ -109,14 +115,8 @@ def plot_hand(
         if by not in _NAME_SIZES and not (key == "names" and by is None):
             raise ValueError(f"'{key}' must be 'patch' or 'digit' (got '{by}')")
     if value is not None:
-        value = torch.as_tensor(value).detach().cpu().double()
-        if value.shape != (layout.num_taxels,):
-            raise ValueError(
-                f"'value' must have shape ({layout.num_taxels},) (got {tuple(value.shape)})"
-            )
-    low, high = _value_limits(value) if limits is None else limits
-    if not low < high:
-        raise ValueError(f"'limits' must rise (got {low} and {high})")
+        value = checked_values("value", value, layout.num_taxels)
+    scale = value_scale(value, limits, cmap)
     edge_index = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
     edges = None if edge_index is None else _sorted_edges(edge_index, layout)
     kinematics = HandKinematics.allegro() if kinematics is None else kinematics
@@ -128,73 +128,39 @@ def plot_hand(
         width, height = (corners[1] - corners[0]).tolist()
         ax = new_figure(7.0, 7.0 * min(max(height / width, 0.4), 1.6) + 0.3).add_subplot()
 
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.colors import Normalize, to_rgba
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.colors import to_rgba
 
-    scale = ScalarMappable(Normalize(low, high), colormaps[cmap])
     missing = [False] * layout.num_taxels
     if value is None:
-        colors = [to_rgba(color) for color in _segment_colors(layout, color_by)]
+        colors: list[tuple[float, ...]] = [
+            to_rgba(color) for color in _segment_colors(layout, color_by)
+        ]
     else:
         missing = value.isnan().tolist()
-        colors = [
-            to_rgba(_MISSING_COLOR) if gone else tuple(color)
-            for gone, color in zip(missing, scale.to_rgba(value.nan_to_num().numpy()), strict=True)
-        ]
+        colors = value_colors(value, scale)
     if edges is not None:
         _draw_edges(ax, plane, edges)
     order = depth.argsort(stable=True).tolist()
-    ax.add_collection(
-        EllipseCollection(
-            widths=diameter,
-            heights=diameter,
-            angles=0,
-            units="xy",
-            offsets=plane[order].numpy(),
-            offset_transform=ax.transData,
-            facecolors=[colors[i] for i in order],
-            edgecolors=_OUTLINE_COLOR,
-            linewidths=0.45,
-            linestyles=["--" if missing[i] else "-" for i in order],
-            zorder=2,
-        )
+    draw_taxels(
+        ax,
+        plane[order],
+        diameter,
+        [colors[i] for i in order],
+        [missing[i] for i in order],
+        _OUTLINE_COLOR,
+        0.45,
     )
     if names is not None:
         _draw_names(ax, plane, diameter, layout, names)
-    ax.set_xlim(float(corners[0, 0]), float(corners[1, 0]))
-    ax.set_ylim(float(corners[0, 1]), float(corners[1, 1]))
-    ax.set_aspect("equal")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    ax.tick_params(labelsize=8)
-    ax.set_xlabel("mm", fontsize=8)
-    ax.set_ylabel("mm", fontsize=8)
-    if title is not None:
-        ax.set_title(plain_text(title), fontsize=11)
-    if value is not None and label is not None:
-        bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
-        bar.set_label(plain_text(label), fontsize=9)
-        bar.ax.tick_params(labelsize=8)
+    shown = None if value is None else scale
+    finish_map(ax, corners.tolist(), 6, title, 11, shown, label)
     return ax.figure.figure
 
 
 def _sorted_edges(edge_index: Tensor, layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:
     # Pairs within a patch, pairs between patches, and edges without their reverse, all (n, 2).
-    edge_index = torch.as_tensor(edge_index).detach().cpu().long()
-    if edge_index.dim() != 2 or edge_index.size(0) != 2:
-        raise ValueError(
-            f"'adjacency' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
-        )
     num_taxels = layout.num_taxels
-    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_taxels:
-        raise ValueError(
-            f"'adjacency' must join taxels 0 to {num_taxels - 1} "
-            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
-        )
-    source, target = edge_index[:, edge_index[0] != edge_index[1]].unique(dim=1)
+    source, target = checked_edges("adjacency", edge_index, num_taxels).unique(dim=1)
     returns = torch.isin(target * num_taxels + source, source * num_taxels + target)
     pairs = torch.stack([source, target], dim=1)
     both = pairs[returns & (source < target)]

@@ -7,7 +7,15 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.taxel_map import (
+    checked_edges,
+    checked_values,
+    draw_taxels,
+    finish_map,
+    value_colors,
+    value_scale,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,7 +23,6 @@ if TYPE_CHECKING:
 
 _EDGE_COLOR = "#b0b0b0"
 _PLAIN_COLOR = "#d6e4f0"
-_MISSING_COLOR = "#ffffff"
 _TIE = 1e-6  # relative difference below which two extents count as equal
 
 
@@ -106,71 +113,35 @@ def plot_layout(
         ValueError: If :obj:`values` or :obj:`edge_index` does not fit the layout, or
             :obj:`limits` do not rise.
     """
-    values = None if values is None else _checked_values(values, layout.num_taxels)
-    edges = None if edge_index is None else _checked_edges(edge_index, layout.num_taxels)
-    low, high = _value_limits(values) if limits is None else limits
-    if not low < high:
-        raise ValueError(f"'limits' must rise (got {low} and {high})")
+    if values is not None:
+        values = checked_values("values", values, layout.num_taxels)
+    edges = None if edge_index is None else _pairs(edge_index, layout.num_taxels)
+    scale = value_scale(values, limits, cmap)
     plane = layout_plane(layout)
     if ax is None:
         width, height = figure_size(plane, 5.0)
         ax = new_figure(width, height + 0.3).add_subplot()
 
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import EllipseCollection, LineCollection
-    from matplotlib.colors import Normalize, to_rgba
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import to_rgba
 
     diameter = _taxel_diameter(plane)
-    scale = ScalarMappable(Normalize(low, high), colormaps[cmap])
-    colors = [to_rgba(_PLAIN_COLOR)] * layout.num_taxels
-    missing = torch.zeros(layout.num_taxels, dtype=torch.bool)
+    colors: list[tuple[float, ...]] = [to_rgba(_PLAIN_COLOR)] * layout.num_taxels
+    missing = [False] * layout.num_taxels
     if values is not None:
-        missing = values.isnan()
-        colors = [tuple(color) for color in scale.to_rgba(values.nan_to_num().numpy())]
-        colors = [
-            to_rgba(_MISSING_COLOR) if gone else color
-            for gone, color in zip(missing.tolist(), colors, strict=True)
-        ]
+        missing = values.isnan().tolist()
+        colors = value_colors(values, scale)
     if edges is not None:
         ax.add_collection(
             LineCollection(
                 list(plane[edges.T].numpy()), colors=_EDGE_COLOR, linewidths=0.8, zorder=1
             )
         )
-    ax.add_collection(
-        EllipseCollection(
-            widths=diameter,
-            heights=diameter,
-            angles=0,
-            units="xy",
-            offsets=plane.numpy(),
-            offset_transform=ax.transData,
-            facecolors=colors,
-            edgecolors="#404040",
-            linewidths=0.5,
-            linestyles=["--" if gone else "-" for gone in missing.tolist()],
-            zorder=2,
-        )
-    )
+    draw_taxels(ax, plane, diameter, colors, missing, "#404040", 0.5)
     if numbers:
         _draw_numbers(ax, plane, diameter, colors)
-    low_corner, high_corner = _corners(plane, diameter)
-    ax.set_xlim(low_corner[0], high_corner[0])
-    ax.set_ylim(low_corner[1], high_corner[1])
-    ax.set_aspect("equal")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-    ax.tick_params(labelsize=8)
-    ax.set_xlabel("mm", fontsize=8)
-    ax.set_ylabel("mm", fontsize=8)
-    if title is not None:
-        ax.set_title(plain_text(title), fontsize=10)
-    if values is not None and label is not None:
-        bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
-        bar.set_label(plain_text(label), fontsize=9)
-        bar.ax.tick_params(labelsize=8)
+    shown = None if values is None else scale
+    finish_map(ax, _corners(plane, diameter), 5, title, 10, shown, label)
     return ax.figure.figure
 
 
@@ -189,37 +160,9 @@ def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
     return width, width * min(max(ratio, 0.3), 2.0)
 
 
-def _checked_values(values: Tensor, num_taxels: int) -> Tensor:
-    values = torch.as_tensor(values).detach().cpu().double()
-    if values.shape != (num_taxels,):
-        raise ValueError(f"'values' must have shape ({num_taxels},) (got {tuple(values.shape)})")
-    return values
-
-
-def _checked_edges(edge_index: Tensor, num_taxels: int) -> Tensor:
-    edge_index = torch.as_tensor(edge_index).detach().cpu().long()
-    if edge_index.dim() != 2 or edge_index.size(0) != 2:
-        raise ValueError(
-            f"'edge_index' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
-        )
-    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_taxels:
-        raise ValueError(
-            f"'edge_index' must join taxels 0 to {num_taxels - 1} "
-            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
-        )
-    edge_index = edge_index[:, edge_index[0] != edge_index[1]]
-    return edge_index.sort(dim=0).values.unique(dim=1)
-
-
-def _value_limits(values: Tensor | None) -> tuple[float, float]:
-    finite = torch.zeros(0) if values is None else values[values.isfinite()]
-    if finite.numel() == 0:
-        return 0.0, 1.0
-    low, high = float(finite.min()), float(finite.max())
-    if low < high:
-        return low, high
-    half = max(abs(low), 1.0) / 2
-    return low - half, high + half
+def _pairs(edge_index: Tensor, num_taxels: int) -> Tensor:
+    edges = checked_edges("edge_index", edge_index, num_taxels)
+    return edges.sort(dim=0).values.unique(dim=1)
 
 
 def _taxel_diameter(plane: Tensor) -> float:

@@ -1,0 +1,182 @@
+r"""What pictures of taxels share, whether of one pad or of a whole hand."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.visualization.figure import plain_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MISSING_COLOR = "#ffffff"
+
+
+def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
+    r"""Returns one number a taxel, as double on the CPU.
+
+    Args:
+        name (str): Name of the argument, for the message.
+        values (torch.Tensor): The numbers.
+        num_taxels (int): Number of taxels :math:`N`.
+
+    Raises:
+        ValueError: If they are not of shape :math:`(N,)`.
+    """
+    values = torch.as_tensor(values).detach().cpu().double()
+    if values.shape != (num_taxels,):
+        raise ValueError(f"'{name}' must have shape ({num_taxels},) (got {tuple(values.shape)})")
+    return values
+
+
+def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
+    r"""Returns directed edges on the CPU, without self-loops.
+
+    Args:
+        name (str): Name of the argument, for the message.
+        edge_index (torch.Tensor): The edges :math:`(2, |\mathcal{E}|)`.
+        num_taxels (int): Number of taxels.
+
+    Raises:
+        ValueError: If they have another shape or join other taxels.
+    """
+    edge_index = torch.as_tensor(edge_index).detach().cpu().long()
+    if edge_index.dim() != 2 or edge_index.size(0) != 2:
+        raise ValueError(f"'{name}' must have shape (2, num_edges) (got {tuple(edge_index.shape)})")
+    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_taxels:
+        raise ValueError(
+            f"'{name}' must join taxels 0 to {num_taxels - 1} "
+            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
+        )
+    return edge_index[:, edge_index[0] != edge_index[1]]
+
+
+def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap: str) -> Any:
+    r"""Returns matplotlib's map from values to colours.
+
+    Args:
+        values (torch.Tensor, optional): The values :math:`(N,)`, of which NaN does not count.
+        limits (tuple of float, optional): The values at both ends of the map; those of
+            :obj:`values` if left out.
+        cmap (str): Name of the colour map.
+
+    Raises:
+        ValueError: If :obj:`limits` do not rise.
+    """
+    low, high = _value_limits(values) if limits is None else limits
+    if not low < high:
+        raise ValueError(f"'limits' must rise (got {low} and {high})")
+
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(low, high), colormaps[cmap])
+
+
+def _value_limits(values: Tensor | None) -> tuple[float, float]:
+    finite = torch.zeros(0) if values is None else values[values.isfinite()]
+    if finite.numel() == 0:
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    if low < high:
+        return low, high
+    half = max(abs(low), 1.0) / 2
+    return low - half, high + half
+
+
+def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
+    r"""Returns the colour of each value; white where it is missing.
+
+    Args:
+        values (torch.Tensor): The values :math:`(N,)`.
+        scale (matplotlib.cm.ScalarMappable): Their map to colours.
+    """
+    from matplotlib.colors import to_rgba
+
+    colors = scale.to_rgba(values.nan_to_num().numpy())
+    return [
+        to_rgba(_MISSING_COLOR) if gone else tuple(color)
+        for gone, color in zip(values.isnan().tolist(), colors, strict=True)
+    ]
+
+
+def draw_taxels(
+    ax: "Axes",
+    plane: Tensor,
+    diameter: float,
+    colors: Sequence[tuple[float, ...]],
+    missing: Sequence[bool],
+    outline: str,
+    linewidth: float,
+) -> None:
+    r"""Draws the taxels as circles in the order given; missing ones have a dashed outline.
+
+    Args:
+        ax (matplotlib.axes.Axes): Where to draw.
+        plane (torch.Tensor): The taxels in the plane, in millimetres :math:`(N, 2)`.
+        diameter (float): Diameter of a circle in millimetres.
+        colors (sequence of tuple): Their colours.
+        missing (sequence of bool): Which have no reading.
+        outline (str): Colour of the outlines.
+        linewidth (float): Width of the outlines in points.
+    """
+    from matplotlib.collections import EllipseCollection
+
+    ax.add_collection(
+        EllipseCollection(
+            widths=diameter,
+            heights=diameter,
+            angles=0,
+            units="xy",
+            offsets=plane.numpy(),
+            offset_transform=ax.transData,
+            facecolors=list(colors),
+            edgecolors=outline,
+            linewidths=linewidth,
+            linestyles=["--" if gone else "-" for gone in missing],
+            zorder=2,
+        )
+    )
+
+
+def finish_map(
+    ax: "Axes",
+    corners: Sequence[Sequence[float]],
+    ticks: int,
+    title: str | None,
+    title_size: float,
+    scale: Any = None,
+    label: str | None = None,
+) -> None:
+    r"""Sets limits, axes in millimetres, title and colour bar of a map of taxels.
+
+    Args:
+        ax (matplotlib.axes.Axes): The map.
+        corners (sequence of sequence of float): Its lower left and upper right corner in
+            millimetres.
+        ticks (int): About how many numbers an axis has.
+        title (str, optional): Title of the picture.
+        title_size (float): Its size in points.
+        scale (matplotlib.cm.ScalarMappable, optional): What the colours mean, for a colour bar.
+        label (str, optional): What stands beside the colour bar; no bar if left out.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    (left, bottom), (right, top) = corners
+    ax.set_xlim(left, right)
+    ax.set_ylim(bottom, top)
+    ax.set_aspect("equal")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))
+    ax.tick_params(labelsize=8)
+    ax.set_xlabel("mm", fontsize=8)
+    ax.set_ylabel("mm", fontsize=8)
+    if title is not None:
+        ax.set_title(plain_text(title), fontsize=title_size)
+    if scale is not None and label is not None:
+        bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
+        bar.set_label(plain_text(label), fontsize=9)
+        bar.ax.tick_params(labelsize=8)
