@@ -6,10 +6,10 @@ from typing import Any, Literal
 import lightning as L
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile.data import Split, StaticData, StaticDataset, apply_transform, splits
+from torch_geometric_tactile.data import Split, StaticDataset, splits
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import fit_transform, fitted_parts
+from torch_geometric_tactile.transforms import fit_parts, fitted_parts
 
 _SPLITS = {"frame": splits.by_frame, "trial": splits.by_trial, "group": splits.by_group}
 
@@ -126,8 +126,7 @@ class TactileDataModule(L.LightningDataModule):
                 "'dataset' must have edges (got none); give it, for example, "
                 "pre_transform=KNNGraph(k=2)"
             )
-        if fitted_parts(self.transform):
-            fit_transform(self.transform, _readings(parts["train"]))
+        fit_parts(self.transform, parts["train"], before=parts["train"].transform)
         self._parts = parts
         self._adapt()
 
@@ -145,10 +144,10 @@ class TactileDataModule(L.LightningDataModule):
         return parts | {name: part for name, part in given.items() if part is not None}
 
     def _adapt(self) -> None:
-        if fitted_parts(self.transform):
-            for name in ("val", "test"):
-                if len(self._parts[name]):
-                    fit_transform(self.transform, _readings(self._parts[name]), adapt=True)
+        for name in ("val", "test"):
+            part = self._parts[name]
+            if len(part):
+                fit_parts(self.transform, part, adapt=True, before=part.transform)
 
     def state_dict(self) -> dict[str, Any]:
         r"""Returns what the transform measured, for a checkpoint."""
@@ -199,7 +198,3 @@ class TactileDataModule(L.LightningDataModule):
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
         )
-
-
-def _readings(dataset: StaticDataset) -> StaticData:
-    return apply_transform(dataset.transform, dataset.data)
