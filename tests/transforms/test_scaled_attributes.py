@@ -73,10 +73,11 @@ def test_edge_attr_by_hand():
 
 @pytest.mark.parametrize("attr", ["edge_attr", "absolute", "pos"])
 @pytest.mark.parametrize("kind", [ZScore, Normalize])
-def test_shared_attribute_stays_shared(kind, attr):
+def test_shared_attribute_stays_shared(kind, attr, caplog):
     shared = torch.rand(3 if attr == "edge_attr" else 4, 4)
     data = hand(**{attr: shared})
     transform = kind(attr=attr).fit(data)
+    assert f"all samples share one '{attr}'" in caplog.text
     assert_transform_static_equals_batched(transform, data)
     assert transform(data)[attr].shape == shared.shape
     assert transform(data)[attr].abs().max() < 1e-6

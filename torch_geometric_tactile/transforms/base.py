@@ -1,5 +1,6 @@
 r"""What the scaling transforms share."""
 
+import logging
 from collections.abc import Iterable, Mapping
 from math import prod
 from typing import Any, Protocol, Self
@@ -14,6 +15,8 @@ from torch_geometric_tactile.transforms._attributes import require
 from torch_geometric_tactile.transforms._samples import Samples
 
 _CHUNK = 8192  # samples read at a time, at most
+
+_logger = logging.getLogger(__name__)
 
 _Place = tuple[torch.dtype, torch.device]
 
@@ -139,6 +142,10 @@ class FittedTransform(BaseTransform):
             return self
         if self.attr not in samples:
             raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
+        if samples.first.is_shared(self.attr):
+            _logger.warning(
+                "all samples share one '%s', of which %r leaves nothing", self.attr, self
+            )
         center, scale = zip(
             *(self._moments(samples, (keys == value).nonzero().view(-1)) for value in values),
             strict=True,
