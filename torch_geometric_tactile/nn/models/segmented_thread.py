@@ -113,7 +113,7 @@ class SegmentedThread(Module):
         """
         layers = self.layers()
         segment = layers[0][0].segment
-        if x.dim() == 2 or x.size(1) != len(segment) or any(conv.explain for conv, _ in layers):
+        if x.dim() != 3 or x.size(1) != len(segment) or any(conv.explain for conv, _ in layers):
             for conv, pool in layers:
                 x = pool(conv(x, edge_index, edge_weight)).relu()
             return x

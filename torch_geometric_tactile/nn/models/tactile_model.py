@@ -158,7 +158,7 @@ class TactileModel(Module):
                 f"'joint' must have shape ({len(rows)}, {self.num_joints}) "
                 f"(got {tuple(joint.shape)})"
             )
-        return self.head(torch.cat([rows, joint.view(len(rows), -1).to(rows.dtype)], dim=1))
+        return self.head(torch.cat([rows, joint.view(-1, self.num_joints).to(rows.dtype)], dim=1))
 
     def node_features(
         self,
@@ -200,17 +200,19 @@ class TactileModel(Module):
             raise ValueError(f"'{key}' must be given: the model's inputs are {self.inputs}")
         if value.dim() not in (2, 3) or value.size(-1) != width:
             raise ValueError(f"'{key}' must have {width} features (got shape {tuple(value.shape)})")
+        given = tuple(value.shape)
         if name == "edge":
             assert self.encoder is not None
             num_nodes = self.num_nodes * (num_samples if x.dim() == 2 else 1)
             value = self.encoder(value, edge_index, num_nodes)
-        if value.size(-2) not in (self.num_nodes, self.num_nodes * num_samples):
-            raise ValueError(
-                f"'{key}' must have a row for each of {self.num_nodes} taxels "
-                f"(got shape {tuple(value.shape)})"
-            )
         if value.dim() == 2 and value.size(0) == self.num_nodes:
             return value.expand(num_samples, -1, -1)
+        num_rows = self.num_nodes * num_samples
+        if value.size(-2) not in (self.num_nodes, num_rows) or value.shape[:-1].numel() != num_rows:
+            raise ValueError(
+                f"'{key}' must be of {num_samples} samples of {self.num_nodes} taxels, as 'x' "
+                f"(got shape {given})"
+            )
         return value.reshape(num_samples, self.num_nodes, value.size(-1))
 
     def num_samples(self, x: Tensor) -> int:
@@ -252,7 +254,7 @@ class TactileModel(Module):
         if own:
             shift = self.num_nodes * torch.arange(num_samples, device=edge_index.device)
             edge_index = (edge_index.unsqueeze(1) + shift.view(1, -1, 1)).flatten(1)
-        return thread(h.flatten(0, 1), edge_index).view(num_samples, self.num_nodes, -1)
+        return thread(h.flatten(0, 1), edge_index).unflatten(0, (num_samples, self.num_nodes))
 
     def extra_text(self) -> str:
         r"""Returns what :obj:`repr` tells beside the sizes."""
