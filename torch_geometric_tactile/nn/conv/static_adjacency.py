@@ -51,7 +51,8 @@ class StaticAdjacency:
             torch.Tensor: The matrices :math:`(S, n, n)`.
         """
         if group not in self._blocks:
-            self._blocks[group] = adjacency_blocks(self.dense, nodes)
+            with torch.inference_mode(False):  # a validation may come before the training
+                self._blocks[group] = adjacency_blocks(self.dense, nodes)
         return self._blocks[group]
 
 
