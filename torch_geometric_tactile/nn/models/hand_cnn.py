@@ -30,6 +30,10 @@ class CNNThread(Module):
     Shapes:
         - **input:** features :math:`(B, N, F)`
         - **output:** features :math:`(B, N, F')`
+
+    Raises:
+        ValueError: If widths and pools do not fit each other, or :obj:`x` has other taxels or
+            channels.
     """
 
     cell: Tensor
@@ -64,6 +68,11 @@ class CNNThread(Module):
         Args:
             x (torch.Tensor): Features.
         """
+        if x.dim() != 3 or x.size(1) != len(self.cell) or x.size(2) != self.in_channels:
+            raise ValueError(
+                f"'x' must have shape (batch_size, {len(self.cell)}, {self.in_channels}) "
+                f"(got {tuple(x.shape)})"
+            )
         rows, columns = self.size
         image = x.new_zeros(x.size(0), x.size(2), rows * columns)
         image = image.index_copy(2, self.cell, x.transpose(1, 2)).unflatten(2, (rows, columns))

@@ -36,8 +36,8 @@ class MTGCN(TactileModel):
         num_nodes (int): Number of taxels :math:`N`.
         out_channels (int): Number of labels or classes :math:`C`.
         threads (dict or sequence of str): For each input, what its thread has of its own:
-            :obj:`widths`, :obj:`pools`, and :obj:`adjacency`, edges :math:`(2, |\mathcal{E}_m|)` or
-            their name in the layout, instead of the data's.
+            :obj:`widths`, :obj:`pools`, and :obj:`adjacency`, edges :math:`(2, |\mathcal{E}_m|)` (a
+            tensor or lists) or their name in the layout, instead of the data's.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
         head_widths (sequence of int): Width of each fully connected layer.
@@ -54,7 +54,8 @@ class MTGCN(TactileModel):
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If an input is unknown or missing, or has another shape.
+        ValueError: If an input is unknown or missing, or has another shape, or an adjacency joins
+            other taxels.
 
     Examples:
         >>> model = MTGCN(threads={"tactile": {}, "edge": {}}, num_edges=1401, num_joints=16)
@@ -86,6 +87,8 @@ class MTGCN(TactileModel):
             adjacency = spec.get("adjacency")
             if isinstance(adjacency, str):
                 adjacency = as_layout(layout).edge_index(adjacency)
+            if adjacency is not None:
+                adjacency = checked_edges(name, adjacency, num_nodes)
             # Not in the state: it is an argument, and a checkpoint must not overrule it.
             self.register_buffer(f"{name}_edge_index", adjacency, persistent=False)
             self.threads[name] = thread
@@ -114,6 +117,33 @@ class MTGCN(TactileModel):
             edges = edge_index if own is None else own
             outs.append(self.convolve(self.threads[name], h, x, edges, own is not None))
         return outs[0] if len(outs) == 1 else torch.cat(outs, dim=-1)
+
+
+def checked_edges(
+    name: str, edges: Union[Sequence[Sequence[int]], Tensor], num_nodes: int
+) -> Tensor:
+    r"""Returns the edges of a thread's own :math:`(2, |\mathcal{E}_m|)`.
+
+    Args:
+        name (str): Name of the thread.
+        edges (sequence or torch.Tensor): The edges.
+        num_nodes (int): Number of taxels :math:`N`.
+
+    Raises:
+        ValueError: If they are no edges, or join other taxels.
+    """
+    edge_index = torch.as_tensor(edges, dtype=torch.long)
+    if edge_index.dim() != 2 or edge_index.size(0) != 2:
+        raise ValueError(
+            f"the adjacency of '{name}' must have shape (2, num_edges) "
+            f"(got {tuple(edge_index.shape)})"
+        )
+    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_nodes:
+        raise ValueError(
+            f"the adjacency of '{name}' must join taxels 0 to {num_nodes - 1} "
+            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
+        )
+    return edge_index
 
 
 def thread_specs(
