@@ -8,9 +8,10 @@ from torch.nn import Dropout1d, Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
+from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 
 
-class GraspGCN(Module):
+class GraspGCN(Module, TactileHubMixin):
     r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
     on Graph Convolutional Networks" paper.
 

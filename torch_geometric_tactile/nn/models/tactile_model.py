@@ -15,6 +15,7 @@ from torch_geometric_tactile.nn.conv import (
     EdgeFeatureEncoder,
     EdgeMessageEncoder,
 )
+from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
 
@@ -23,7 +24,7 @@ _ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "pos
 CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
-class TactileModel(Module):
+class TactileModel(Module, TactileHubMixin):
     r"""The base class of the models of a hand: collects the inputs of each taxel, in whatever form
     the data comes, and ends in fully connected layers that joint angles may join.
 
