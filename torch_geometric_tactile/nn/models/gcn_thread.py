@@ -121,11 +121,11 @@ def is_fast(x: Tensor) -> bool:
         x (torch.Tensor): Node features.
     """
     return (
-        x.dim() == 3
+        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
+        and x.dim() == 3
         and x.size(0) >= _MIN_SAMPLES
         and x.device.type == "cpu"
         and x.dtype in (torch.float32, torch.float64)
-        and not torch.compiler.is_compiling()
     )
 
 

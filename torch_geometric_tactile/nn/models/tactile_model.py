@@ -208,13 +208,16 @@ class TactileModel(Module, TactileHubMixin):
             value = self.encoder(value, edge_index, num_nodes)
         if value.dim() == 2 and value.size(0) == self.num_nodes:
             return value.expand(num_samples, -1, -1)
-        num_rows = self.num_nodes * num_samples
-        if value.size(-2) not in (self.num_nodes, num_rows) or value.shape[:-1].numel() != num_rows:
+        num_rows, num_features = self.num_nodes * num_samples, value.size(-1)
+        if (
+            value.size(-2) not in (self.num_nodes, num_rows)
+            or value.numel() != num_rows * num_features
+        ):
             raise ValueError(
                 f"'{key}' must be of {num_samples} samples of {self.num_nodes} taxels, as 'x' "
                 f"(got shape {given})"
             )
-        return value.reshape(num_samples, self.num_nodes, value.size(-1))
+        return value.reshape(num_samples, self.num_nodes, num_features)
 
     def num_samples(self, x: Tensor) -> int:
         r"""Returns the number of samples in readings.
