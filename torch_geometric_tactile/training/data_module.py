@@ -82,6 +82,16 @@ class TactileDataModule(L.LightningDataModule):
         return self.dataset.layout
 
     @property
+    def class_names(self) -> list[str]:
+        r"""The names of the classes or labels, where the data set has them."""
+        return self.dataset.class_names
+
+    @property
+    def num_classes(self) -> int:
+        r"""The number of classes or labels: of the names, where there are some."""
+        return len(self.class_names) or self.dataset.num_classes
+
+    @property
     def test_sessions(self) -> dict[int, str]:
         r"""Number and name of each recording session in the test part, once set up."""
         session = self._parts["test"].column("session")
