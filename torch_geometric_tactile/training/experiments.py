@@ -1,7 +1,7 @@
 r"""The experiments of a table: on many processes, finished ones kept, and the table at the end."""
 
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Container, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from torch_geometric_tactile.training.config import expand_template
 from torch_geometric_tactile.training.experiment import Experiment
-from torch_geometric_tactile.training.experiment_process import run_in_process
+from torch_geometric_tactile.training.experiment_process import close_process, run_in_process
 from torch_geometric_tactile.training.processes import Backend, check_backend, run_parallel
 from torch_geometric_tactile.training.recordings import Recordings, describe_recordings
 from torch_geometric_tactile.training.run_store import RunStore
@@ -171,29 +171,44 @@ def run_table(
     recordings = describe_recordings(root, arguments, settings.split_by)
     experiments = list_experiments(table, recordings, settings)
     store = RunStore(Path(out) / "runs")
-    results = {e.code: (e, found) for e in experiments if (found := store.read(e)) is not None}
-    kept = len(results)
-    todo = [e for e in experiments if e.code not in results and e.name in chosen] if train else []
+    # Two names may stand for one configuration, which is trained once.
+    different = {experiment.code: experiment for experiment in experiments}
+    found = {code: store.read(experiment) for code, experiment in different.items()}
+    results = {code: result for code, result in found.items() if result is not None}
+    kept = set(results)
+    wanted = {experiment.code for experiment in experiments if experiment.name in chosen and train}
+    todo = [different[code] for code in different if code in wanted - kept]
     failed: dict[str, str] = {}
     try:
         with closing(_run(todo, jobs, backend, scheduler)) as running:
-            for experiment, result in running:
+            for ended, (experiment, result) in enumerate(running, 1):
                 if "error" in result:
                     failed[experiment.label] = result["error"]
                 else:
                     store.write(experiment, result)
-                    results[experiment.code] = (experiment, result)
+                    results[experiment.code] = result
                 if on_progress is not None:
-                    on_progress(experiment, len(results) - kept + len(failed), len(todo))
+                    on_progress(experiment, ended, len(todo))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"stopped; {len(results)} of {len(experiments)} runs are finished and kept: the same "
-            "command goes on, and with --no-train it writes the table of those"
+            f"stopped; {_count(experiments, results)} of {len(experiments)} runs are finished and "
+            "kept: the same command goes on, and with --no-train it writes the table of those"
         ) from None
     finally:
         store.clean(todo)
-    missing = len(experiments) - len(results)
-    return TableRun(table, settings, recordings, list(results.values()), kept, failed, missing)
+    return TableRun(
+        table,
+        settings,
+        recordings,
+        results=[(e, results[e.code]) for e in experiments if e.code in results],
+        kept=_count(experiments, kept),
+        failed=failed,
+        missing=len(experiments) - _count(experiments, results),
+    )
+
+
+def _count(experiments: Iterable[Experiment], codes: Container[str]) -> int:
+    return sum(experiment.code in codes for experiment in experiments)
 
 
 def _run(
@@ -203,9 +218,13 @@ def _run(
         return
     # On this machine a worker looks whether this process is there; a cluster sees to that itself.
     work = partial(_numbered, parent=os.getpid() if backend == "loky" else None)
-    with closing(run_parallel(work, list(enumerate(todo)), jobs, backend, scheduler)) as running:
-        for number, result in running:
-            yield todo[number], result
+    items = list(enumerate(todo))
+    try:
+        with closing(run_parallel(work, items, jobs, backend, scheduler)) as running:
+            for number, result in running:
+                yield todo[number], result
+    finally:
+        close_process()  # with one job it is ours
 
 
 def _numbered(item: tuple[int, Experiment], parent: int | None) -> tuple[int, dict[str, Any]]:

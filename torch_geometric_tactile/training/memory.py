@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 _STATUS = Path("/proc/self/status")
+_CLEAR = Path("/proc/self/clear_refs")
 _MB = 2**20
 
 
@@ -42,6 +43,15 @@ class PeakMemory:
             return "memory allocated by torch on the GPU"
         return "resident memory of the process"
 
+    @staticmethod
+    def can_start_anew() -> bool:
+        r"""Forgets the highest point so far, and tells whether that was possible."""
+        try:
+            _CLEAR.write_text("5", encoding="ascii")  # resets VmHWM
+        except OSError:
+            return False
+        return True
+
     def start(self) -> None:
         r"""Begins."""
         gc.collect()
@@ -50,12 +60,7 @@ class PeakMemory:
             self._before = torch.cuda.memory_allocated(self.device) / _MB
             return
         _give_back()
-        try:
-            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # resets VmHWM
-        except OSError:
-            self._before = _highest()
-        else:
-            self._before = _status("VmRSS")
+        self._before = _status("VmRSS") if self.can_start_anew() else _highest()
 
     def stop(self) -> float:
         r"""Returns the growth in megabytes."""
