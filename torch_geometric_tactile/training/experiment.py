@@ -90,7 +90,9 @@ class Experiment:
         return f"{self.name}_{self.split_by}_seed{self.seed}_{self.code}.json"
 
     def full_config(self) -> dict[str, Any]:
-        r"""Returns the configuration with the settings in it."""
+        r"""Returns the configuration with the settings in it, without what only validation needs:
+        nothing is chosen.
+        """
         settings = {
             "root": self.root,
             "split_by": self.split_by,
@@ -101,7 +103,9 @@ class Experiment:
         datasets = {key: {"init_args": settings} for key in ("dataset", "test_dataset")}
         trainer = {"max_epochs": self.epochs, "accelerator": self.accelerator}
         over = {"seed_everything": self.seed, "data": datasets, "trainer": trainer}
-        return merged(self.config, over)
+        config = merged(self.config, over)
+        config["data"] = {**config["data"], "val_dataset": None, "val": 0.0}
+        return config
 
 
 def versions() -> dict[str, str]:
