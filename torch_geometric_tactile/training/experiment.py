@@ -7,7 +7,7 @@ import os
 import platform
 import time
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,15 @@ from lightning.pytorch.cli import instantiate_module
 from torch import Tensor
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.training.config import merged
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.evaluation import quiet
 from torch_geometric_tactile.training.memory import PeakMemory
 from torch_geometric_tactile.training.metrics import classification_metrics
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+
+_NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,21 +144,14 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     config = experiment.full_config()
     data: TactileDataModule = instantiate_module(TactileDataModule, config["data"])
     data.setup()
+    _warm_up(experiment.accelerator)
     memory = PeakMemory("cuda" if experiment.accelerator == "gpu" else "cpu")
     memory.start()
     L.seed_everything(experiment.seed, verbose=False)
     classifier = classifier_from_config(config["model"])
     clock = _Clock()
     with quiet():
-        trainer = L.Trainer(
-            **config["trainer"],
-            devices=1,
-            callbacks=[clock],
-            logger=False,
-            enable_checkpointing=False,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-        )
+        trainer = _trainer(callbacks=[clock], **config["trainer"])
         trainer.fit(classifier, datamodule=data)
     peak = memory.stop()
     score, y = _test(classifier, data, trainer.strategy.root_device)
@@ -174,6 +170,36 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
         "seconds": time.perf_counter() - start,
         "machine": machine(experiment.accelerator, experiment.threads),
     }
+
+
+def _trainer(**arguments: Any) -> L.Trainer:
+    return L.Trainer(
+        devices=1,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        **arguments,
+    )
+
+
+@cache
+def _warm_up(accelerator: str) -> None:
+    # What is loaded at a process's first training is not to count as memory or time of a model.
+    batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
+    classifier = TactileClassifier(_Linear())
+    with quiet():
+        _trainer(max_epochs=1, accelerator=accelerator).fit(classifier, [batch])
+
+
+class _Linear(torch.nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.lin = torch.nn.Linear(2, 2)
+
+    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
+        logits: Tensor = self.lin(x).mean(dim=1)
+        return logits
 
 
 class _Clock(L.Callback):

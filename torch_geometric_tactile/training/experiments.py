@@ -169,6 +169,11 @@ def run_table(
         "phases": settings.phases,
     }
     recordings = describe_recordings(root, arguments, settings.split_by)
+    if recordings.num_classes > first["model"]["num_classes"]:
+        raise ValueError(
+            f"the models of {name} tell {first['model']['num_classes']} objects apart (got "
+            f"{recordings.num_classes} in '{recordings.root}')"
+        )
     experiments = list_experiments(table, recordings, settings)
     store = RunStore(Path(out) / "runs")
     # Two names may stand for one configuration, which is trained once.

@@ -24,6 +24,7 @@ class Recordings:
         synthetic (bool): Whether a simulator made any of them.
         num_trials (int): Number of trials.
         num_frames (int): Number of frames in the chosen phases and with the chosen stride.
+        num_classes (int): Number of objects or properties.
         simulation (dict, optional): What the simulator says of them.
     """
 
@@ -32,6 +33,7 @@ class Recordings:
     synthetic: bool
     num_trials: int
     num_frames: int
+    num_classes: int
     simulation: dict[str, Any] | None = None
 
     @property
@@ -86,5 +88,6 @@ def describe_recordings(
         synthetic=whole.synthetic,
         num_trials=len(whole.trial_names),
         num_frames=len(whole),
+        num_classes=whole.num_classes,
         simulation=json.loads(found[0].read_text(encoding="utf-8")) if found else None,
     )

@@ -19,20 +19,21 @@ def caption(run: TableRun) -> str:
     arguments = config["data"]["dataset"]["init_args"]
     train, val, test = (f"{100 * part:.0f} %" for part in arguments["fractions"])
     epochs = settings.epochs or config["trainer"]["max_epochs"]
-    seeds = ", ".join(map(str, range(settings.seeds)))
+    seeds = "0" if settings.seeds == 1 else f"0 to {settings.seeds - 1}"
     optimizer = config["model"]["optimizer"]
+    adam, rate = optimizer["class_path"].rpartition(".")[2], optimizer["init_args"]["lr"]
     parts = [
         f"Published: {table.place} of *{table.paper}*, measured on a real hand; its recordings are "
         "private.",
         f"Beside it, a line apart: {run.recordings.describe()}",
-        f"Seeds {seeds} of split and training; mean ± standard deviation over them.",
+        f"Seed{'' if settings.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
+        "deviation over the seeds.",
         "*By trial* holds out whole trials of each object; *by frame* holds out random frames, "
         "whose neighbours in time were trained on, and so tells whether a trial was seen before. "
         "The paper does not say which it used.",
         f"{train} to train, {val} unused (for validation), {test} to test, once, after {epochs} "
-        f"epochs ({optimizer['class_path'].rpartition('.')[2]}, learning rate "
-        f"{optimizer['init_args']['lr']:g}, batches of {config['data']['batch_size']}; nothing was "
-        "chosen by the test part).",
+        f"epoch{'' if epochs == 1 else 's'} ({adam}, learning rate {rate:g}, batches of "
+        f"{config['data']['batch_size']}; nothing was chosen by the test part).",
         _frames(run),
         f"Hardware: {'; '.join(sorted({result['machine'] for result in results})) or 'none yet'}.",
     ]
@@ -40,7 +41,10 @@ def caption(run: TableRun) -> str:
     parts += [", ".join(f"{name} {version}" for name, version in sorted(v)) + "." for v in versions]
     if run.missing:
         total = run.missing + len(results)
-        parts.append(f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are).")
+        parts.append(
+            f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, the number of "
+            "seeds in brackets where some are)."
+        )
     return " ".join(parts)
 
 

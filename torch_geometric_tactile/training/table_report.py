@@ -146,7 +146,7 @@ def _shown(number: Number | None, seeds: int | None = None) -> str:
     if not math.isnan(number.spread):
         text += f" ± {number.spread:.{digits}f}"
     some = seeds is not None and number.source in ("by trial", "by frame") and number.runs < seeds
-    return f"{text} ({number.runs} of {seeds} seeds)" if some else text
+    return f"{text} ({number.runs} of {seeds})" if some else text
 
 
 def _ratio(run: TableRun, index: _Index, cell: Cell, source: str) -> float | None:
@@ -229,7 +229,7 @@ def _panels(run: TableRun) -> list[ComparisonPanel]:
                         values[name] = (ratio, math.nan)
                     elif number is not None:
                         values[name] = (number.mean, number.spread)
-                rows[f"{cell.row}   {cell.column}"] = values
+                rows[f"{cell.row}: {cell.column}"] = values
             panels.append(ComparisonPanel(section, heading, rows, table.shows == "memory"))
     return panels
 

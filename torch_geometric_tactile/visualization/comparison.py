@@ -24,7 +24,8 @@ class ComparisonPanel(NamedTuple):
         title (str): Its title.
         xlabel (str): What is drawn, with its unit.
         rows (Mapping): Mean and standard deviation of each series, for each row. A series that has
-            nothing to show in a row is left out; a standard deviation that is NaN has no bar.
+            nothing to show in a row is left out; a standard deviation that is NaN has no bar. A
+            line parts rows with different names before a colon.
         from_zero (bool): Whether the axis begins at zero.
     """
 
@@ -38,7 +39,7 @@ def plot_comparison(
     panels: Sequence[ComparisonPanel], series: Sequence[str], title: str
 ) -> "Figure":
     r"""Draws a table of numbers as points, one line a row, one colour a series; panels stand two
-    by two, each two with the same rows share their names.
+    by two. Two with the same rows share their names, and two with the same label their axis.
 
     Args:
         panels (sequence of ComparisonPanel): The panels.
@@ -72,6 +73,8 @@ def plot_comparison(
             _draw(ax, line[i], series)
             if i and list(line[i].rows) == list(line[0].rows):
                 ax.tick_params(labelleft=False)
+            if i and line[i].xlabel == line[0].xlabel:
+                ax.sharex(row[0])
     handles = [_handle(i) for i in range(len(series))]
     figure.legend(
         handles,
@@ -86,9 +89,12 @@ def plot_comparison(
 
 
 def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
+    names = list(panel.rows)
     for y, values in enumerate(panel.rows.values()):
         if y % 2 == 0:
             ax.axhspan(y - 0.5, y + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
+        if y and names[y].split(":")[0] != names[y - 1].split(":")[0]:
+            ax.axhline(y - 0.5, color="#a0a0a0", linewidth=0.8)
         for i, name in enumerate(series):
             if name not in values:
                 continue
@@ -103,7 +109,7 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
                 **_style(i),
             )
     ax.set_ylim(len(panel.rows) - 0.5, -0.5)
-    ax.set_yticks(range(len(panel.rows)), [plain_text(name) for name in panel.rows], fontsize=9)
+    ax.set_yticks(range(len(panel.rows)), [plain_text(name) for name in names], fontsize=9)
     if panel.from_zero:
         ax.set_xlim(left=0.0)
     ax.tick_params(axis="y", length=0)
