@@ -42,8 +42,8 @@ def caption(run: TableRun) -> str:
     if run.missing:
         total = run.missing + len(results)
         parts.append(
-            f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, the number of "
-            "seeds in brackets where some are)."
+            f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, the number "
+            "of seeds in brackets where some are)."
         )
     return " ".join(parts)
 

@@ -35,10 +35,8 @@ def write_table(run: TableRun, out: PathLike) -> list[Path]:
     for path, text in zip(paths, (markdown(run), csv_text(run)), strict=False):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    save_figure(
-        plot_comparison(_panels(run), [name for _, _, name in _all_series(run)], _title(run)),
-        paths[-1],
-    )
+    series = dict.fromkeys(name for _, group in _drawn(run) for _, _, name in group)
+    save_figure(plot_comparison(_panels(run), list(series), _title(run)), paths[-1])
     return paths
 
 
@@ -206,18 +204,14 @@ def _memory_name(run: TableRun) -> str:
     return f"{run.recordings.source}, {' and '.join(sorted(measures)) or 'no run yet'}"
 
 
-def _all_series(run: TableRun) -> list[_Series]:
-    series = {
-        name: (source, metric, name) for _, group in _groups(run) for source, metric, name in group
-    }
-    return list(series.values())
+def _drawn(run: TableRun) -> list[tuple[str, list[_Series]]]:
+    return [group for group in _groups(run) if group[1][0][0] == "published"]
 
 
 def _panels(run: TableRun) -> list[ComparisonPanel]:
     table, index = run.table, _index(run)
-    drawn = [group for group in _groups(run) if group[1][0][0] == "published"]
     panels = []
-    for heading, series in drawn:
+    for heading, series in _drawn(run):
         for section in table.sections:
             rows = {}
             for cell in (cell for cell in table.cells if cell.section == section):
