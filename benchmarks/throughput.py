@@ -108,7 +108,9 @@ class Frames(StaticDataset):
 
 
 def pose_and_edges() -> Compose:
-    return Compose([TaxelPose(_LAYOUT, HandKinematics.allegro()), GeometricEdgeAttr()])
+    return Compose(
+        [TaxelPose(_LAYOUT, HandKinematics.allegro(), normal=False), GeometricEdgeAttr()]
+    )
 
 
 def train_step(
@@ -322,7 +324,7 @@ def _list_of_data(num_frames: int) -> dict[str, float]:
     samples = []
     for i in range(len(dataset)):
         sample = dataset[i]
-        del sample.pos, sample.normal  # only the edge features are kept
+        del sample.pos  # only the edge features are kept
         samples.append(sample.clone() if i == 0 else _owning(sample, samples[0].edge_index))
     grown = _memory("RssAnon") - before
     return {"private": grown * num_frames / len(samples), "measured_frames": len(samples)}
