@@ -166,7 +166,7 @@ class _Block:
 
     def groups(self, z: Tensor) -> Tensor:
         r"""Returns the channels by what shares one maximum."""
-        return z.view(z.size(0), -1, self.pool, z.size(2))
+        return z.unflatten(1, (z.size(1) // self.pool, self.pool))
 
 
 def _propagate(matrix: Tensor, h: Tensor) -> Tensor:
