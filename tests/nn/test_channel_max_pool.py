@@ -1,0 +1,43 @@
+import pytest
+import torch
+
+from torch_geometric_tactile.nn.pool import ChannelMaxPool
+
+
+def test_channel_max_pool_repr():
+    assert str(ChannelMaxPool(4)) == "ChannelMaxPool(4)"
+
+
+def test_channel_max_pool_by_hand():
+    x = torch.tensor([[1.0, -4.0, -3.0, -2.0, 0.0, 5.0], [6.0, 5.0, 4.0, 3.0, 2.0, 1.0]])
+    assert torch.equal(ChannelMaxPool(2)(x), torch.tensor([[1.0, -2.0, 5.0], [6.0, 4.0, 2.0]]))
+    assert torch.equal(ChannelMaxPool(3)(x), torch.tensor([[1.0, 5.0], [6.0, 3.0]]))
+    assert torch.equal(ChannelMaxPool(1)(x), x)
+    assert ChannelMaxPool(2)(x[None, None]).shape == (1, 1, 2, 3)
+
+
+def test_channel_max_pool_gradient():
+    x = torch.tensor([[1.0, 4.0, 3.0, 2.0]], requires_grad=True)
+    ChannelMaxPool(2)(x).backward(torch.tensor([[5.0, 7.0]]))
+    assert torch.equal(x.grad, torch.tensor([[0.0, 5.0, 7.0, 0.0]]))
+
+
+def test_channel_max_pool_is_of_each_taxel():
+    x, order = torch.rand(7, 6), torch.randperm(7)
+    assert torch.equal(ChannelMaxPool(3)(x[order]), ChannelMaxPool(3)(x)[order])
+
+
+def test_channel_max_pool_empty():
+    assert ChannelMaxPool(2)(torch.zeros(0, 6)).shape == (0, 3)
+    assert ChannelMaxPool(2)(torch.zeros(0, 3, 6)).shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("size", [0, -1])
+def test_channel_max_pool_bad_kernel_size(size):
+    with pytest.raises(ValueError, match=rf"'kernel_size' must be at least 1 \(got {size}\)"):
+        ChannelMaxPool(size)
+
+
+def test_channel_max_pool_bad_channels():
+    with pytest.raises(ValueError, match=r"'x' must have a multiple of 4 channels \(got 6\)"):
+        ChannelMaxPool(4)(torch.zeros(5, 6))

@@ -1,0 +1,179 @@
+import math
+
+import pytest
+import torch
+from small_models import EDGE_INDEX, NUM_EDGES, PATCH, samples
+
+from torch_geometric_tactile.nn.conv import (
+    EdgeAttentionEncoder,
+    EdgeMessageEncoder,
+    EdgePatchEncoder,
+)
+from torch_geometric_tactile.testing import (
+    assert_permutation_equivariant,
+    assert_static_equals_batched,
+)
+
+ENCODERS = {
+    "mean": lambda: EdgeMessageEncoder(4, 2),
+    "max": lambda: EdgeMessageEncoder(4, 2, 8, aggr="max"),
+    "attention": lambda: EdgeAttentionEncoder(4, 2),
+    "patch": lambda: EdgePatchEncoder(PATCH, 4, 2),
+}
+# Two edges to taxel 2, and one to taxel 0; taxel 1 has none.
+EDGES = torch.tensor([[0, 1, 2], [2, 2, 0]])
+EDGE_ATTR = torch.tensor([[1.0], [3.0], [5.0]])
+
+
+@pytest.fixture(params=ENCODERS)
+def encoder(request):
+    torch.manual_seed(0)
+    return ENCODERS[request.param]()
+
+
+def encode(layer):
+    """As the laws call it: the readings only tell the taxels."""
+    return lambda x, edge_index, edge_attr: layer(edge_attr, edge_index, x.size(-2))
+
+
+def times(mlp, factor):
+    """Makes a network multiply positive numbers."""
+    for parameter in mlp.parameters():
+        torch.nn.init.zeros_(parameter)
+    mlp[0].weight.data[0, 0] = 1.0
+    mlp[2].weight.data[0, 0] = factor
+
+
+def test_edge_message_encoder_repr():
+    assert str(EdgeMessageEncoder(5, 3, 7)) == "EdgeMessageEncoder(5, 3, hidden_channels=7)"
+    assert str(EdgeAttentionEncoder()) == "EdgeAttentionEncoder(4, 4, hidden_channels=16)"
+    assert str(EdgePatchEncoder([0, 1])) == "EdgePatchEncoder(4, 4, hidden_channels=16)"
+
+
+@pytest.mark.parametrize(("aggr", "expected"), [("mean", 20.0), ("add", 40.0), ("max", 30.0)])
+def test_edge_message_encoder_by_hand(aggr, expected):
+    layer = EdgeMessageEncoder(1, 1, aggr=aggr)
+    times(layer.mlp, 10.0)
+    assert torch.equal(layer(EDGE_ATTR, EDGES).view(-1), torch.tensor([50.0, 0.0, expected]))
+
+
+def test_edge_attention_encoder_by_hand():
+    # Scores 1 and 3 times ln(3) / 2: weights of one and three quarters.
+    layer = EdgeAttentionEncoder(1, 1)
+    times(layer.mlp, 1.0)
+    torch.nn.init.constant_(layer.att, math.log(3) / 2)
+    out = layer(EDGE_ATTR, EDGES).view(-1)
+    assert torch.allclose(out, torch.tensor([5.0, 0.0, 0.25 * 1.0 + 0.75 * 3.0]))
+
+
+def test_edge_patch_encoder_by_hand():
+    # Taxels 0 and 2 are of one patch: the edges from 0 to 2 and back are within.
+    layer = EdgePatchEncoder([4, 7, 4], 1, 1)
+    times(layer.mlp, 1.0)
+    times(layer.mlp_between, 10.0)
+    out = layer(EDGE_ATTR, EDGES).view(-1)
+    assert torch.equal(out, torch.tensor([5.0, 0.0, (1.0 + 30.0) / 2]))
+
+
+def test_edge_encoder_sizes():
+    small = 4 * 16 + 16 + 16 * 4 + 4
+    for layer, total in (
+        (EdgeMessageEncoder(), small),
+        (EdgeAttentionEncoder(), small + 4),
+        (EdgePatchEncoder(PATCH), 2 * small),
+    ):
+        assert sum(parameter.numel() for parameter in layer.parameters()) == total
+
+
+def test_edge_encoder_static_equals_batched(encoder):
+    x = samples(5, 11, 3)
+    assert_static_equals_batched(encode(encoder), x, EDGE_INDEX, samples(5, NUM_EDGES, 4))
+    edge_attr = samples(5, NUM_EDGES, 4)
+    loop = torch.stack([encoder(one, EDGE_INDEX) for one in edge_attr])
+    assert torch.allclose(encoder(edge_attr, EDGE_INDEX), loop, atol=1e-6)
+
+
+def test_edge_encoder_gradients(encoder):
+    encoder.double()
+    edge_attr = samples(2, NUM_EDGES, 4, dtype=torch.double).requires_grad_()
+    encoder(edge_attr, EDGE_INDEX)[0].square().sum().backward()
+    assert edge_attr.grad[1].abs().max() == 0
+    if not isinstance(encoder, EdgeMessageEncoder) or encoder.aggr != "max":
+        assert (edge_attr.grad[0].abs().amax(dim=1) > 0).all()
+    for name, parameter in encoder.named_parameters():
+        assert parameter.grad.abs().max() > 0, name
+    few = samples(3, 4, dtype=torch.double).requires_grad_()
+    edges = torch.tensor([[0, 3, 2], [3, 2, 3]])
+    assert torch.autograd.gradcheck(lambda e: encoder(e, edges, 11), few)
+
+
+@pytest.mark.parametrize("name", ["mean", "max", "attention"])
+def test_edge_encoder_is_equivariant(name):
+    for edge_attr in (samples(NUM_EDGES, 4), torch.zeros(NUM_EDGES, 4)):
+        assert_permutation_equivariant(
+            encode(ENCODERS[name]()), samples(11, 3), EDGE_INDEX, edge_attr=edge_attr
+        )
+
+
+def test_edge_patch_encoder_needs_its_order():
+    edge_attr = samples(NUM_EDGES, 4)
+    with pytest.raises(AssertionError, match="permutation equivariant"):
+        assert_permutation_equivariant(
+            encode(ENCODERS["patch"]()), samples(11, 3), EDGE_INDEX, edge_attr=edge_attr
+        )
+    # The patches renumbered with the taxels, it is equivariant.
+    order = torch.randperm(11, generator=torch.Generator().manual_seed(1))
+    layer, other = EdgePatchEncoder(PATCH), EdgePatchEncoder(PATCH[order])
+    other.load_state_dict(layer.state_dict())
+    out = other(edge_attr, order.argsort()[EDGE_INDEX])
+    assert torch.allclose(out, layer(edge_attr, EDGE_INDEX)[order], atol=1e-6)
+
+
+def test_edge_encoder_empty_and_single(encoder):
+    none = torch.empty(2, 0, dtype=torch.long)
+    assert encoder(samples(0, 4), none, 0).shape == (0, 2)
+    assert encoder(samples(0, NUM_EDGES, 4), EDGE_INDEX, 11).shape == (0, 11, 2)
+    assert torch.equal(encoder(samples(3, 0, 4), none, 11), torch.zeros(3, 11, 2))
+    one = encoder(samples(1, 4), torch.tensor([[0], [0]]), 11)
+    assert one[0].abs().max() > 0
+    assert one[1:].abs().max() == 0
+
+
+def test_edge_encoder_number_of_taxels():
+    # The last taxels have no edges.
+    assert EdgeMessageEncoder(1, 4)(EDGE_ATTR, EDGES).shape == (3, 4)
+    assert EdgeMessageEncoder(1, 4)(EDGE_ATTR, EDGES, 5).shape == (5, 4)
+    assert EdgePatchEncoder([0] * 6, 1)(EDGE_ATTR, EDGES).shape == (6, 4)
+
+
+def test_edge_encoder_reset(encoder):
+    before = {name: value.clone() for name, value in encoder.named_parameters()}
+    encoder.reset_parameters()
+    for name, value in encoder.named_parameters():
+        assert not torch.equal(value, before[name]), name
+
+
+@pytest.mark.parametrize("name", ["edge_dim", "out_channels", "hidden_channels"])
+def test_edge_encoder_bad_size(name):
+    for layer in (EdgeMessageEncoder, EdgeAttentionEncoder):
+        with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
+            layer(**{name: 0})
+
+
+@pytest.mark.parametrize("size", [(NUM_EDGES - 1, 4), (2, NUM_EDGES + 1, 4), (NUM_EDGES,)])
+def test_edge_encoder_bad_edges(encoder, size):
+    with pytest.raises(ValueError, match=rf"must have {NUM_EDGES} rows, one for each edge .*got"):
+        encoder(torch.zeros(size), EDGE_INDEX)
+
+
+def test_edge_encoder_bad_features(encoder):
+    with pytest.raises(ValueError, match=r"'edge_attr' must have 4 features \(got 3\)"):
+        encoder(torch.zeros(NUM_EDGES, 3), EDGE_INDEX)
+
+
+def test_edge_patch_encoder_bad_segment():
+    for segment in ([], [[0, 1]]):
+        with pytest.raises(ValueError, match=r"'segment' must have a number for each taxel"):
+            EdgePatchEncoder(segment)
+    with pytest.raises(ValueError, match=r"multiple of the 11 taxels in 'segment' \(got 12\)"):
+        EdgePatchEncoder(PATCH)(torch.zeros(NUM_EDGES, 4), EDGE_INDEX, 12)
