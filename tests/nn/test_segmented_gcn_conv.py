@@ -1,0 +1,255 @@
+import copy
+import pickle
+
+import pytest
+import torch
+from small_models import EDGE_INDEX, NUM_EDGES, PATCH, assert_close, gradients, samples
+from torch_geometric.nn import GCNConv
+from torch_geometric.utils import subgraph
+
+from torch_geometric_tactile.nn.conv import SegmentedGCNConv
+from torch_geometric_tactile.nn.models import SegmentedThread
+from torch_geometric_tactile.sensors import allegro_uskin
+from torch_geometric_tactile.testing import (
+    assert_permutation_equivariant,
+    assert_static_equals_batched,
+)
+
+WEIGHT = samples(NUM_EDGES, seed=3).exp()
+WITHIN = PATCH[EDGE_INDEX[0]] == PATCH[EDGE_INDEX[1]]
+
+
+def conv(segment=PATCH, in_channels=3, out_channels=4, **kwargs):
+    torch.manual_seed(0)
+    layer = SegmentedGCNConv(segment, in_channels, out_channels, **kwargs)
+    if layer.bias is not None:
+        torch.nn.init.normal_(layer.bias)
+    return layer
+
+
+def thread(segment=PATCH, fast=True, dtype=torch.float):
+    torch.manual_seed(0)
+    layer = SegmentedThread(3, segment, (4, 8), (1, 4), fast)
+    for one in layer.convs:
+        torch.nn.init.normal_(one.bias)
+    return layer.to(dtype)
+
+
+def one_by_one(layer, x, edge_index, edge_weight=None):
+    """PyG's layer for each segment, on its induced subgraph."""
+    out = x.new_empty(*x.shape[:-1], layer.out_channels)
+    for s in range(layer.num_segments):
+        theirs = GCNConv(layer.in_channels, layer.out_channels).to(x.dtype)
+        theirs.load_state_dict({"lin.weight": layer.weight[s], "bias": layer.bias[s]})
+        nodes = (layer.segment == s).nonzero().view(-1)
+        edges, weight = subgraph(
+            nodes, edge_index, edge_weight, relabel_nodes=True, num_nodes=x.size(-2)
+        )
+        out[..., nodes, :] = theirs(x[..., nodes, :], edges, weight)
+    return out
+
+
+def test_segmented_repr():
+    assert str(conv()) == "SegmentedGCNConv(3, 4, num_segments=3)"
+    expected = "SegmentedThread(3, num_segments=3, widths=(4, 8), pools=(1, 4))"
+    assert str(thread()) == expected
+
+
+def test_segmented_gcn_conv_by_hand():
+    # Taxels 0 and 1 share their mean 3; taxel 2 is alone, whatever joins it.
+    layer = SegmentedGCNConv([0, 0, 1], 1, 1)
+    with torch.no_grad():
+        layer.weight.copy_(torch.tensor([[[1.0]], [[10.0]]]))
+        layer.bias.copy_(torch.tensor([[0.5], [-0.5]]))
+    x, edge_index = torch.tensor([[2.0], [4.0], [7.0]]), torch.tensor([[0, 1, 1], [1, 0, 2]])
+    expected = torch.tensor([[3.5], [3.5], [69.5]])
+    assert torch.allclose(layer(x, edge_index), expected)
+    assert torch.allclose(layer(x[None], edge_index), expected[None])
+
+
+def test_segmented_thread_by_hand():
+    layer = SegmentedThread(1, [0, 0, 1], (2,), (2,))
+    with torch.no_grad():
+        layer.convs[0].weight.copy_(torch.tensor([[[1.0], [-1.0]], [[-10.0], [-20.0]]]))
+        layer.convs[0].bias.copy_(torch.tensor([[0.0, 0.0], [0.0, 100.0]]))
+    x, edge_index = torch.tensor([[2.0], [4.0], [-7.0]]), torch.tensor([[0, 1, 1], [1, 0, 2]])
+    expected = torch.tensor([[3.0], [3.0], [240.0]])  # the larger of 70 and 240
+    for form in (x, x[None], x.expand(9, 3, 1)):
+        assert torch.allclose(layer(form, edge_index), expected)
+
+
+@pytest.mark.parametrize("weight", [None, WEIGHT])
+def test_segmented_gcn_conv_equals_one_conv_each(weight):
+    layer, x = conv(), samples(5, 11, 3)
+    expected = one_by_one(layer, x, EDGE_INDEX, weight)
+    assert torch.allclose(layer(x, EDGE_INDEX, weight), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("weight", [None, WEIGHT])
+def test_segmented_thread_equals_one_conv_each(weight, fast):
+    layer, x = thread(fast=fast), samples(9, 11, 3)
+    expected = x
+    for one, pool in zip(layer.convs, layer.pools, strict=True):
+        expected = pool(one_by_one(one, expected, EDGE_INDEX, weight)).relu()
+    for given, wanted in ((x, expected), (x[:2], expected[:2]), (x[3], expected[3])):
+        assert torch.allclose(layer(given, EDGE_INDEX, weight), wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("by", ["digit", "patch"])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_segmented_thread_of_the_hand(by, shuffled):
+    layout = allegro_uskin()
+    segment, edge_index = layout.segments(by), layout.edge_index("dense")
+    if shuffled:
+        order = torch.randperm(384, generator=torch.Generator().manual_seed(0))
+        segment, edge_index = segment[order], order.argsort()[edge_index]
+    layer, x = thread(segment), samples(8, 384, 3)
+    groups = [tuple(getattr(layer, f"nodes_{i}").shape) for i in range(layer.num_groups)]
+    assert (
+        groups
+        == {
+            "patch": [(18, 16), (4, 24)],
+            "digit": [(1, 56), (3, 72), (1, 112)],
+        }[by]
+    )
+    expected = x
+    for one, pool in zip(layer.convs, layer.pools, strict=True):
+        expected = pool(one_by_one(one, expected, edge_index)).relu()
+    assert torch.allclose(layer(x, edge_index), expected, atol=1e-5)
+    assert torch.allclose(layer(x[:2], edge_index), expected[:2], atol=1e-5)
+
+
+@pytest.mark.parametrize("layer", [conv(), thread(), thread(fast=False)])
+def test_segmented_ignores_edges_between(layer):
+    x = samples(9, 11, 3)
+    out = layer(x, EDGE_INDEX)
+    assert not WITHIN.all()
+    assert torch.allclose(layer(x, EDGE_INDEX[:, WITHIN]), out, atol=1e-6)
+    more = torch.cat([EDGE_INDEX, torch.tensor([[0], [1]])], dim=1)
+    assert torch.allclose(layer(x, more), out, atol=1e-6)
+    assert not torch.allclose(layer(x, EDGE_INDEX[:, 1:]), out, atol=1e-3)
+    changed = x.clone()
+    changed[:, PATCH == 1] += 1
+    other = layer(changed, EDGE_INDEX)
+    assert torch.equal(other[:, PATCH != 1], out[:, PATCH != 1])
+
+
+def test_segmented_laws():
+    for layer in (conv(), thread()):
+        x = samples(9, 11, 3)
+        assert_static_equals_batched(layer, x, EDGE_INDEX)
+        assert_static_equals_batched(layer, x, EDGE_INDEX, WEIGHT)
+        with pytest.raises(AssertionError, match="permutation equivariant"):
+            assert_permutation_equivariant(layer, x, EDGE_INDEX)
+        # The segments renumbered with the taxels, the law holds.
+        order = torch.randperm(11, generator=torch.Generator().manual_seed(0))
+        other = (conv if isinstance(layer, SegmentedGCNConv) else thread)(PATCH[order])
+        out = other(x[:, order], order.argsort()[EDGE_INDEX])
+        assert torch.allclose(out, layer(x, EDGE_INDEX)[:, order], atol=1e-6)
+
+
+@pytest.mark.parametrize("weight", [None, WEIGHT.double()])
+def test_segmented_thread_gradients(weight):
+    given = {"x": samples(9, 11, 3, dtype=torch.double), "edge_index": EDGE_INDEX}
+
+    def of(layer):
+        return gradients(layer, given, lambda g: {**g, "edge_weight": weight})
+
+    fast = of(thread(dtype=torch.double))
+    assert_close(of(thread(fast=False, dtype=torch.double)), fast)
+    batch = [
+        gradients(
+            thread(dtype=torch.double),
+            given,
+            lambda g: [{**g, "x": x, "edge_weight": weight} for x in g["x"].unsqueeze(1)],
+        )
+    ]
+    assert_close(batch[0], fast)
+
+
+def test_segmented_thread_weights_that_learn():
+    # A weight that needs a gradient gets one, in the batch as well.
+    layer, weight = thread(dtype=torch.double), WEIGHT.double().requires_grad_()
+    layer(samples(9, 11, 3, dtype=torch.double), EDGE_INDEX, weight).sum().backward()
+    assert (weight.grad[WITHIN] != 0).all()
+    assert (weight.grad[~WITHIN] == 0).all()
+
+
+@pytest.mark.parametrize("batch_size", [2, 9])
+def test_segmented_thread_sees_changes(batch_size):
+    layer, x = thread(), samples(batch_size, 11, 3)
+    edge_index, weight = EDGE_INDEX.clone(), WEIGHT.clone()
+    layer(x, edge_index, weight)
+    for change in (lambda: weight.mul_(0.3), lambda: edge_index[:, :4].copy_(EDGE_INDEX[:, 4:8])):
+        change()
+        out = layer(x, edge_index, weight)
+        assert torch.equal(out, thread()(x, edge_index.clone(), weight.clone()))
+        assert not torch.allclose(out, layer(x, EDGE_INDEX, WEIGHT), atol=1e-4)
+
+
+def test_segmented_copies_and_reset():
+    for make in (conv, thread):
+        layer, x = make(), samples(9, 11, 3)
+        expected = layer(x, EDGE_INDEX)
+        for other in (copy.deepcopy(layer), pickle.loads(pickle.dumps(layer))):
+            assert torch.equal(other(x, EDGE_INDEX), expected)
+        before = {name: value.clone() for name, value in layer.named_parameters()}
+        layer.reset_parameters()
+        for name, value in layer.named_parameters():
+            assert not torch.equal(value, before[name]), name
+            if name.endswith("bias"):
+                assert value.abs().max() == 0
+
+
+def test_segmented_gcn_conv_bias_false():
+    layer = conv(bias=False)
+    assert layer.bias is None
+    assert layer(torch.zeros(2, 11, 3), EDGE_INDEX).abs().max() == 0
+
+
+def test_segmented_empty_and_single():
+    none = torch.empty(2, 0, dtype=torch.long)
+    for layer in (conv(), thread()):
+        width = layer.out_channels
+        assert layer(samples(0, 11, 3), EDGE_INDEX).shape == (0, 11, width)
+        assert layer(samples(0, 3), none).shape == (0, width)
+    layer, x = conv([0]), samples(2, 1, 3)
+    assert torch.allclose(layer(x, none), x @ layer.weight[0].t() + layer.bias[0], atol=1e-6)
+    assert thread([0])(samples(9, 1, 3), none).shape == (9, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("segment", "match"),
+    [
+        ([0, 2], r"'segment' must be numbered from 0 without gaps \(got \[0, 2\]\)"),
+        ([1, 2], r"'segment' must be numbered from 0 without gaps \(got \[1, 2\]\)"),
+        ([], r"'segment' must be a whole number for each taxel"),
+        ([[0, 1]], r"'segment' must be a whole number for each taxel \(got shape \(1, 2\)"),
+        ([0.0, 1.0], r"'segment' must be a whole number for each taxel .*float32"),
+    ],
+)
+def test_segmented_bad_segment(segment, match):
+    for layer in (lambda: SegmentedGCNConv(segment, 3, 4), lambda: SegmentedThread(3, segment)):
+        with pytest.raises(ValueError, match=match):
+            layer()
+
+
+def test_segmented_bad_channels():
+    for name in ("in_channels", "out_channels"):
+        with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
+            SegmentedGCNConv([0], **{"in_channels": 1, "out_channels": 1, name: 0})
+
+
+@pytest.mark.parametrize("size", [(3,), (12, 3), (2, 22, 3), (2, 10, 3), (1, 2, 11, 3)])
+def test_segmented_bad_taxels(size):
+    for layer in (conv(), thread()):
+        with pytest.raises(ValueError, match=r"'x' must have 11 taxels, as 'segment', and 3 feat"):
+            layer(torch.zeros(size), EDGE_INDEX)
+
+
+@pytest.mark.parametrize("size", [(11, 4), (2, 11, 4), (9, 11, 4)])
+def test_segmented_bad_features(size):
+    for layer in (conv(), thread()):
+        with pytest.raises(ValueError, match=r"'x' must have .*3 features \(got"):
+            layer(torch.zeros(size), EDGE_INDEX)
