@@ -154,9 +154,10 @@ class TactileModel(Module, TactileHubMixin):
             raise ValueError(
                 f"'joint' must be given: the model has num_joints={self.num_joints} (got None)"
             )
-        if joint.numel() != len(rows) * self.num_joints or joint.size(-1) != self.num_joints:
+        # Not `len`: an export would take it for a constant.
+        if joint.numel() != rows.size(0) * self.num_joints or joint.size(-1) != self.num_joints:
             raise ValueError(
-                f"'joint' must have shape ({len(rows)}, {self.num_joints}) "
+                f"'joint' must have shape ({rows.size(0)}, {self.num_joints}) "
                 f"(got {tuple(joint.shape)})"
             )
         return self.head(torch.cat([rows, joint.view(-1, self.num_joints).to(rows.dtype)], dim=1))
