@@ -37,7 +37,8 @@ class MTGCN(TactileModel):
         out_channels (int): Number of labels or classes :math:`C`.
         threads (dict or sequence of str): For each input, what its thread has of its own:
             :obj:`widths`, :obj:`pools`, and :obj:`adjacency`, edges :math:`(2, |\mathcal{E}_m|)` (a
-            tensor or lists) or their name in the layout, instead of the data's.
+            tensor or lists) or their name in the layout, instead of the data's; PyG's explainers
+            then say nothing about the edges of this thread.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
         head_widths (sequence of int): Width of each fully connected layer.
@@ -89,6 +90,8 @@ class MTGCN(TactileModel):
                 adjacency = as_layout(layout).edge_index(adjacency)
             if adjacency is not None:
                 adjacency = checked_edges(name, adjacency, num_nodes)
+                for conv, _ in thread.layers():
+                    conv.explain = False  # an explainer's mask is of the data's edges
             # Not in the state: it is an argument, and a checkpoint must not overrule it.
             self.register_buffer(f"{name}_edge_index", adjacency, persistent=False)
             self.threads[name] = thread

@@ -248,17 +248,15 @@ class TactileModel(Module, TactileHubMixin):
             h (torch.Tensor): The inputs.
             x (torch.Tensor): Readings, whose form is that of the data.
             edge_index (torch.Tensor): Edges.
-            own (bool): Whether the edges are the thread's own, those of one sample.
+            own (bool): Whether the edges are the thread's own, those of one sample, which no
+                explainer sees.
         """
         if edge_index is None:
             raise ValueError("'edge_index' must be given (got None)")
         num_samples = h.size(0)
         explained = any(m.explain for m in thread.modules() if isinstance(m, MessagePassing))
-        if x.dim() == 3 or (num_samples == 1 and not explained) or (own and not explained):
+        if x.dim() == 3 or own or (num_samples == 1 and not explained):
             return thread(h, edge_index)
-        if own:
-            shift = self.num_nodes * torch.arange(num_samples, device=edge_index.device)
-            edge_index = (edge_index.unsqueeze(1) + shift.view(1, -1, 1)).flatten(1)
         return thread(h.flatten(0, 1), edge_index).unflatten(0, (num_samples, self.num_nodes))
 
     def extra_text(self) -> str:
