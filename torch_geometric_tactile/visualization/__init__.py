@@ -2,11 +2,18 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 ``viz`` when a function is called, not when this room is imported.
 """
 
+from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
+from torch_geometric_tactile.visualization.hand_panels import plot_hand_panels
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
-from torch_geometric_tactile.visualization.metrics import plot_confusion, plot_protocols, plot_roc
+from torch_geometric_tactile.visualization.metrics import (
+    plot_confusion,
+    plot_label_confusions,
+    plot_protocols,
+    plot_roc,
+)
 from torch_geometric_tactile.visualization.recording import plot_recording
 from torch_geometric_tactile.visualization.report import ReportPicture, ReportTable, write_report
 
@@ -16,8 +23,11 @@ __all__ = [
     "layout_plane",
     "open_hand",
     "plot_confusion",
+    "plot_embedding",
     "plot_grasps",
     "plot_hand",
+    "plot_hand_panels",
+    "plot_label_confusions",
     "plot_layout",
     "plot_protocols",
     "plot_recording",
