@@ -10,6 +10,8 @@ from torch_geometric.nn.dense.linear import Linear
 from torch_geometric.nn.inits import zeros
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache, dense_norm
+
 # Above this number of nodes, a dense matrix of them costs more than gathering the edges.
 _MAX_DENSE_NODES = 1024
 
@@ -59,7 +61,7 @@ class StaticGCNConv(MessagePassing):
             self.bias = Parameter(torch.empty(out_channels))
         else:
             self.register_parameter("bias", None)
-        self._kept: tuple[object, ...] = ()
+        self._kept = AdjacencyCache()
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
@@ -67,7 +69,7 @@ class StaticGCNConv(MessagePassing):
         super().reset_parameters()
         self.lin.reset_parameters()
         zeros(self.bias)
-        self._kept = ()
+        self._kept.clear()
 
     def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
@@ -84,7 +86,11 @@ class StaticGCNConv(MessagePassing):
             )
         num_nodes = x.size(-2)
         if x.dim() == 3 and num_nodes <= _MAX_DENSE_NODES and not self.explain:
-            adjacency = self._adjacency(edge_index, edge_weight, num_nodes, x.dtype)
+            kept = self._kept.get(edge_index, edge_weight, num_nodes, x.dtype)
+            if kept is None:
+                adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype)
+            else:
+                adjacency = kept.dense
             # The product with the adjacency is cheaper on the narrower side of the linear map.
             if self.in_channels == x.size(-1) < self.out_channels:
                 return linear(torch.matmul(adjacency, x), self.lin.weight, self.bias)
@@ -97,56 +103,3 @@ class StaticGCNConv(MessagePassing):
     def message(self, x_j: Tensor, norm: Tensor) -> Tensor:
         r"""Weights the neighbour's features."""
         return norm.view(-1, 1) * x_j
-
-    def _adjacency(
-        self, edge_index: Tensor, edge_weight: OptTensor, num_nodes: int, dtype: torch.dtype
-    ) -> Tensor:
-        given = [edge_index] if edge_weight is None else [edge_index, edge_weight]
-        if torch.compiler.is_compiling() or any(
-            tensor.requires_grad or tensor.is_inference() for tensor in given
-        ):
-            # The gradient needs the way back; inference tensors do not tell whether they changed.
-            return _dense_norm(edge_index, edge_weight, num_nodes, dtype)
-        # In-place changes raise the version, so that a changed tensor is never taken for the old.
-        key = (*given, *(tensor._version for tensor in given), num_nodes, dtype)
-        kept = self._kept
-        if len(kept) != len(key) + 1 or any(
-            a is not b if isinstance(a, Tensor) else a != b
-            for a, b in zip(key, kept[:-1], strict=True)
-        ):
-            # A matrix made in inference mode (by a validation before the training) could not take
-            # part in a later training step.
-            with torch.inference_mode(False):
-                adjacency = _dense_norm(edge_index, edge_weight, num_nodes, dtype)
-            self._kept = kept = (*key, adjacency)
-        out = kept[-1]
-        assert isinstance(out, Tensor)
-        return out
-
-    def __getstate__(self) -> dict[str, object]:
-        state: dict[str, object] = dict(super().__getstate__())
-        state["_kept"] = ()
-        return state
-
-
-def _dense_norm(
-    edge_index: Tensor, edge_weight: OptTensor, num_nodes: int, dtype: torch.dtype
-) -> Tensor:
-    # PyG's gcn_norm as one matrix. It drops no edges by a mask, whose result has an unknown size,
-    # so that torch.compile sees one graph.
-    source, target = edge_index[0], edge_index[1]
-    if edge_weight is None:
-        edge_weight = torch.ones(edge_index.size(1), dtype=dtype, device=edge_index.device)
-    weight = edge_weight.view(-1).to(dtype)
-    is_loop = source == target
-    adjacency = weight.new_zeros(num_nodes * num_nodes).scatter_add(
-        0, target * num_nodes + source, weight.masked_fill(is_loop, 0.0)
-    )
-    # Self-loops keep their weight, missing ones get one; the last place takes all other edges.
-    loop = weight.new_ones(num_nodes + 1).scatter(
-        0, source.masked_fill(~is_loop, num_nodes), weight
-    )
-    adjacency = adjacency.view(num_nodes, num_nodes) + loop[:-1].diag_embed()
-    scale = adjacency.sum(dim=1).pow(-0.5)
-    scale = scale.masked_fill(scale == float("inf"), 0.0)
-    return scale.view(-1, 1) * adjacency * scale

@@ -1,0 +1,97 @@
+r"""From edge features to node features: the encoder of the paper."""
+
+from typing import Optional
+
+import torch
+from torch import Tensor
+from torch.nn import Linear
+from torch_geometric.typing import OptTensor
+
+
+class EdgeFeatureEncoder(torch.nn.Module):
+    r"""The edge feature encoder of the "Tactile Object Property Recognition using Geometrical Graph
+    Edge Features and Multi-Thread Graph Convolutional Network" paper: one linear map from the
+    features of all edges to those of all taxels.
+
+    .. math::
+        \mathrm{vec}(\mathbf{H}) = \mathbf{W} \, \mathrm{vec}(\mathbf{E}) + \mathbf{b}
+
+    It knows each edge by its place in the list, so that it is for one topology, in one order: other
+    than :class:`EdgeMessageEncoder` it is not permutation equivariant. The hand of the paper has
+    :math:`1401 \cdot 4 \cdot 384 \cdot 4 + 1536 = 8\,609\,280` parameters.
+
+    Args:
+        num_nodes (int): Number of taxels :math:`N`.
+        num_edges (int): Number of directed edges :math:`|\mathcal{E}|`.
+        edge_dim (int): Features of each edge :math:`D`.
+        out_channels (int): Features of each taxel.
+
+    Shapes:
+        - **input:** edge features, in metres or scaled, :math:`(|\mathcal{E}|, D)`,
+          :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch :math:`(B \cdot |\mathcal{E}|, D)`
+        - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
+
+    Raises:
+        ValueError: If a size is below one, or :obj:`edge_attr` has other edges or features.
+
+    Examples:
+        >>> encoder = EdgeFeatureEncoder(num_nodes=384, num_edges=1401)
+        >>> encoder
+        EdgeFeatureEncoder(384, 1401, edge_dim=4, out_channels=4)
+        >>> encoder(torch.zeros(2, 1401, 4)).shape
+        torch.Size([2, 384, 4])
+    """
+
+    def __init__(
+        self, num_nodes: int, num_edges: int, edge_dim: int = 4, out_channels: int = 4
+    ) -> None:
+        super().__init__()
+        for name, size in (
+            ("num_nodes", num_nodes),
+            ("num_edges", num_edges),
+            ("edge_dim", edge_dim),
+            ("out_channels", out_channels),
+        ):
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        self.num_nodes = num_nodes
+        self.num_edges = num_edges
+        self.edge_dim = edge_dim
+        self.out_channels = out_channels
+        self.lin = Linear(num_edges * edge_dim, num_nodes * out_channels)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        self.lin.reset_parameters()
+
+    def forward(
+        self, edge_attr: Tensor, edge_index: OptTensor = None, num_nodes: Optional[int] = None
+    ) -> Tensor:
+        r"""Encodes edge features.
+
+        Args:
+            edge_attr (torch.Tensor): Edge features.
+            edge_index (torch.Tensor, optional): Not used: the order of the edges says it all.
+            num_nodes (int, optional): Not used.
+        """
+        num_rows = edge_attr.size(-2) if edge_attr.dim() in (2, 3) else -1
+        is_batch = edge_attr.dim() == 2 and num_rows % self.num_edges == 0
+        if num_rows != self.num_edges and not is_batch:
+            raise ValueError(
+                f"'edge_attr' must have {self.num_edges} rows, one an edge in the order it was "
+                f"made for (got shape {tuple(edge_attr.shape)})"
+            )
+        if edge_attr.size(-1) != self.edge_dim:
+            raise ValueError(
+                f"'edge_attr' must have {self.edge_dim} features (got {edge_attr.size(-1)})"
+            )
+        out = self.lin(edge_attr.reshape(-1, self.num_edges * self.edge_dim))
+        if edge_attr.dim() == 3:
+            return out.view(edge_attr.size(0), self.num_nodes, self.out_channels)
+        return out.view(-1, self.out_channels)
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.num_nodes}, {self.num_edges}, edge_dim={self.edge_dim}, "
+            f"out_channels={self.out_channels})"
+        )

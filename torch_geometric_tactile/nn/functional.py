@@ -1,0 +1,156 @@
+r"""A graph convolution on one topology with many samples, made for training on processors.
+
+Activations lie as :math:`(N, F, B)`, taxel by taxel and the samples innermost. One sparse product
+with the :math:`(N, F \cdot B)` matrix then serves the whole batch, the linear map is a batched
+product over the taxels, and the maximum over channels runs along contiguous memory.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd import Function
+from torch.autograd.function import once_differentiable
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.conv.static_adjacency import StaticAdjacency
+
+# The widest activation of a block of this size stays in a processor's second-level cache.
+_BLOCK_BYTES = 2**20
+# Below the difference of any two numbers that are not equal, and above zero.
+_TINY = 1e-37
+
+
+def pooled_gcn(
+    h: Tensor, adjacency: StaticAdjacency, weight: Tensor, bias: OptTensor = None, pool: int = 1
+) -> Tensor:
+    r"""A graph convolution, the maximum over neighbouring channels, and ReLU, in one step.
+
+    .. math::
+        \mathbf{H}' = \max \left( 0, \mathrm{pool}_k \left( \hat{\mathbf{A}} \mathbf{H} \mathbf{W}
+        + \mathbf{b} \right) \right)
+
+    It works block by block of taxels, so that the wide activation before the maximum is never
+    written to memory. The backward pass computes it again, which costs less than reading it: only
+    input and output are kept. The gradient goes to the channel that was the maximum (to all of them
+    where several are equal to the last bit). There is no second derivative.
+
+    Args:
+        h (torch.Tensor): Features.
+        adjacency (StaticAdjacency): The normalised adjacency, with its sparse forms.
+        weight (torch.Tensor): Weights, of all taxels or of each.
+        bias (torch.Tensor, optional): Biases, of all taxels or of each.
+        pool (int): How many neighbouring channels share one maximum.
+
+    Shapes:
+        - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(N, O, F)`, biases
+          :math:`(O,)` or :math:`(N, O)`
+        - **output:** :math:`(N, O / k, B)`
+    """
+    if bias is None:
+        bias = weight.new_zeros(weight.shape[:-1])
+    out: Tensor = _PooledGCN.apply(h, weight, bias, pool, adjacency)
+    return out
+
+
+class _PooledGCN(Function):
+    @staticmethod
+    def forward(
+        ctx: Any, h: Tensor, weight: Tensor, bias: Tensor, pool: int, adjacency: StaticAdjacency
+    ) -> Tensor:
+        block = _Block(h, weight, bias, pool, adjacency)
+        out = h.new_empty(h.size(0), weight.size(-2) // pool, h.size(2))
+        for start, stop in block.ranges:
+            if pool == 1:
+                torch.clamp(block.product(start, stop), min=0, out=out[start:stop])
+            else:
+                groups = block.groups(block.product(start, stop))
+                torch.amax(groups, dim=2, out=out[start:stop]).clamp_(min=0)
+        ctx.save_for_backward(h, weight, bias, out)
+        ctx.pool, ctx.adjacency = pool, adjacency
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
+        h, weight, bias, out = ctx.saved_tensors
+        grad = grad.contiguous()
+        block = _Block(h, weight, bias, ctx.pool, ctx.adjacency)
+        narrow = h.new_empty(len(block.z), *out.shape[1:])
+        grad_weight = torch.zeros_like(block.weight)
+        weight_t = weight.transpose(-2, -1).contiguous()
+        grad_u = torch.empty_like(h) if ctx.needs_input_grad[0] else None
+        for start, stop in block.ranges:
+            size = stop - start
+            part = torch.ops.aten.threshold_backward.grad_input(
+                grad[start:stop], out[start:stop], 0, grad_input=narrow[:size]
+            )
+            if ctx.pool == 1:
+                block.gather(start, stop)
+            else:
+                z = block.product(start, stop)
+                below = block.groups(z)
+                # Compared with its own maximum, not with `out`: a product may differ in the last
+                # bit from one run to the next.
+                below.sub_(below.amax(dim=2, keepdim=True))
+                torch.ops.aten.threshold_backward.grad_input(
+                    part.unsqueeze(2).expand_as(below), below, -_TINY, grad_input=below
+                )
+                part = z
+            outer = torch.bmm(part, block.u[:size].transpose(1, 2))
+            if weight.dim() == 3:
+                grad_weight[start:stop] = outer
+            else:
+                grad_weight += outer.sum(dim=0)
+            if grad_u is not None:
+                torch.bmm(_rows(weight_t, start, stop), part, out=grad_u[start:stop])
+        grad_h = None
+        if grad_u is not None:
+            grad_h = _propagate(ctx.adjacency.transposed, grad_u.flatten(1)).view_as(h)
+        return grad_h, grad_weight[..., :-1], grad_weight[..., -1], None, None
+
+
+class _Block:
+    r"""Propagates and maps a block of taxels at a time, in buffers that stay in the cache."""
+
+    def __init__(
+        self, h: Tensor, weight: Tensor, bias: Tensor, pool: int, adjacency: StaticAdjacency
+    ) -> None:
+        num_nodes, width, num_samples = h.shape
+        wide = weight.size(-2)
+        size = _BLOCK_BYTES // max(1, wide * num_samples * h.element_size())
+        size = max(1, min(num_nodes, size))
+        self.h, self.pool, self.adjacency = h.flatten(1), pool, adjacency
+        self.weight = torch.cat([weight, bias.unsqueeze(-1)], dim=-1)
+        self.z = h.new_empty(size, wide, num_samples)
+        self.u = h.new_empty(size, width + 1, num_samples)
+        self.u[:, -1] = 1  # multiplies the bias
+        self.ranges = [
+            (start, min(start + size, num_nodes)) for start in range(0, num_nodes, size)
+        ]
+
+    def gather(self, start: int, stop: int) -> Tensor:
+        r"""Sums over the neighbours."""
+        rows = self.adjacency.rows(start, stop)
+        u = self.u[: stop - start]
+        u[:, :-1] = _propagate(rows, self.h).view(stop - start, u.size(1) - 1, u.size(2))
+        return u
+
+    def product(self, start: int, stop: int) -> Tensor:
+        r"""Returns what is before the maximum."""
+        u = self.gather(start, stop)
+        return torch.bmm(_rows(self.weight, start, stop), u, out=self.z[: stop - start])
+
+    def groups(self, z: Tensor) -> Tensor:
+        r"""Returns the channels by what shares one maximum."""
+        return z.view(z.size(0), -1, self.pool, z.size(2))
+
+
+def _rows(weight: Tensor, start: int, stop: int) -> Tensor:
+    return weight[start:stop] if weight.dim() == 3 else weight.expand(stop - start, -1, -1)
+
+
+def _propagate(matrix: Tensor, h: Tensor) -> Tensor:
+    # With a reduction, this is PyTorch's own kernel: as fast as that of MKL, which is not on every
+    # machine.
+    return torch.sparse.mm(matrix, h, "sum")

@@ -1,0 +1,51 @@
+r"""The maximum over neighbouring channels."""
+
+import torch
+from torch import Tensor
+
+
+class ChannelMaxPool(torch.nn.Module):
+    r"""The max pooling over feature channels of the "Tactile Object Property Recognition using
+    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper, which it
+    writes "(P)": each taxel keeps the largest of every :obj:`kernel_size` neighbouring channels.
+
+    .. math::
+        x'_c = \max_{0 \le j < k} x_{k c + j}
+
+    Args:
+        kernel_size (int): How many channels :math:`k` share one maximum.
+
+    Shapes:
+        - **input:** features :math:`(*, F)`
+        - **output:** features :math:`(*, F / k)`
+
+    Raises:
+        ValueError: If :obj:`kernel_size` is below one or does not divide the channels.
+
+    Examples:
+        >>> ChannelMaxPool(2)(torch.tensor([[1.0, 4.0, 3.0, 2.0]]))
+        tensor([[4., 3.]])
+    """
+
+    def __init__(self, kernel_size: int) -> None:
+        super().__init__()
+        if kernel_size < 1:
+            raise ValueError(f"'kernel_size' must be at least 1 (got {kernel_size})")
+        self.kernel_size = kernel_size
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Takes the maxima.
+
+        Args:
+            x (torch.Tensor): Features.
+        """
+        if x.size(-1) % self.kernel_size:
+            raise ValueError(
+                f"'x' must have a multiple of {self.kernel_size} channels (got {x.size(-1)})"
+            )
+        if self.kernel_size == 1:
+            return x
+        return x.unflatten(-1, (-1, self.kernel_size)).amax(dim=-1)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.kernel_size})"
