@@ -85,3 +85,62 @@ def test_bad_arguments_are_named():
     data.setup()
     with pytest.raises(ValueError, match="there is no test part"):
         data.test_dataloader()
+
+
+def given_parts(labelled, **kwargs):
+    parts = {name: labelled(seed=seed) for seed, name in enumerate(("train", "val", "test"))}
+    data = TactileDataModule(
+        parts["train"], parts["test"], val_dataset=parts["val"], batch_size=64, **kwargs
+    )
+    return parts, data
+
+
+def test_parts_that_are_given_stay_apart(labelled):
+    parts, data = given_parts(labelled, transform=ZScore())
+    data.setup()
+    mean = parts["train"].data.x.mean(0)
+    torch.testing.assert_close(data.transform.center[0].float(), mean)
+    for name, loader in (("val", data.val_dataloader()), ("test", data.test_dataloader())):
+        (batch,) = loader
+        expected = data.transform(parts[name].data)
+        torch.testing.assert_close(batch.x, expected.x, rtol=0, atol=0)
+        assert batch.x.mean(0).abs().max() > 0.05  # not scaled by itself
+    assert len(next(iter(data.train_dataloader())).y) == 60
+
+
+def test_parts_that_are_given_may_be_selections(labelled):
+    dataset = labelled()
+    data = TactileDataModule(
+        dataset[:30], dataset[40:], split="group", val=0, val_dataset=dataset[30:40]
+    )  # nothing is split, so that no group is needed
+    data.setup()
+    assert data.dataset.column("group") is None
+    sizes = [
+        sum(len(batch.y) for batch in loader())
+        for loader in (data.train_dataloader, data.val_dataloader, data.test_dataloader)
+    ]
+    assert sizes == [30, 10, 20]
+
+
+def test_classes_and_sessions_of_the_data(labelled):
+    _, data = given_parts(labelled)
+    assert data.test_sessions == {}  # before it is set up
+    data.setup()
+    assert data.test_sessions == {}  # there are none
+    assert data.class_names == ["hard", "heavy", "slippery"]
+    assert data.num_classes == TactileDataModule(labelled(names=())).num_classes == 3
+
+
+def test_sessions_without_names_are_numbered(labelled):
+    dataset = labelled()
+    dataset._data.session = torch.arange(60) // 30 + 4
+    data = TactileDataModule(labelled(), dataset)
+    data.setup()
+    assert data.test_sessions == {4: "4", 5: "5"}
+
+
+def test_bad_validation_parts_are_named(labelled):
+    with pytest.raises(ValueError, match=r"'val' must be 0 where 'val_dataset' is given \(got 0"):
+        TactileDataModule(labelled(), val=0.1, val_dataset=labelled())
+    with pytest.raises(ValueError, match=r"'val_dataset' must have the layout .*got 'biotac_sp'"):
+        TactileDataModule(labelled(), val_dataset=fake())

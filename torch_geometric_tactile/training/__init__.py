@@ -13,6 +13,7 @@ except ImportError as error:
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.metrics import classification_metrics
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
 from torch_geometric_tactile.training.prediction_writer import PredictionWriter
 
@@ -21,6 +22,7 @@ __all__ = [
     "PredictionWriter",
     "TactileClassifier",
     "TactileDataModule",
+    "classification_metrics",
     "classifier_from_config",
     "config_names",
     "find_config",

@@ -6,16 +6,20 @@ from typing import Any, Literal
 import lightning as L
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile.data import Split, StaticData, StaticDataset, apply_transform, splits
+from torch_geometric_tactile.data import Split, StaticDataset, splits
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import fit_transform, fitted_parts
+from torch_geometric_tactile.transforms import fit_parts, fitted_parts
 
 _SPLITS = {"frame": splits.by_frame, "trial": splits.by_trial, "group": splits.by_group}
 
 
 class TactileDataModule(L.LightningDataModule):
     r"""Splits a data set, fits the scaling on its training part, and loads batches.
+
+    A data set that splits itself, as :class:`~torch_geometric_tactile.datasets.AllegroUSkin`, is
+    given in its parts: :obj:`dataset` with :obj:`split="train"`, :obj:`val_dataset` with
+    :obj:`split="val"` and :obj:`test_dataset` with :obj:`split="test"`.
 
     The state of a fitted :obj:`transform` is stored in checkpoints. Of validation, test and
     prediction samples, a transform that works session by session measures the sessions that the
@@ -27,7 +31,8 @@ class TactileDataModule(L.LightningDataModule):
             :obj:`dataset`.
         split (str or Split): What is never torn apart: :obj:`"trial"`, :obj:`"group"` (objects),
             or :obj:`"frame"` (nothing); or the indices themselves.
-        val (float): The part of :obj:`dataset` for validation.
+        val (float, optional): The part of :obj:`dataset` for validation: a tenth if left out, and
+            nothing with a :obj:`val_dataset`.
         test (float): The part of :obj:`dataset` for the test.
         transform (BaseTransform, optional): Applied to every batch, after the transform of the data
             set; fitted on the training part where it can be.
@@ -35,11 +40,13 @@ class TactileDataModule(L.LightningDataModule):
         num_workers (int): Number of processes that load batches; none by default, since a batch is
             one piece of a tensor.
         seed (int): Which of the random splits.
+        val_dataset (StaticDataset, optional): What to validate on; if left out, a part of
+            :obj:`dataset`.
 
     Raises:
-        ValueError: If :obj:`split` is unknown, parts of :obj:`dataset` are kept for a test that
-            :obj:`test_dataset` is for, the two data sets have different layouts, or the samples
-            have no edges.
+        ValueError: If :obj:`split` is unknown, parts of :obj:`dataset` are kept for what
+            :obj:`val_dataset` or :obj:`test_dataset` is for, the data sets have different layouts,
+            or the samples have no edges.
     """
 
     def __init__(
@@ -47,25 +54,31 @@ class TactileDataModule(L.LightningDataModule):
         dataset: StaticDataset,
         test_dataset: StaticDataset | None = None,
         split: Literal["frame", "trial", "group"] | Split = "trial",
-        val: float = 0.1,
+        val: float | None = None,
         test: float = 0.0,
         transform: BaseTransform | None = None,
         batch_size: int = 128,
         num_workers: int = 0,
         seed: int = 0,
+        val_dataset: StaticDataset | None = None,
     ) -> None:
         super().__init__()
         if isinstance(split, str) and split not in _SPLITS:
             raise ValueError(f"'split' must be one of {list(_SPLITS)} (got '{split}')")
-        if test_dataset is not None:
-            if test > 0:
-                raise ValueError(f"'test' must be 0 where 'test_dataset' is given (got {test})")
-            if not dataset.layout.matches(test_dataset.layout):
+        if val is None:
+            val = 0.1 if val_dataset is None else 0.0
+        for name, part, other in (("val", val, val_dataset), ("test", test, test_dataset)):
+            if other is None:
+                continue
+            if part > 0:
+                raise ValueError(f"'{name}' must be 0 where '{name}_dataset' is given (got {part})")
+            if not dataset.layout.matches(other.layout):
                 raise ValueError(
-                    f"'test_dataset' must have the layout '{dataset.layout.name}' of 'dataset' "
-                    f"(got '{test_dataset.layout.name}')"
+                    f"'{name}_dataset' must have the layout '{dataset.layout.name}' of 'dataset' "
+                    f"(got '{other.layout.name}')"
                 )
         self.dataset = dataset
+        self.val_dataset = val_dataset
         self.test_dataset = test_dataset
         self.split = split
         self.val = val
@@ -82,39 +95,59 @@ class TactileDataModule(L.LightningDataModule):
         return self.dataset.layout
 
     @property
+    def class_names(self) -> list[str]:
+        r"""The names of the classes or labels, where the data set has them."""
+        return self.dataset.class_names
+
+    @property
+    def num_classes(self) -> int:
+        r"""The number of classes or labels: of the names, where there are some."""
+        return len(self.class_names) or self.dataset.num_classes
+
+    @property
     def test_sessions(self) -> dict[int, str]:
-        r"""Number and name of each recording session in the test part, once set up."""
-        session = self._parts["test"].column("session")
-        if session is None:
+        r"""Number and name of each recording session in the test part, once set up; empty where
+        samples belong to no session.
+        """
+        part = self._parts.get("test")
+        session = None if part is None else part.column("session")
+        if part is None or session is None:
             return {}
-        names = self._parts["test"].session_names
-        return {i: names[i] for i in session.unique().tolist()}
+        names = dict(enumerate(part.session_names))
+        return {i: names.get(i, str(i)) for i in session.unique().tolist()}
 
     def setup(self, stage: str | None = None) -> None:
         r"""Splits the data set and fits the scaling."""
         if self._parts:
             return
-        split = self.split
-        if isinstance(split, str):
-            split = _SPLITS[split](self.dataset, self.val, self.test, self.seed)
-        parts = {name: self.dataset[getattr(split, name)] for name in ("train", "val", "test")}
-        if self.test_dataset is not None:
-            parts["test"] = self.test_dataset
+        parts = self._split()
         if len(parts["train"]) and parts["train"].batch([0]).edge_index is None:
             raise ValueError(
                 "'dataset' must have edges (got none); give it, for example, "
                 "pre_transform=KNNGraph(k=2)"
             )
-        if fitted_parts(self.transform):
-            fit_transform(self.transform, _readings(parts["train"]))
+        fit_parts(self.transform, parts["train"], before=parts["train"].transform)
         self._parts = parts
         self._adapt()
 
+    def _split(self) -> dict[str, StaticDataset]:
+        split = self.split
+        if isinstance(split, str) and self.val == self.test == 0:  # there need be no such unit
+            nothing = self.dataset[:0]
+            parts = {"train": self.dataset, "val": nothing, "test": nothing}
+        else:
+            if isinstance(split, str):
+                split = _SPLITS[split](self.dataset, self.val, self.test, self.seed)
+            names = ("train", "val", "test")
+            parts = {name: self.dataset[getattr(split, name)] for name in names}
+        given = {"val": self.val_dataset, "test": self.test_dataset}
+        return parts | {name: part for name, part in given.items() if part is not None}
+
     def _adapt(self) -> None:
-        if fitted_parts(self.transform):
-            for name in ("val", "test"):
-                if len(self._parts[name]):
-                    fit_transform(self.transform, _readings(self._parts[name]), adapt=True)
+        for name in ("val", "test"):
+            part = self._parts[name]
+            if len(part):
+                fit_parts(self.transform, part, adapt=True, before=part.transform)
 
     def state_dict(self) -> dict[str, Any]:
         r"""Returns what the transform measured, for a checkpoint."""
@@ -165,7 +198,3 @@ class TactileDataModule(L.LightningDataModule):
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
         )
-
-
-def _readings(dataset: StaticDataset) -> StaticData:
-    return apply_transform(dataset.transform, dataset.data)

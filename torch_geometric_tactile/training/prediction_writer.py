@@ -14,7 +14,8 @@ from torch_geometric_tactile.files import atomic_path
 
 class PredictionWriter(BasePredictionWriter):
     r"""Writes what a model predicts to a CSV file: a row for each sample, with its index, predicted
-    class and the probabilities of all classes.
+    class and the probabilities of all classes. Of a multi-label model the prediction is all labels
+    with a probability above one half, :obj:`;` between them, and empty if there is none.
 
     In training on several machines each process writes a file of its own.
 
@@ -39,17 +40,22 @@ class PredictionWriter(BasePredictionWriter):
             path = path.with_name(f"{path.stem}_{trainer.global_rank}{path.suffix}")
         dataset = getattr(getattr(trainer, "datamodule", None), "dataset", None)
         names = getattr(dataset, "class_names", [])
+        multilabel = getattr(pl_module, "task", None) == "multilabel"
         with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
             header_written = False
             for indices, probability in _batches(batch_indices, predictions):
                 if not header_written:
-                    labels = names or [str(i) for i in range(probability.size(1))]
+                    num_classes = probability.size(1)
+                    has_names = len(names) == num_classes
+                    labels = names if has_names else [str(i) for i in range(num_classes)]
                     writer.writerow(["index", "prediction", *(f"p_{name}" for name in labels)])
                     header_written = True
                 for index, row in zip(indices, probability, strict=True):
                     values = [f"{value:.6f}" for value in row.tolist()]
-                    writer.writerow([index, labels[int(row.argmax())], *values])
+                    best = (row > 0.5).nonzero() if multilabel else row.argmax()
+                    prediction = ";".join(labels[i] for i in best.view(-1).tolist())
+                    writer.writerow([index, prediction, *values])
         self.written = path
 
 

@@ -1,10 +1,11 @@
 r"""Transforms: from data to data, one per file."""
 
 from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
-from torch_geometric_tactile.transforms.base import FittedTransform, fit_transform, fitted_parts
+from torch_geometric_tactile.transforms.base import FittedTransform
 from torch_geometric_tactile.transforms.drop_patches import DropPatches
 from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
 from torch_geometric_tactile.transforms.fill_missing import FillMissing
+from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform, fitted_parts
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
@@ -28,6 +29,7 @@ __all__ = [
     "TaxelPose",
     "TopologicalSegmentation",
     "ZScore",
+    "fit_parts",
     "fit_transform",
     "fitted_parts",
 ]

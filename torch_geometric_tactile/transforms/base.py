@@ -1,96 +1,121 @@
 r"""What the scaling transforms share."""
 
+import logging
 from collections.abc import Iterable, Mapping
-from typing import Any, Self
+from math import prod
+from typing import Any, Protocol, Self
 
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
-from torch_geometric.transforms import BaseTransform, Compose
+from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.transforms._attributes import require
+from torch_geometric_tactile.transforms._samples import Samples
 
-_CHUNK = 8192  # samples read at a time, so that fitting a memory-mapped data set needs no copy
+_CHUNK = 8192  # samples read at a time, at most
+
+_logger = logging.getLogger(__name__)
 
 _Place = tuple[torch.dtype, torch.device]
 
 
+class _Attributes(Protocol):
+    def __contains__(self, key: str) -> bool: ...
+
+    def __getitem__(self, key: str) -> Any: ...
+
+
 class FittedTransform(BaseTransform):
-    r"""Subtracts a centre from the readings and divides them by a scale, both fitted before, for
-    each taxel and channel, and separately for each value of the sample attribute :obj:`key`.
+    r"""Subtracts a centre from the readings, or from another attribute, and divides them by a
+    scale, both fitted before, for each number of a sample (each taxel and channel, for example),
+    and separately for each value of the sample attribute :obj:`key`.
 
     A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
     which samples they are fitted.
+
+    An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
+    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. It never changes, so that
+    nothing but its distance from the centre is left of it, which is zero.
 
     Args:
         key (str, optional): Integer attribute of the samples that chooses centre and scale.
         unit_scale (bool): Whether to leave the scale at one.
         first (int, optional): How many samples, in their order, of each value of :obj:`key` are
             used to fit. All if left out.
+        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
+            as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
     """
 
     supports_static = True
 
     def __init__(
-        self, key: str | None = None, unit_scale: bool = False, first: int | None = None
+        self,
+        key: str | None = None,
+        unit_scale: bool = False,
+        first: int | None = None,
+        attr: str = "x",
     ) -> None:
         self.key = key
         self.unit_scale = unit_scale
         self.first = first
-        self.center: Tensor | None = None  # (K, N, F), double: raw counts are large and vary little
-        self.scale: Tensor | None = None  # (K, N, F)
+        self.attr = attr
+        # (K, N, F), or (K, ...) with the shape of the attribute in one sample. Double: raw counts
+        # are large and vary little.
+        self.center: Tensor | None = None
+        self.scale: Tensor | None = None  # of the same shape
         self.key_values: Tensor | None = None  # (K,), sorted
         self._kept: tuple[Tensor, Tensor, _Place, tuple[Tensor, Tensor, Tensor]] | None = None
 
-    def fit(self, data: StaticDataset | StaticData) -> Self:
-        r"""Measures centre and scale on the readings of :obj:`data`; labels are not used.
+    def fit(self, data: StaticDataset | StaticData, before: BaseTransform | None = None) -> Self:
+        r"""Measures centre and scale on the readings of :obj:`data`, a few samples at a time;
+        labels are not used.
 
         Missing readings (NaN) do not count. A taxel that never changes keeps the scale one.
 
         Args:
             data (StaticDataset or StaticData): The samples, before any :obj:`transform`.
+            before (BaseTransform, optional): Applied to the samples first.
 
         Raises:
-            ValueError: If there is no sample, or the samples lack the attribute :obj:`key`.
+            ValueError: If there is no sample, or the samples lack the attribute :obj:`key` or
+                :obj:`attr`.
         """
-        data = data.data if isinstance(data, StaticDataset) else data
+        samples = Samples(data, before, _CHUNK)
         self.center = self.scale = self.key_values = None
-        return self._measure(data, self._keys(data))
+        return self._measure(samples, self._keys(samples))
 
-    def adapt(self, data: StaticDataset | StaticData) -> Self:
+    def adapt(self, data: StaticDataset | StaticData, before: BaseTransform | None = None) -> Self:
         r"""Measures only those values of :obj:`key` that were not measured before.
 
         Does nothing where :obj:`key` is :obj:`None`: a scaler of the training part stays as it is.
 
         Args:
             data (StaticDataset or StaticData): The samples, before any :obj:`transform`.
+            before (BaseTransform, optional): Applied to the samples first.
         """
         if self.key is None:
             return self
-        data = data.data if isinstance(data, StaticDataset) else data
-        keys = self._keys(data)
-        known = self.key_values
-        if known is not None:
-            unknown = ~torch.isin(keys, known)
-            data, keys = data.index_select(unknown), keys[unknown]
-        return self._measure(data, keys) if len(keys) else self
+        samples = Samples(data, before, _CHUNK)
+        return self._measure(samples, self._keys(samples))
 
-    def _keys(self, data: StaticData) -> Tensor:
-        if data.num_samples == 0:
+    def _keys(self, samples: Samples) -> Tensor:
+        if samples.num_samples == 0:
             raise ValueError(f"{type(self).__name__} must be fitted on samples (got none)")
         if self.key is None:
-            return torch.zeros(data.num_samples, dtype=torch.long)
-        return self._sample_keys(data, data.num_samples)
+            return torch.zeros(samples.num_samples, dtype=torch.long)
+        return self._sample_keys(samples, samples.num_samples)
 
-    def _sample_keys(self, data: Data, num_samples: int) -> Tensor:
+    def _sample_keys(self, data: _Attributes, num_samples: int) -> Tensor:
         assert self.key is not None
         return self.sample_values(data, self.key, num_samples).long()
 
-    def sample_values(self, data: Data, key: str, num_samples: int) -> Tensor:
+    def sample_values(self, data: _Attributes, key: str, num_samples: int) -> Tensor:
         r"""Returns an attribute that must have one number a sample.
 
         Args:
-            data (torch_geometric.data.Data): The samples.
+            data (torch_geometric.data.Data or Samples): The samples.
             key (str): Name of the attribute.
             num_samples (int): The number of samples :math:`S`.
 
@@ -109,10 +134,20 @@ class FittedTransform(BaseTransform):
             )
         return values
 
-    def _measure(self, data: StaticData, keys: Tensor) -> Self:
+    def _measure(self, samples: Samples, keys: Tensor) -> Self:
         values = keys.unique()
+        if self.key_values is not None:
+            values = values[~torch.isin(values, self.key_values)]
+        if len(values) == 0:
+            return self
+        if self.attr not in samples:
+            raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
+        if samples.first.is_shared(self.attr):
+            _logger.warning(
+                "all samples share one '%s', of which %r leaves nothing", self.attr, self
+            )
         center, scale = zip(
-            *(self._moments(data, (keys == value).nonzero().view(-1)) for value in values),
+            *(self._moments(samples, (keys == value).nonzero().view(-1)) for value in values),
             strict=True,
         )
         new_center, new_scale = torch.stack(center), torch.stack(scale)
@@ -127,22 +162,36 @@ class FittedTransform(BaseTransform):
         self.center, self.scale = new_center[order], new_scale[order]
         return self
 
-    def _moments(self, data: StaticData, index: Tensor) -> tuple[Tensor, Tensor]:
-        index = self.measured(data, index)
-        center, scale = self.moments(data.x[part].double() for part in index.split(_CHUNK))
+    def _moments(self, samples: Samples, index: Tensor) -> tuple[Tensor, Tensor]:
+        parts = samples.values(self.attr, self.measured(samples, index))
+        center, scale = self.moments(part.double() for part in parts)
         return center.cpu(), scale.cpu()
 
-    def measured(self, data: StaticData, index: Tensor) -> Tensor:
+    def measured(self, samples: Samples, index: Tensor) -> Tensor:
         r"""Returns which samples count, of those with one value of :obj:`key`.
 
         Args:
-            data (StaticData): All samples.
+            samples (Samples): All samples; :obj:`samples[name]` is an attribute of them.
             index (torch.Tensor): Indices of those with this value, ascending and at least one.
 
         Returns:
-            torch.Tensor: Some of these indices, at least one.
+            torch.Tensor: Some of these indices, ascending and at least one.
         """
         return index[: self.first]
+
+    def noise(self, center: Tensor) -> Tensor | float:
+        r"""Returns the largest change that may be rounding, and does not count as one.
+
+        Readings come as they were measured, whereas other attributes are computed, in single
+        precision: the length of an edge within a rigid patch is the same in all samples but for
+        some nanometres.
+
+        Args:
+            center (torch.Tensor): The centres.
+        """
+        if self.attr == "x" or center.numel() == 0:
+            return 0.0
+        return 1e-5 * center.abs().max()
 
     def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
         r"""Returns centre and scale: mean and standard deviation, without missing readings.
@@ -151,8 +200,9 @@ class FittedTransform(BaseTransform):
             parts (iterable of torch.Tensor): The readings in parts, double, each to be read once.
 
         Shapes:
-            - **input:** at least one part :math:`(S_i, N, F)`, with :math:`S_i \ge 1`
-            - **output:** :math:`(N, F)` each, the centre double
+            - **input:** at least one part :math:`(S_i, N, F)`, with :math:`S_i \ge 1`; or
+              :math:`(S_i, \ldots)` of another attribute
+            - **output:** :math:`(N, F)` each, or :math:`(\ldots)`; the centre double
         """
         shift: Tensor | None = None
         for part in parts:
@@ -168,36 +218,50 @@ class FittedTransform(BaseTransform):
         count = count.clamp(min=1)
         mean = total / count
         deviation = (square / count - mean.square()).clamp(min=0).sqrt()
-        scale = torch.where(deviation > 1e-6 * (shift + mean).abs().clamp(min=1e-6), deviation, 1.0)
+        center = shift + mean
+        changes = deviation > 1e-6 * center.abs().clamp(min=1e-6)
+        scale = torch.where(changes & (deviation > self.noise(center)), deviation, 1.0)
         if self.unit_scale:
             scale = torch.ones_like(scale)
-        return shift + mean, scale.float()
+        return center, scale.float()
 
     def forward(self, data: Data) -> Data:
-        r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)`, or those of a PyG batch."""
+        r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)`, or those of a PyG batch; or
+        another attribute of them.
+        """
         if self.center is None or self.scale is None:
             raise RuntimeError(f"{type(self).__name__} must be fitted before it is applied")
-        x = data.x if data.x.is_floating_point() else data.x.float()  # counts may be integers
-        num_taxels, num_features = self.center.shape[1:]
-        if (
-            x.dim() not in (2, 3)
-            or x.size(-1) != num_features
-            or x.size(-2) % num_taxels
-            or (x.dim() == 3 and x.size(-2) != num_taxels)  # only a PyG batch joins its samples
-        ):
-            raise ValueError(
-                f"'x' must have {num_taxels} taxels and {num_features} features, as "
-                f"{type(self).__name__} was fitted on (got shape {tuple(x.shape)})"
-            )
-        near, rest, scale = self._tables(self.center, self.scale, x)
-        if self.key is None:
-            near, rest, scale = near[0], rest[0], scale[0]
-        else:
-            row = self._row(data, x.numel() // (num_taxels * num_features)).to(x.device)
-            near, rest, scale = near[row], rest[row], scale[row]
-        out = (x.reshape(-1, num_taxels, num_features) - near - rest) / scale
-        data.x = out.reshape(x.shape)
+        x = require(self, data, self.attr)
+        x = x if x.is_floating_point() else x.float()  # counts may be integers
+        size = self.center.shape[1:]  # of one sample
+        self._check(x, size)
+        if x.numel() > 0:
+            near, rest, scale = self._tables(self.center, self.scale, x)
+            if self.key is None:
+                near, rest, scale = near[0], rest[0], scale[0]
+            else:
+                if isinstance(data, StaticData) and x.dim() == len(size):  # shared until now
+                    x = x.expand(data.num_samples, *size)
+                row = self._row(data, x.numel() // prod(size)).to(x.device)
+                near, rest, scale = near[row], rest[row], scale[row]
+            x = ((x.reshape(-1, *size) - near - rest) / scale).reshape(x.shape)
+        data[self.attr] = x
         return data
+
+    def _check(self, x: Tensor, size: torch.Size) -> None:
+        # Samples are stacked, or joined in their first dimension (in a PyG batch).
+        num_dims = len(size)
+        if x.dim() == num_dims + 1 and x.shape[1:] == size:
+            return
+        if x.dim() == num_dims > 0 and x.shape[1:] == size[1:] and x.size(0) % max(size[0], 1) == 0:
+            return
+        what = f"shape {tuple(size)} a sample"
+        if self.attr == "x":
+            what = f"{size[0]} taxels and {size[1]} features"
+        raise ValueError(
+            f"'{self.attr}' must have {what}, as {type(self).__name__} was fitted on "
+            f"(got shape {tuple(x.shape)})"
+        )
 
     def _tables(self, center: Tensor, scale: Tensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         # The centre in the precision of x, and what that leaves over: together as good as double.
@@ -237,37 +301,12 @@ class FittedTransform(BaseTransform):
         self.scale = state.get("scale")
         self.key_values = state.get("key_values")
 
+    def _attr_repr(self) -> str:
+        return "" if self.attr == "x" else f", attr='{self.attr}'"
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._attr_repr().removeprefix(', ')})"
+
 
 def _place(x: Tensor) -> _Place:
     return x.dtype, x.device
-
-
-def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
-    r"""Returns the parts of a transform that are fitted, in their order.
-
-    Args:
-        transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
-    """
-    if isinstance(transform, Compose):
-        return [part for inner in transform.transforms for part in fitted_parts(inner)]
-    return [transform] if isinstance(transform, FittedTransform) else []
-
-
-def fit_transform(
-    transform: BaseTransform | None, data: StaticDataset | StaticData, adapt: bool = False
-) -> StaticData:
-    r"""Fits every part of a transform on what the parts before it return, and applies it.
-
-    Args:
-        transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
-        data (StaticDataset or StaticData): The samples.
-        adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
-    """
-    data = data.data if isinstance(data, StaticDataset) else data
-    if isinstance(transform, Compose):
-        for part in transform.transforms:
-            data = fit_transform(part, data, adapt)
-        return data
-    if isinstance(transform, FittedTransform):
-        transform.adapt(data) if adapt else transform.fit(data)
-    return apply_transform(transform, data)

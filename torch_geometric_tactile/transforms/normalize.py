@@ -25,6 +25,7 @@ class Normalize(FittedTransform):
     Args:
         low (float): The lower end :math:`l`.
         high (float): The upper end :math:`h`.
+        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -43,10 +44,10 @@ class Normalize(FittedTransform):
         tensor([-1.0000, -0.5000,  1.0000])
     """
 
-    def __init__(self, low: float = -1.0, high: float = 1.0) -> None:
+    def __init__(self, low: float = -1.0, high: float = 1.0, attr: str = "x") -> None:
         if not -math.inf < low < high < math.inf:
             raise ValueError(f"'low' must be below 'high', both finite (got {low} and {high})")
-        super().__init__()
+        super().__init__(attr=attr)
         self.low = float(low)
         self.high = float(high)
 
@@ -56,14 +57,14 @@ class Normalize(FittedTransform):
         lowest, highest = torch.stack(lows).amin(0), torch.stack(highs).amax(0)
         never = lowest > highest  # only missing readings
         lowest, highest = lowest.masked_fill(never, 0.0), highest.masked_fill(never, 0.0)
-        changes = highest > lowest
+        changes = highest - lowest > self.noise(torch.maximum(lowest.abs(), highest.abs()))
         scale = torch.where(changes, (highest - lowest) / (self.high - self.low), 1.0)
         middle = (self.low + self.high) / 2
         center = torch.where(changes, lowest - self.low * scale, lowest - middle)
         return center, scale
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}(low={self.low}, high={self.high})"
+        return f"{type(self).__name__}(low={self.low}, high={self.high}{self._attr_repr()})"
 
 
 def _extremes(part: Tensor) -> tuple[Tensor, Tensor]:

@@ -19,6 +19,7 @@ class SessionZScore(FittedTransform):
 
     Args:
         key (str): Integer attribute of the samples that numbers the session.
+        attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -38,8 +39,8 @@ class SessionZScore(FittedTransform):
         tensor([-1.,  1., -1.,  1.])
     """
 
-    def __init__(self, key: str = "session") -> None:
-        super().__init__(key)
+    def __init__(self, key: str = "session", attr: str = "x") -> None:
+        super().__init__(key, attr=attr)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}('{self.key}')"
+        return f"{type(self).__name__}('{self.key}'{self._attr_repr()})"

@@ -5,7 +5,7 @@ import math
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.transforms._samples import Samples
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 
@@ -31,6 +31,7 @@ class Tare(FittedTransform):
         seconds (float, optional): How long each session is at rest, in seconds of the sample
             attribute :obj:`time` (best kept in double), in place of :obj:`first`; a sample just
             so late is past it.
+        attr (str): What is shifted: :obj:`"x"`, or another attribute of floating-point numbers.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -54,7 +55,11 @@ class Tare(FittedTransform):
     """
 
     def __init__(
-        self, key: str = "session", first: int | None = None, seconds: float | None = None
+        self,
+        key: str = "session",
+        first: int | None = None,
+        seconds: float | None = None,
+        attr: str = "x",
     ) -> None:
         if first is not None and seconds is not None:
             raise ValueError(
@@ -64,19 +69,19 @@ class Tare(FittedTransform):
             raise ValueError(f"'seconds' must be positive and finite (got {seconds})")
         if first is not None and first < 1:
             raise ValueError(f"'first' must be at least 1 (got {first})")
-        super().__init__(key, unit_scale=True, first=first)
+        super().__init__(key, unit_scale=True, first=first, attr=attr)
         self.seconds = seconds
 
-    def measured(self, data: StaticData, index: Tensor) -> Tensor:
+    def measured(self, samples: Samples, index: Tensor) -> Tensor:
         r"""Returns which samples are at rest, of those of one session."""
         if self.seconds is None:
-            return super().measured(data, index)
-        time = self.sample_values(data, "time", data.num_samples)[index].double()
+            return super().measured(samples, index)
+        time = self.sample_values(samples, "time", samples.num_samples)[index].double()
         if not time.isfinite().all():
             raise ValueError("'time' must be finite seconds (got NaN or infinity)")
         return index[time - time.min() < self.seconds]
 
     def __repr__(self) -> str:
         if self.seconds is not None:
-            return f"{type(self).__name__}('{self.key}', seconds={self.seconds})"
-        return f"{type(self).__name__}('{self.key}', first={self.first})"
+            return f"{type(self).__name__}('{self.key}', seconds={self.seconds}{self._attr_repr()})"
+        return f"{type(self).__name__}('{self.key}', first={self.first}{self._attr_repr()})"

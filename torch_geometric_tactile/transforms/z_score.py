@@ -13,9 +13,19 @@ class ZScore(FittedTransform):
     .. math::
         x' = \frac{x - \mu}{\sigma}
 
+    With :obj:`attr` it scales another attribute in place of the readings, each of its numbers by
+    itself: the features of each edge, the angle of each joint. What changes by less than rounding
+    does, such as the length of an edge within a rigid patch, keeps its scale.
+
+    Args:
+        attr (str): What is scaled, such as :obj:`"x"`, :obj:`"edge_attr"`, :obj:`"joint"`,
+            :obj:`"absolute"` or :obj:`"pos"`.
+
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`
+          F)`; with :obj:`attr` for example edge features :math:`(|\mathcal{E}|, D)`,
+          :math:`(B, |\mathcal{E}|, D)` or :math:`(B \cdot |\mathcal{E}|, D)`, or joint angles
+          :math:`(1, J)` or :math:`(B, J)`
         - **output:** the same shape
 
     Raises:
@@ -30,5 +40,5 @@ class ZScore(FittedTransform):
         tensor([-1.,  1.])
     """
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, attr: str = "x") -> None:
+        super().__init__(attr=attr)

@@ -1,0 +1,241 @@
+r"""What is measured of a classifier, for logs and for tables alike."""
+
+from typing import Literal
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torchmetrics import Metric, MetricCollection
+from torchmetrics.classification import (
+    MulticlassAccuracy,
+    MulticlassF1Score,
+    MultilabelExactMatch,
+    MultilabelStatScores,
+)
+from torchmetrics.functional.classification import binary_auroc
+from torchmetrics.utilities import dim_zero_cat
+
+Task = Literal["multiclass", "multilabel"]
+TASKS: tuple[Task, ...] = ("multiclass", "multilabel")
+
+
+def classification_metrics(
+    score: Tensor | np.ndarray, y: Tensor | np.ndarray, task: Task = "multiclass"
+) -> dict[str, float]:
+    r"""Measures predictions.
+
+    The class with the highest score is predicted, or with :obj:`task="multilabel"` every label with
+    a score above 0.5. The values, by name:
+
+    * :obj:`accuracy`: the part of the samples whose class is right, or all of whose labels are
+      right (exact match);
+    * :obj:`label_accuracy` and :obj:`label_accuracy_0`, :obj:`label_accuracy_1`, ... (multi-label
+      only): the part of the samples for which one label is right, and the mean over the labels;
+    * :obj:`f1`: the mean F1 score of the classes or labels, but for those that are neither in
+      :obj:`y` nor predicted; NaN if none is left;
+    * :obj:`auroc`: the mean area under the ROC curve of each class against the rest, or of each
+      label, but for those that :obj:`y` has in no sample or in all, since there is nothing to
+      rank; NaN if none is left, or a score is NaN.
+
+    Args:
+        score (torch.Tensor or numpy.ndarray): Probabilities.
+        y (torch.Tensor or numpy.ndarray): The classes, or 0 and 1 for each label.
+        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+
+    Shapes:
+        - **score:** :math:`(S, C)`
+        - **y:** :math:`(S,)`, or :math:`(S, C)` for :obj:`"multilabel"`
+
+    Raises:
+        ValueError: If :obj:`task` is unknown, there is no sample, or the shapes or classes do not
+            fit together.
+
+    Examples:
+        >>> score = torch.tensor([[0.9, 0.2], [0.4, 0.8], [0.3, 0.6]])
+        >>> y = torch.tensor([[1, 0], [1, 1], [0, 1]])
+        >>> values = classification_metrics(score, y, task="multilabel")
+        >>> {name: round(value, 3) for name, value in values.items()}
+        {'accuracy': 0.667, 'label_accuracy': 0.833, 'label_accuracy_0': 0.667,
+         'label_accuracy_1': 1.0, 'f1': 0.833, 'auroc': 1.0}
+    """
+    score, y = torch.as_tensor(score).detach(), torch.as_tensor(y)
+    check_task(task)
+    if score.dim() != 2 or 0 in score.shape:
+        raise ValueError(
+            f"'score' must have shape (num_samples, num_classes), both positive (got "
+            f"{tuple(score.shape)})"
+        )
+    num_classes = score.size(1)
+    expected = score.shape if task == "multilabel" else score.shape[:1]
+    if y.shape != expected:
+        raise ValueError(
+            f"'y' must have shape {tuple(expected)} for task '{task}' (got {tuple(y.shape)})"
+        )
+    highest = 1 if task == "multilabel" else num_classes - 1
+    if y.min() < 0 or y.max() > highest:
+        raise ValueError(
+            f"'y' must be between 0 and {highest} (got {y.min().item()} to {y.max().item()})"
+        )
+    if task == "multilabel":
+        positive, predicted = y > 0.5, score > 0.5
+    else:
+        positive = F.one_hot(y.long(), num_classes).bool()
+        predicted = F.one_hot(score.argmax(dim=1), num_classes).bool()
+    right = positive == predicted
+    values = {"accuracy": right.all(dim=1)}
+    if task == "multilabel":
+        values["label_accuracy"] = right
+        values |= {f"label_accuracy_{i}": right[:, i] for i in range(num_classes)}
+    return {
+        **{name: float(value.double().mean()) for name, value in values.items()},
+        "f1": float(
+            macro_f1(
+                (positive & predicted).sum(0),
+                (~positive & predicted).sum(0),
+                (positive & ~predicted).sum(0),
+            )
+        ),
+        "auroc": float(macro_auroc(score, positive)),
+    }
+
+
+def check_task(task: str) -> None:
+    r"""Raises a :class:`ValueError` if there is no such task.
+
+    Args:
+        task (str): The name.
+    """
+    if task not in TASKS:
+        raise ValueError(f"'task' must be one of {list(TASKS)} (got '{task}')")
+
+
+def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tensor) -> Tensor:
+    r"""Returns the mean F1 score of the classes, but for those neither present nor predicted; NaN
+    if none is left.
+
+    Args:
+        true_positive (torch.Tensor): Number of samples of each class that were found.
+        false_positive (torch.Tensor): Number of samples taken for each class wrongly.
+        false_negative (torch.Tensor): Number of samples of each class that were missed.
+
+    Shapes:
+        - **input:** :math:`(C,)` each
+        - **output:** a scalar
+    """
+    of_all = 2 * true_positive + false_positive + false_negative
+    counts = of_all > 0
+    return (2 * true_positive[counts] / of_all[counts]).mean()
+
+
+def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
+    r"""Returns the mean area under the ROC curve, over the classes that some samples have and
+    some have not; NaN if there is none, or a score is NaN.
+
+    Args:
+        score (torch.Tensor): Probabilities.
+        positive (torch.Tensor): Which samples are of each class.
+
+    Shapes:
+        - **input:** :math:`(S, C)` each
+        - **output:** a scalar
+    """
+    mixed = (positive.any(dim=0) & ~positive.all(dim=0)).nonzero().view(-1)
+    if len(mixed) == 0 or score.isnan().any():
+        return score.new_tensor(torch.nan)
+    areas = [
+        binary_auroc(score[:, i], positive[:, i].long(), validate_args=False)
+        for i in mixed.tolist()
+    ]
+    return torch.stack(areas).mean()
+
+
+class MacroAUROC(Metric):
+    r"""The mean area under the ROC curve of each class against the rest, or of each label; classes
+    that no sample has, or all have, are left out (torchmetrics counts them as zero).
+
+    It keeps the scores of all samples until it is reset.
+
+    Args:
+        num_classes (int): Number of classes or labels :math:`C`.
+        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+    """
+
+    full_state_update = False
+    higher_is_better = True
+    scores: list[Tensor]
+    positives: list[Tensor]
+
+    def __init__(self, num_classes: int, task: Task = "multiclass") -> None:
+        super().__init__()
+        self.num_classes = num_classes
+        self.task = task
+        self.add_state("scores", default=[], dist_reduce_fx="cat")
+        self.add_state("positives", default=[], dist_reduce_fx="cat")
+
+    def update(self, score: Tensor, y: Tensor) -> None:
+        r"""Takes the predictions of a batch.
+
+        Args:
+            score (torch.Tensor): Probabilities :math:`(B, C)`.
+            y (torch.Tensor): Classes :math:`(B,)`, or labels :math:`(B, C)`.
+        """
+        self.scores.append(score.detach())
+        positive = y if self.task == "multilabel" else F.one_hot(y, self.num_classes)
+        self.positives.append(positive > 0.5)
+
+    def compute(self) -> Tensor:
+        r"""Returns the mean of all samples so far."""
+        if len(self.scores) == 0:
+            return torch.tensor(torch.nan)
+        return macro_auroc(dim_zero_cat(self.scores), dim_zero_cat(self.positives))
+
+
+def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollection:
+    r"""Returns what is collected batch by batch, to be read with :func:`read_metrics`.
+
+    Args:
+        num_classes (int): Number of classes or labels :math:`C`.
+        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+    """
+    auroc = MacroAUROC(num_classes, task)
+    if task == "multilabel":
+        return MetricCollection(
+            {
+                "accuracy": MultilabelExactMatch(num_classes),
+                "counts": MultilabelStatScores(num_classes, average=None),
+                "auroc": auroc,
+            },
+            compute_groups=False,
+        )
+    return MetricCollection(
+        {
+            "accuracy": MulticlassAccuracy(num_classes, average="micro"),
+            "f1": MulticlassF1Score(num_classes, average="none" if num_classes == 2 else "macro"),
+            "auroc": auroc,
+        },
+        compute_groups=False,
+    )
+
+
+def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
+    r"""Returns the values of :func:`classification_metrics` over all batches so far, but for two
+    classes with the F1 score of class 1.
+
+    Args:
+        metrics (torchmetrics.MetricCollection): Of :func:`make_metrics`.
+    """
+    value = metrics.compute()
+    if "counts" not in value:
+        f1 = value["f1"]
+        return {**value, "f1": f1[1] if f1.dim() else f1}
+    true_positive, false_positive, true_negative, false_negative, _ = value["counts"].unbind(1)
+    num_samples = value["counts"][0, :4].sum()
+    right = (true_positive + true_negative) / num_samples
+    return {
+        "accuracy": value["accuracy"],
+        "label_accuracy": right.mean(),
+        **{f"label_accuracy_{i}": part for i, part in enumerate(right)},
+        "f1": macro_f1(true_positive, false_positive, false_negative),
+        "auroc": value["auroc"],
+    }

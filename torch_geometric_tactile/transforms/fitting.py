@@ -1,0 +1,69 @@
+r"""Fitting transforms that come one after the other."""
+
+from torch_geometric.transforms import BaseTransform, Compose
+
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.transforms.base import FittedTransform
+
+
+def _flat(transform: BaseTransform | None) -> list[BaseTransform]:
+    if transform is None:
+        return []
+    if isinstance(transform, Compose):
+        return [part for inner in transform.transforms for part in _flat(inner)]
+    return [transform]
+
+
+def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
+    r"""Returns the parts of a transform that are fitted, in their order.
+
+    Args:
+        transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
+    """
+    return [part for part in _flat(transform) if isinstance(part, FittedTransform)]
+
+
+def fit_parts(
+    transform: BaseTransform | None,
+    data: StaticDataset | StaticData,
+    adapt: bool = False,
+    before: BaseTransform | None = None,
+) -> None:
+    r"""Fits every part of a transform on what the parts before it return, a few samples at a time:
+    at no time are all samples transformed in memory, or those of a memory-mapped data set copied.
+
+    The parts before a fitted part are applied to all samples once more for each of them.
+
+    Args:
+        transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
+        data (StaticDataset or StaticData): The samples, before any :obj:`transform`.
+        adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
+        before (BaseTransform, optional): Applied to the samples first, and not fitted, such as the
+            :obj:`transform` of the data set.
+    """
+    earlier = _flat(before)
+    for part in _flat(transform):
+        if isinstance(part, FittedTransform):
+            of_earlier = Compose(earlier) if earlier else None
+            part.adapt(data, of_earlier) if adapt else part.fit(data, of_earlier)
+        earlier = [*earlier, part]
+
+
+def fit_transform(
+    transform: BaseTransform | None, data: StaticDataset | StaticData, adapt: bool = False
+) -> StaticData:
+    r"""Fits every part of a transform on what the parts before it return, and applies it.
+
+    All samples are transformed in memory, since they are returned; see :func:`fit_parts` where
+    they are not needed.
+
+    Args:
+        transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
+        data (StaticDataset or StaticData): The samples.
+        adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
+    """
+    data = data.data if isinstance(data, StaticDataset) else data
+    for part in _flat(transform):
+        fit_parts(part, data, adapt)
+        data = apply_transform(part, data)
+    return data
