@@ -98,6 +98,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_inspect(commands)
     _add_convert(commands)
     _add_simulate(commands)
+    _add_analyze(commands)
     for name, text in _LIGHTNING.items():
         commands.add_parser(name, help=text, add_help=False)
     return parser
@@ -196,6 +197,56 @@ def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
     )
 
 
+def _add_analyze(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    analyze = commands.add_parser(
+        "analyze",
+        help="draw what a checkpoint has learnt: encoder map, embeddings, attribution, errors",
+        description="Looks into a checkpoint of 'tactile fit' on its test part, and writes "
+        "DIR/analysis.md with its pictures: confusion and ROC, the map of the edge encoder, node "
+        "features by t-SNE and UMAP, and which taxels and patches count, each with numbers and "
+        "beside untrained models.",
+    )
+    analyze.add_argument("checkpoint", metavar="CHECKPOINT", help="a checkpoint of 'tactile fit'")
+    analyze.add_argument("--out", metavar="DIR", required=True, help="folder of page and pictures")
+    analyze.add_argument(
+        "--config",
+        metavar="CONFIG",
+        help="the configuration of its data, a file or a shipped one; by default the config.yaml "
+        "that the run has beside its checkpoints",
+    )
+    analyze.add_argument(
+        "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
+    )
+    analyze.add_argument(
+        "--frames",
+        metavar="N",
+        type=_positive,
+        default=200,
+        help="frames of the test part that are embedded and explained (default: 200)",
+    )
+    analyze.add_argument(
+        "--seed",
+        type=_not_negative,
+        default=0,
+        help="of embeddings and untrained models (default: 0)",
+    )
+
+
+def _analyze(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.training import analyze
+
+    page = analyze.main(
+        arguments.checkpoint,
+        arguments.out,
+        config=arguments.config,
+        root=arguments.root,
+        frames=arguments.frames,
+        seed=arguments.seed,
+    )
+    print(f"analysis: {page}")
+    return 0
+
+
 def _inspect(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.visualization import inspect
 
@@ -269,7 +320,13 @@ def _demo(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_COMMANDS = {"demo": _demo, "inspect": _inspect, "convert": _convert, "simulate": _simulate}
+_COMMANDS = {
+    "demo": _demo,
+    "inspect": _inspect,
+    "convert": _convert,
+    "simulate": _simulate,
+    "analyze": _analyze,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -125,9 +125,7 @@ class _Block:
         self.z = h.new_empty(size, wide, num_samples)
         self.u = h.new_empty(size, width + 1, num_samples)
         self.u[:, -1] = 1  # multiplies the bias
-        self.ranges = [
-            (start, min(start + size, num_nodes)) for start in range(0, num_nodes, size)
-        ]
+        self.ranges = [(start, min(start + size, num_nodes)) for start in range(0, num_nodes, size)]
 
     def gather(self, start: int, stop: int) -> Tensor:
         r"""Sums over the neighbours."""

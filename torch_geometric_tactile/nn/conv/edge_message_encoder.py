@@ -124,9 +124,7 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         EdgeAttentionEncoder(4, 4, hidden_channels=16)
     """
 
-    def __init__(
-        self, edge_dim: int = 4, out_channels: int = 4, hidden_channels: int = 16
-    ) -> None:
+    def __init__(self, edge_dim: int = 4, out_channels: int = 4, hidden_channels: int = 16) -> None:
         super().__init__(edge_dim, out_channels, hidden_channels, aggr="add")
         self.att = Parameter(torch.empty(1, out_channels))
         glorot(self.att)
@@ -241,9 +239,7 @@ def _mlp(edge_dim: int, hidden_channels: int, out_channels: int) -> Sequential:
     )
 
 
-def _checked(
-    edge_attr: Tensor, edge_index: Tensor, edge_dim: int, num_nodes: Optional[int]
-) -> int:
+def _checked(edge_attr: Tensor, edge_index: Tensor, edge_dim: int, num_nodes: Optional[int]) -> int:
     num_edges = edge_index.size(1)
     if edge_attr.dim() not in (2, 3) or edge_attr.size(-2) != num_edges:
         raise ValueError(

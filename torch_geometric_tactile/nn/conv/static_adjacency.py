@@ -40,7 +40,6 @@ class StaticAdjacency:
             self._rows[key] = _sparse(self.dense[start:stop])
         return self._rows[key]
 
-
     def blocks(self, nodes: Tensor) -> Tensor:
         r"""Returns the matrices of some segments of equal size, made once for the same tensor.
 
