@@ -1,5 +1,5 @@
 r"""Layers and models."""
 
-from torch_geometric_tactile.nn import conv, models
+from torch_geometric_tactile.nn import conv, models, pool
 
-__all__ = ["conv", "models"]
+__all__ = ["conv", "models", "pool"]

@@ -1,5 +1,19 @@
-r"""MessagePassing layers."""
+r"""MessagePassing layers, and the encoders of edge features."""
 
+from torch_geometric_tactile.nn.conv.edge_feature_encoder import EdgeFeatureEncoder
+from torch_geometric_tactile.nn.conv.edge_message_encoder import (
+    EdgeAttentionEncoder,
+    EdgeMessageEncoder,
+    EdgePatchEncoder,
+)
+from torch_geometric_tactile.nn.conv.segmented_gcn_conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
-__all__ = ["StaticGCNConv"]
+__all__ = [
+    "EdgeAttentionEncoder",
+    "EdgeFeatureEncoder",
+    "EdgeMessageEncoder",
+    "EdgePatchEncoder",
+    "SegmentedGCNConv",
+    "StaticGCNConv",
+]

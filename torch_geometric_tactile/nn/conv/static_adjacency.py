@@ -40,19 +40,19 @@ class StaticAdjacency:
             self._rows[key] = _sparse(self.dense[start:stop])
         return self._rows[key]
 
-    def blocks(self, nodes: Tensor) -> Tensor:
-        r"""Returns the matrices of some segments of equal size, made once for the same tensor.
+    def blocks(self, group: int, nodes: Tensor) -> Tensor:
+        r"""Returns the matrices of some segments of equal size, made once for each group.
 
         Args:
+            group (int): Number of the group.
             nodes (torch.Tensor): The taxels of each segment :math:`(S, n)`.
 
         Returns:
             torch.Tensor: The matrices :math:`(S, n, n)`.
         """
-        key = id(nodes)
-        if key not in self._blocks:
-            self._blocks[key] = adjacency_blocks(self.dense, nodes)
-        return self._blocks[key]
+        if group not in self._blocks:
+            self._blocks[group] = adjacency_blocks(self.dense, nodes)
+        return self._blocks[group]
 
 
 class AdjacencyCache:

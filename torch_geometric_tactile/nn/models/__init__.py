@@ -1,5 +1,27 @@
 r"""The models of the papers."""
 
+from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.grasp_gcn import GraspGCN
+from torch_geometric_tactile.nn.models.hand_cnn import MTCNN, CNNThread, HandCNN
+from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
+from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
+from torch_geometric_tactile.nn.models.segmented_gcn import SegmentedGCN
+from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
+from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
+from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
-__all__ = ["GraspGCN"]
+__all__ = [
+    "MTCNN",
+    "MTGCN",
+    "CNNThread",
+    "GCNThread",
+    "GraspGCN",
+    "HandCNN",
+    "PooledMLP",
+    "SegmentedGCN",
+    "SegmentedThread",
+    "TactileFNN",
+    "TactileGCN",
+    "TactileModel",
+]

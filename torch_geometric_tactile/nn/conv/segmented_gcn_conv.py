@@ -1,0 +1,148 @@
+r"""Graph convolutions of segments that have weights of their own."""
+
+from collections.abc import Sequence
+from typing import Union
+
+import torch
+from torch import Tensor
+from torch.nn import Parameter
+from torch_geometric.nn import MessagePassing
+from torch_geometric.nn.conv.gcn_conv import gcn_norm
+from torch_geometric.nn.inits import glorot, zeros
+from torch_geometric.typing import OptTensor
+
+
+class SegmentedGCNConv(MessagePassing):
+    r"""A graph convolution within each segment of a hand, with separate weights, as in the
+    "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks using
+    Topological Graph Segmentation" paper (eq. 2 and 3), without its activation.
+
+    .. math::
+        \mathbf{X}'_s = \hat{\mathbf{A}}_s \mathbf{X}_s \mathbf{W}_s + \mathbf{b}_s
+
+    It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph:
+    edges between segments do not count. This class passes messages and serves any form of the data;
+    :class:`~torch_geometric_tactile.nn.models.SegmentedThread` multiplies the segments of equal
+    size at once.
+
+    Args:
+        segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
+            without gaps, as :obj:`layout.segments("patch")`.
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        bias (bool): Whether to add learnable biases.
+
+    Shapes:
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
+          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
+          :math:`(|\mathcal{E}|,)`
+        - **output:** node features of the same leading shape, :math:`F_{out}` wide
+
+    Raises:
+        ValueError: If :obj:`segment` has gaps, a size is below one, or :obj:`x` has other taxels
+            or features.
+
+    Examples:
+        >>> conv = SegmentedGCNConv([0, 0, 1], 3, 8)
+        >>> conv
+        SegmentedGCNConv(3, 8, num_segments=2)
+        >>> conv(torch.zeros(5, 3, 3), torch.tensor([[0, 1, 1], [1, 0, 2]])).shape
+        torch.Size([5, 3, 8])
+    """
+
+    segment: Tensor
+
+    def __init__(
+        self,
+        segment: Union[Sequence[int], Tensor],
+        in_channels: int,
+        out_channels: int,
+        bias: bool = True,
+    ) -> None:
+        super().__init__(aggr="add", node_dim=-2)
+        for name, size in (("in_channels", in_channels), ("out_channels", out_channels)):
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        self.in_channels = in_channels
+        self.out_channels = out_channels
+        # Not in the state: it is an argument, and a checkpoint must not overrule it.
+        self.register_buffer("segment", checked_segment(segment), persistent=False)
+        self.num_segments = int(self.segment.max()) + 1
+        self.weight = Parameter(torch.empty(self.num_segments, out_channels, in_channels))
+        if bias:
+            self.bias = Parameter(torch.empty(self.num_segments, out_channels))
+        else:
+            self.register_parameter("bias", None)
+        self.reset_parameters()
+
+    def reset_parameters(self) -> None:
+        r"""Draws the weights anew and sets the biases to zero."""
+        super().reset_parameters()
+        for weight in self.weight:
+            glorot(weight)
+        zeros(self.bias)
+
+    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+        r"""Convolves node features.
+
+        Args:
+            x (torch.Tensor): Node features.
+            edge_index (torch.Tensor): Edges; those between segments do not count.
+            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+        """
+        num_taxels = len(self.segment)
+        if (
+            x.dim() not in (2, 3)
+            or x.size(-1) != self.in_channels
+            or x.size(-2) % num_taxels
+            or (x.dim() == 3 and x.size(-2) != num_taxels)
+        ):
+            raise ValueError(
+                f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
+                f"(got shape {tuple(x.shape)})"
+            )
+        segment = self.segment[edge_index % num_taxels]
+        within = (segment[0] == segment[1]).to(x.dtype)
+        if edge_weight is not None:
+            within = within * edge_weight.view(-1)
+        edge_index, norm = gcn_norm(edge_index, within, x.size(-2), dtype=x.dtype)
+        rows = x.reshape(-1, num_taxels, self.in_channels)
+        mapped = torch.einsum("bni,noi->bno", rows, self.weight[self.segment])
+        mapped = mapped.reshape(*x.shape[:-1], self.out_channels)
+        out = self.propagate(edge_index, x=mapped, norm=norm)
+        if self.bias is None:
+            return out
+        bias = self.bias[self.segment]
+        return out + (bias if x.dim() == 3 else bias.repeat(x.size(0) // num_taxels, 1))
+
+    def message(self, x_j: Tensor, norm: Tensor) -> Tensor:
+        r"""Weights the neighbour's features."""
+        return norm.view(-1, 1) * x_j
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.in_channels}, {self.out_channels}, "
+            f"num_segments={self.num_segments})"
+        )
+
+
+def checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
+    r"""Returns the segment of each taxel :math:`(N,)`.
+
+    Args:
+        segment (sequence of int or torch.Tensor): The numbers.
+
+    Raises:
+        ValueError: If they are not one a taxel, from zero without gaps.
+    """
+    numbers = torch.as_tensor(segment)
+    whole = not numbers.is_floating_point() and numbers.dtype != torch.bool
+    if numbers.dim() != 1 or len(numbers) == 0 or not whole:
+        raise ValueError(
+            "'segment' must be a whole number for each taxel "
+            f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
+        )
+    found = numbers.unique().tolist()
+    if found != list(range(len(found))):
+        raise ValueError(f"'segment' must be numbered from 0 without gaps (got {found})")
+    return numbers.long()

@@ -1,0 +1,73 @@
+r"""Fully connected layers, with the maximum over channels between them."""
+
+from collections.abc import Sequence
+
+from torch import Tensor
+from torch.nn import Linear, Module, ModuleList
+
+from torch_geometric_tactile.nn.models.gcn_thread import checked_widths
+from torch_geometric_tactile.nn.pool import ChannelMaxPool
+
+
+class PooledMLP(Module):
+    r"""The fully connected layers of the "Tactile Object Property Recognition using Geometrical
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: each is a linear map, a
+    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU; a linear map to the logits
+    follows. The defaults are the paper's "1536(P)768, 384(P)192, 96(P)48".
+
+    Args:
+        in_channels (int): Width of the input.
+        out_channels (int): Number of logits.
+        widths (sequence of int): Width of each layer.
+        pools (sequence of int): How many channels share one maximum, behind each layer.
+
+    Shapes:
+        - **input:** features :math:`(B, F)`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If widths and pools do not fit each other, or a size is below one.
+
+    Examples:
+        >>> PooledMLP(2688, 6)
+        PooledMLP(2688, 6, widths=(1536, 384, 96), pools=(2, 2, 2))
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        widths: Sequence[int] = (1536, 384, 96),
+        pools: Sequence[int] = (2, 2, 2),
+    ) -> None:
+        super().__init__()
+        if out_channels < 1:
+            raise ValueError(f"'out_channels' must be at least 1 (got {out_channels})")
+        self.in_channels = in_channels
+        self.out_channels = out_channels
+        self.widths, self.pool_sizes = checked_widths(in_channels, widths, pools)
+        sizes = [in_channels, *(w // k for w, k in zip(self.widths, self.pool_sizes, strict=True))]
+        self.lins = ModuleList(map(Linear, sizes, self.widths))
+        self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
+        self.lin_out = Linear(sizes[-1], out_channels)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for lin in (*self.lins, self.lin_out):
+            lin.reset_parameters()
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Returns the logits.
+
+        Args:
+            x (torch.Tensor): Features.
+        """
+        for lin, pool in zip(self.lins, self.pools, strict=True):
+            x = pool(lin(x)).relu()
+        return self.lin_out(x)
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.in_channels}, {self.out_channels}, "
+            f"widths={self.widths}, pools={self.pool_sizes})"
+        )

@@ -1,0 +1,140 @@
+r"""Graph convolutions in a row, segment by segment."""
+
+from collections.abc import Sequence
+from typing import Union
+
+import torch
+from torch import Tensor
+from torch.nn import Module, ModuleList
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.conv import SegmentedGCNConv
+from torch_geometric_tactile.nn.conv.static_adjacency import (
+    AdjacencyCache,
+    adjacency_blocks,
+    dense_norm,
+)
+from torch_geometric_tactile.nn.functional import pooled_gcn
+from torch_geometric_tactile.nn.models.gcn_thread import checked_widths, is_fast
+from torch_geometric_tactile.nn.pool import ChannelMaxPool
+
+
+class SegmentedThread(Module):
+    r"""The small graph convolutional networks of all segments of a hand, each with weights of its
+    own, of the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
+    Networks using Topological Graph Segmentation" paper: each layer is a
+    :class:`~torch_geometric_tactile.nn.conv.SegmentedGCNConv`, a
+    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
+
+    The defaults are the paper's "14, 56(P)7". Segments of equal size (the 18 planar patches, the
+    four fingertips) are multiplied at once, and a batch in training on a processor all segments at
+    once, as :class:`~torch_geometric_tactile.nn.models.GCNThread`.
+
+    Args:
+        in_channels (int): Features of each taxel.
+        segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
+            without gaps.
+        widths (sequence of int): Width of each convolution.
+        pools (sequence of int): How many channels share one maximum, behind each convolution.
+        fast (bool): Whether to train with the operations made for one topology.
+
+    Shapes:
+        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
+        - **output:** node features of the same leading shape, the last width by the last pool wide
+
+    Raises:
+        ValueError: If widths and pools do not fit each other, :obj:`segment` has gaps, or
+            :obj:`x` has other taxels or channels.
+
+    Examples:
+        >>> thread = SegmentedThread(3, [0, 0, 1])
+        >>> thread
+        SegmentedThread(3, num_segments=2, widths=(14, 56), pools=(1, 8))
+        >>> thread(torch.zeros(2, 3, 3), torch.tensor([[0, 1], [1, 0]])).shape
+        torch.Size([2, 3, 7])
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        segment: Union[Sequence[int], Tensor],
+        widths: Sequence[int] = (14, 56),
+        pools: Sequence[int] = (1, 8),
+        fast: bool = True,
+    ) -> None:
+        super().__init__()
+        self.in_channels = in_channels
+        self.widths, self.pool_sizes = checked_widths(in_channels, widths, pools)
+        self.fast = fast
+        sizes = [in_channels, *(w // k for w, k in zip(self.widths, self.pool_sizes, strict=True))]
+        self.out_channels = sizes[-1]
+        self.convs = ModuleList(
+            SegmentedGCNConv(segment, size, width)
+            for size, width in zip(sizes, self.widths, strict=False)
+        )
+        self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
+        self.num_segments = self.convs[0].num_segments
+        self._kept = AdjacencyCache()
+        self._add_groups(self.convs[0].segment)
+
+    def _add_groups(self, segment: Tensor) -> None:
+        # Segments of equal size: which they are (S,), and their taxels (S, n).
+        counts = segment.bincount()
+        order, self.num_groups = [], 0
+        for size in counts.unique().tolist():
+            members = (counts == size).nonzero().view(-1)
+            nodes = torch.stack([(segment == s).nonzero().view(-1) for s in members])
+            self.register_buffer(f"members_{self.num_groups}", members, persistent=False)
+            self.register_buffer(f"nodes_{self.num_groups}", nodes, persistent=False)
+            order.append(nodes.flatten())
+            self.num_groups += 1
+        self.register_buffer("place", torch.cat(order).argsort(), persistent=False)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for conv in self.convs:
+            conv.reset_parameters()
+
+    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+        r"""Convolves node features.
+
+        Args:
+            x (torch.Tensor): Node features.
+            edge_index (torch.Tensor): Edges; those between segments do not count.
+            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+        """
+        segment = self.convs[0].segment
+        if x.dim() == 2 or x.size(1) != len(segment) or any(conv.explain for conv in self.convs):
+            for conv, pool in zip(self.convs, self.pools, strict=True):
+                x = pool(conv(x, edge_index, edge_weight)).relu()
+            return x
+        if x.size(-1) != self.in_channels:
+            raise ValueError(f"'x' must have {self.in_channels} features (got {x.size(-1)})")
+        kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
+        if kept is not None and self.fast and is_fast(x):
+            h = x.permute(1, 2, 0).contiguous()
+            for conv, pool in zip(self.convs, self.pool_sizes, strict=True):
+                bias = None if conv.bias is None else conv.bias[segment]
+                h = pooled_gcn(h, kept, conv.weight[segment], bias, pool)
+            return h.permute(2, 0, 1)
+        if kept is None:
+            dense = dense_norm(edge_index, edge_weight, len(segment), x.dtype, segment)
+        outs = []
+        for i in range(self.num_groups):
+            members, nodes = getattr(self, f"members_{i}"), getattr(self, f"nodes_{i}")
+            adjacency = adjacency_blocks(dense, nodes) if kept is None else kept.blocks(i, nodes)
+            h = x[:, nodes]  # (B, S, n, F)
+            for conv, pool in zip(self.convs, self.pools, strict=True):
+                h = (adjacency @ h) @ conv.weight[members].transpose(1, 2)
+                if conv.bias is not None:
+                    h = h + conv.bias[members].unsqueeze(1)
+                h = pool(h).relu()
+            outs.append(h.flatten(1, 2))
+        return torch.cat(outs, dim=1)[:, self.place]
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.in_channels}, num_segments={self.num_segments}, "
+            f"widths={self.widths}, pools={self.pool_sizes})"
+        )

@@ -1,0 +1,271 @@
+r"""What the models of the hand share: their inputs, their form, their joints."""
+
+from collections.abc import Sequence
+from typing import Optional, Union
+
+import torch
+from torch import Tensor
+from torch.nn import Module
+from torch_geometric.nn import MessagePassing
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.conv import (
+    EdgeAttentionEncoder,
+    EdgeFeatureEncoder,
+    EdgeMessageEncoder,
+)
+from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
+from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
+
+# The inputs by name: which attribute of the data they are, and how many features of a taxel.
+_ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
+CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
+
+
+class TactileModel(Module):
+    r"""The base class of the models of a hand: collects the inputs of each taxel, in whatever form
+    the data comes, and ends in fully connected layers that joint angles may join.
+
+    Inputs are :obj:`"tactile"` (the readings :obj:`x`), :obj:`"edge"` (:obj:`edge_attr`, through an
+    encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
+    origin) and :obj:`"position"` (:obj:`pos`).
+
+    A subclass calls :meth:`add_head` and defines :meth:`node_features`.
+
+    Args:
+        num_nodes (int): Number of taxels :math:`N`.
+        out_channels (int): Number of labels or classes :math:`C`.
+        inputs (sequence of str): Names of the inputs.
+        num_joints (int): Number of joint angles that join before the fully connected layers; 0 for
+            a model that does not see them.
+        channels (dict, optional): Features of a taxel by input, where they are others than 3
+            (:obj:`"tactile"`, :obj:`"position"`) or 4 (:obj:`"edge"`, :obj:`"absolute"`). Those of
+            :obj:`"edge"` are the features of an edge, and what its encoder returns.
+
+    Raises:
+        ValueError: If an input is unknown or there is none, or a size is below one.
+    """
+
+    def __init__(
+        self,
+        num_nodes: int,
+        out_channels: int,
+        inputs: Sequence[str],
+        num_joints: int = 0,
+        channels: Optional[dict[str, int]] = None,
+    ) -> None:
+        super().__init__()
+        inputs = tuple(inputs)
+        unknown = [name for name in (*inputs, *(channels or ())) if name not in _ATTRIBUTES]
+        if unknown or not inputs or len(set(inputs)) < len(inputs):
+            raise ValueError(f"'inputs' must be some of {list(_ATTRIBUTES)} (got {inputs})")
+        for what, size in (("num_nodes", num_nodes), ("out_channels", out_channels)):
+            if size < 1:
+                raise ValueError(f"'{what}' must be at least 1 (got {size})")
+        if num_joints < 0:
+            raise ValueError(f"'num_joints' must not be negative (got {num_joints})")
+        self.num_nodes = num_nodes
+        self.out_channels = out_channels
+        self.inputs = inputs
+        self.num_joints = num_joints
+        self.channels = {**CHANNELS, **(channels or {})}
+        self.encoder: Optional[Module] = None
+
+    @property
+    def modalities(self) -> tuple[str, ...]:
+        r"""The attributes of a batch that :meth:`forward` needs by keyword, beside :obj:`x` and
+        :obj:`edge_index`.
+        """
+        names = [_ATTRIBUTES[name] for name in self.inputs if name != "tactile"]
+        return (*names, "joint") if self.num_joints else tuple(names)
+
+    def add_encoder(self, encoder: Union[str, Module], num_edges: Optional[int]) -> None:
+        r"""Adds the encoder of edge features, if they are an input.
+
+        Args:
+            encoder (str or torch.nn.Module): :obj:`"dense"` (the paper's), :obj:`"message"`,
+                :obj:`"attention"`, or a module that is called as
+                :obj:`encoder(edge_attr, edge_index, num_nodes)`.
+            num_edges (int, optional): Number of edges, for :obj:`"dense"`.
+        """
+        if "edge" not in self.inputs:
+            return
+        width = self.channels["edge"]
+        if isinstance(encoder, Module):
+            self.encoder = encoder
+        elif encoder == "message":
+            self.encoder = EdgeMessageEncoder(width, width)
+        elif encoder == "attention":
+            self.encoder = EdgeAttentionEncoder(width, width)
+        elif encoder == "dense":
+            if num_edges is None:
+                raise ValueError("'num_edges' must be given for the dense encoder (got None)")
+            self.encoder = EdgeFeatureEncoder(self.num_nodes, num_edges, width, width)
+        else:
+            raise ValueError(
+                f"'encoder' must be 'dense', 'message', 'attention' or a module (got {encoder!r})"
+            )
+
+    def add_head(self, in_channels: int, widths: Sequence[int], pools: Sequence[int]) -> None:
+        r"""Adds the fully connected layers.
+
+        Args:
+            in_channels (int): Features of each taxel before them.
+            widths (sequence of int): Width of each layer.
+            pools (sequence of int): How many channels share one maximum, behind each layer.
+        """
+        width = self.num_nodes * in_channels + self.num_joints
+        self.head = PooledMLP(width, self.out_channels, widths, pools)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for child in self.children():
+            child.reset_parameters()
+
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+    ) -> Tensor:
+        r"""Returns the logits :math:`(B, C)`.
+
+        Args:
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+                :math:`(B \cdot N, F)`.
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+            edge_attr (torch.Tensor, optional): Edge features :math:`(|\mathcal{E}|, D)`,
+                :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch.
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
+            absolute (torch.Tensor, optional): Positions and their distance from the origin, in
+                metres or scaled, in the form of :obj:`x` or :math:`(N, 4)` for all samples.
+            pos (torch.Tensor, optional): Positions in metres or scaled, likewise.
+        """
+        features = self.node_features(x, edge_index, edge_attr, absolute=absolute, pos=pos)
+        rows = features.flatten(1)
+        if self.num_joints == 0:
+            return self.head(rows)
+        if joint is None:
+            raise ValueError(
+                f"'joint' must be given: the model has num_joints={self.num_joints} (got None)"
+            )
+        if joint.numel() != len(rows) * self.num_joints or joint.size(-1) != self.num_joints:
+            raise ValueError(
+                f"'joint' must have shape ({len(rows)}, {self.num_joints}) "
+                f"(got {tuple(joint.shape)})"
+            )
+        return self.head(torch.cat([rows, joint.view(len(rows), -1).to(rows.dtype)], dim=1))
+
+    def node_features(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+    ) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers
+        :math:`(B, N, F)`. The arguments are those of :meth:`forward`.
+        """
+        raise NotImplementedError
+
+    def collect(
+        self,
+        name: str,
+        x: Tensor,
+        edge_index: OptTensor,
+        edge_attr: OptTensor,
+        absolute: OptTensor,
+        pos: OptTensor,
+    ) -> Tensor:
+        r"""Returns one input of each taxel :math:`(B, N, F)`, in whatever form the data comes.
+
+        Args:
+            name (str): Name of the input.
+            x (torch.Tensor): As in :meth:`forward`.
+            edge_index (torch.Tensor): As in :meth:`forward`.
+            edge_attr (torch.Tensor, optional): As in :meth:`forward`.
+            absolute (torch.Tensor, optional): As in :meth:`forward`.
+            pos (torch.Tensor, optional): As in :meth:`forward`.
+        """
+        num_samples = self.num_samples(x)
+        value = {"tactile": x, "edge": edge_attr, "absolute": absolute, "position": pos}[name]
+        key, width = _ATTRIBUTES[name], self.channels[name]
+        if value is None:
+            raise ValueError(f"'{key}' must be given: the model's inputs are {self.inputs}")
+        if value.dim() not in (2, 3) or value.size(-1) != width:
+            raise ValueError(f"'{key}' must have {width} features (got shape {tuple(value.shape)})")
+        if name == "edge":
+            assert self.encoder is not None
+            num_nodes = self.num_nodes * (num_samples if x.dim() == 2 else 1)
+            value = self.encoder(value, edge_index, num_nodes)
+        if value.size(-2) not in (self.num_nodes, self.num_nodes * num_samples):
+            raise ValueError(
+                f"'{key}' must have a row for each of {self.num_nodes} taxels "
+                f"(got shape {tuple(value.shape)})"
+            )
+        if value.dim() == 2 and value.size(0) == self.num_nodes:
+            return value.expand(num_samples, -1, -1)
+        return value.reshape(num_samples, self.num_nodes, value.size(-1))
+
+    def num_samples(self, x: Tensor) -> int:
+        r"""Returns the number of samples in readings.
+
+        Args:
+            x (torch.Tensor): Readings, in any form.
+
+        Raises:
+            ValueError: If they are not of the model's taxels.
+        """
+        if x.dim() == 3 and x.size(1) == self.num_nodes:
+            return x.size(0)
+        if x.dim() == 2 and x.size(0) % self.num_nodes == 0:
+            return x.size(0) // self.num_nodes
+        raise ValueError(
+            f"'x' must have {self.num_nodes} taxels in each sample (got shape {tuple(x.shape)})"
+        )
+
+    def convolve(
+        self, thread: Module, h: Tensor, x: Tensor, edge_index: OptTensor, own: bool = False
+    ) -> Tensor:
+        r"""Runs a thread on the inputs of each taxel :math:`(B, N, F)`: as one topology where it is
+        one, and as PyG's batch where the data is one or an explainer looks on.
+
+        Args:
+            thread (torch.nn.Module): The thread.
+            h (torch.Tensor): The inputs.
+            x (torch.Tensor): Readings, whose form is that of the data.
+            edge_index (torch.Tensor): Edges.
+            own (bool): Whether the edges are the thread's own, those of one sample.
+        """
+        if edge_index is None:
+            raise ValueError("'edge_index' must be given (got None)")
+        num_samples = h.size(0)
+        explained = any(m.explain for m in thread.modules() if isinstance(m, MessagePassing))
+        if x.dim() == 3 or (num_samples == 1 and not explained) or (own and not explained):
+            return thread(h, edge_index)
+        if own:
+            shift = self.num_nodes * torch.arange(num_samples, device=edge_index.device)
+            edge_index = (edge_index.unsqueeze(1) + shift.view(1, -1, 1)).flatten(1)
+        return thread(h.flatten(0, 1), edge_index).view(num_samples, self.num_nodes, -1)
+
+    def extra_text(self) -> str:
+        r"""Returns what :obj:`repr` tells beside the sizes."""
+        joints = f", num_joints={self.num_joints}" if self.num_joints else ""
+        return f"inputs={self.inputs}{joints}"
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, {self.extra_text()})"
+
+
+def as_layout(layout: Union[TaxelLayout, str]) -> TaxelLayout:
+    r"""Returns a layout: itself, or the one of this name that comes with the package.
+
+    Args:
+        layout (TaxelLayout or str): The layout.
+    """
+    return stock_layout(layout) if isinstance(layout, str) else layout
