@@ -62,6 +62,14 @@ def test_panels_share_one_symmetric_scale():
     assert (colors[1] == colors[1][0]).all()
 
 
+def test_panels_clip_at_the_limit():
+    values = {"a": torch.tensor([-9.0, 1.0]).repeat(192)}
+    figure = plot_hand_panels(LAYOUT, values, limit=1.0)
+    assert figure.axes[-1].get_ylim() == (-1, 1)
+    with pytest.raises(ValueError, match=r"'limit' must be positive \(got 0\)"):
+        plot_hand_panels(LAYOUT, values, limit=0)
+
+
 def test_panels_wrap():
     figure = plot_hand_panels(LAYOUT, {str(i): torch.zeros(384) for i in range(3)}, columns=2)
     assert [ax.get_visible() for ax in figure.axes[:4]] == [True, True, True, False]

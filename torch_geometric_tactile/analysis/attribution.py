@@ -162,7 +162,8 @@ def patch_occlusion(
     r"""Returns how much the logit of a class or label drops when the readings of a patch give way
     to their mean: a check of :func:`taxel_attribution` that needs no gradients.
 
-    Patches that say the same do not show here, since the others remain.
+    Patches that say the same do not show here, since the others remain. A mean is smoother than any
+    reading, so that a patch of pure noise may count by its size.
 
     Args:
         model (torch.nn.Module): As of :func:`taxel_attribution`.

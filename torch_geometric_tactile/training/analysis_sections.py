@@ -12,7 +12,8 @@ from torch.nn import Module
 from torch_geometric_tactile import analysis
 from torch_geometric_tactile.analysis.roc import MACRO
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.conv.edge_feature_encoder import EdgeFeatureEncoder
+from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
+from torch_geometric_tactile.nn.models import MTGCN
 from torch_geometric_tactile.sensors import HandKinematics
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileClassifier
@@ -71,7 +72,7 @@ class Subject:
         self.out = out
         self.seed = seed
         self.layout = data.layout
-        names = data.class_names or [str(i) for i in range(classifier.num_classes)]
+        names = data.class_names or [str(i) for i in range(data.num_classes)]
         self.names = [name.replace("_", " ") for name in names]
 
     def sections(self) -> Iterator[Section]:
@@ -90,7 +91,10 @@ class Subject:
             yield self.features()
         else:
             yield Section("Left out", "Node features: this model has none.")
-        yield self.attribution()
+        if "tactile" in getattr(self.model, "inputs", ("tactile",)):
+            yield self.attribution()
+        else:
+            yield Section("Left out", "Attribution: this model sees no readings.")
 
     def scores(self) -> Section:
         r"""Counts errors on the whole test part."""
@@ -115,14 +119,15 @@ class Subject:
         text += f" Area under the ROC curve, mean of all: {curves[MACRO].auc:.3f}."
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
-    def encoder(self, encoder: Module) -> Section:
+    def encoder(self, encoder: EdgeFeatureEncoder) -> Section:
         r"""Draws the map of the edge encoder, and measures what it tells apart.
 
         Args:
-            encoder (torch.nn.Module): The encoder.
+            encoder (EdgeFeatureEncoder): The encoder.
         """
         edge_index = self.batch.edge_index
-        value = analysis.encoder_map(encoder, self.layout.num_taxels, edge_index.size(1))
+        dims = (encoder.edge_dim, encoder.out_channels)
+        value = analysis.encoder_map(encoder, self.layout.num_taxels, edge_index.size(1), *dims)
         size = self.batch.edge_attr.abs().mean(dim=-1)
         size = size.mean(dim=0) if size.dim() == 2 else size
         assert self.layout.link is not None
@@ -130,7 +135,7 @@ class Subject:
         for name, segment in (("patches", self.layout.patch), ("links", self.layout.link)):
             assert segment is not None
             found = analysis.edge_separation(value, edge_index, segment)
-            fresh = analysis.untrained_separation(encoder, edge_index, segment, 5)
+            fresh = analysis.untrained_separation(encoder, edge_index, segment, 5, *dims)
             inputs = analysis.edge_separation(size, edge_index, segment)
             rows.append(
                 f"| between {name} | {found.num_between} of {len(value)} | {found.auc:.3f} | "
@@ -231,7 +236,11 @@ class Subject:
             ("attribution.png", scores, "attribution (logit)"),
             ("occlusion.png", drops, "drop of the logit without the patch"),
         ):
-            figure = plot_hand_panels(self.layout, values, label=label, columns=columns)
+            # A few taxels must not take the colour from all others.
+            limit = float(torch.cat(list(values.values())).abs().quantile(0.99)) or None
+            figure = plot_hand_panels(
+                self.layout, values, label=label, columns=columns, limit=limit
+            )
             save_figure(figure, self.out / file)
         text = "\n".join(
             [
@@ -250,7 +259,8 @@ class Subject:
     def _features(self, model: Module) -> Tensor:
         names = getattr(model, "modalities", ())
         inputs = {name: self.batch[name] for name in names}
-        thread = {"thread": "tactile"} if "tactile" in getattr(model, "threads", ()) else {}
+        is_tactile = isinstance(model, MTGCN) and "tactile" in model.threads
+        thread = {"thread": "tactile"} if is_tactile else {}
         with torch.no_grad():
             out: Tensor = model.node_features(  # type: ignore[operator]
                 self.batch.x, self.batch.edge_index, **inputs, **thread

@@ -25,6 +25,7 @@ def plot_hand_panels(
     joint: Tensor | None = None,
     *,
     label: str = "attribution",
+    limit: float | None = None,
     columns: int = 4,
     title: str | None = None,
 ) -> "Figure":
@@ -38,6 +39,8 @@ def plot_hand_panels(
         kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
         joint (torch.Tensor, optional): Joint angles in radians, as of :func:`plot_hand`.
         label (str): What the values are, with their unit, beside the colour bar.
+        limit (float, optional): Value at the end of the colour scale, in whose colour all beyond
+            are; the largest absolute value if left out.
         columns (int): How many pictures stand side by side at most.
         title (str, optional): Title of all pictures.
 
@@ -47,8 +50,8 @@ def plot_hand_panels(
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there are no values, they do not fit the layout, or :obj:`columns` is below
-            one.
+        ValueError: If there are no values, they do not fit the layout, :obj:`limit` is not
+            positive, or :obj:`columns` is below one.
     """
     if not values:
         raise ValueError("'values' must hold the values of at least one picture (got none)")
@@ -59,7 +62,10 @@ def plot_hand_panels(
         for name, value in values.items()
     }
     largest = float(torch.cat(list(checked.values())).nan_to_num().abs().max()) or 1.0
-    limits = (-largest, largest)
+    if limit is not None and not limit > 0:
+        raise ValueError(f"'limit' must be positive (got {limit})")
+    end = largest if limit is None else limit
+    limits = (-end, end)
     columns = min(columns, len(checked))
     rows = ceil(len(checked) / columns)
     figure = new_figure(_WIDTH * columns + 0.9, _HEIGHT * rows + (0.4 if title else 0.0))
@@ -79,7 +85,13 @@ def plot_hand_panels(
         ax.set_axis_off()
     for ax in axes.flat[len(checked) :]:
         ax.set_visible(False)
-    bar = figure.colorbar(value_scale(None, limits, "RdBu_r"), ax=axes, shrink=0.8, aspect=30)
+    bar = figure.colorbar(
+        value_scale(None, limits, "RdBu_r"),
+        ax=axes,
+        shrink=0.8,
+        aspect=30,
+        extend="both" if largest > end else "neither",
+    )
     bar.set_label(plain_text(label), fontsize=9)
     bar.ax.tick_params(labelsize=8)
     if title is not None:
