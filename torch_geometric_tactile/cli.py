@@ -48,6 +48,7 @@ examples:
                                                  go on where that training was stopped
   tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
   tactile fit --help                             every option of fit
+  tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   what stands in a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
   tactile simulate --out grasps --trials 2 --preview

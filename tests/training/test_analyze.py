@@ -68,6 +68,11 @@ def only_tsne(monkeypatch):
     monkeypatch.setattr(analysis_sections, "_PLACES", (("tsne", 2),))
 
 
+@pytest.fixture
+def no_pictures(only_tsne, monkeypatch):
+    monkeypatch.setattr(analysis_sections, "save_figure", lambda figure, path: None)
+
+
 @pytest.mark.parametrize("task", ["multilabel", "multiclass"])
 def test_page_says_what_was_learnt(only_tsne, tmp_path, task):
     classifier, data = subject(task)
@@ -91,13 +96,13 @@ def test_page_says_what_was_learnt(only_tsne, tmp_path, task):
     assert classifier.training
 
 
-def test_same_seed_writes_the_same_page(only_tsne, tmp_path):
+def test_same_seed_writes_the_same_page(no_pictures, tmp_path):
     classifier, data = subject()
     pages = [analyze(classifier, data, tmp_path / str(i), frames=20) for i in range(2)]
     assert pages[0].read_text() == pages[1].read_text()
 
 
-def test_what_a_model_lacks_is_left_out(only_tsne, tmp_path):
+def test_what_a_model_lacks_is_left_out(no_pictures, tmp_path):
     text = analyze(*subject(inputs=("edge",)), tmp_path, frames=20).read_text()
     assert "this model sees no readings" in text
     text = analyze(*subject(inputs=("tactile",)), tmp_path, frames=20).read_text()
