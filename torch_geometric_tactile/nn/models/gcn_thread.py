@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 from torch.nn import Module, ModuleList
+from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
@@ -76,8 +77,11 @@ class GCNThread(Module):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for conv in self.convs:
-            conv.reset_parameters()
+        reset(self.convs)
+
+    def layers(self) -> list[tuple[StaticGCNConv, ChannelMaxPool]]:
+        r"""Returns the convolutions, each with the pooling behind it."""
+        return list(zip(self.convs, self.pools, strict=True))  # type: ignore[arg-type]
 
     def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
@@ -92,14 +96,14 @@ class GCNThread(Module):
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
-        if self.fast and is_fast(x) and not any(conv.explain for conv in self.convs):
+        if self.fast and is_fast(x) and not any(conv.explain for conv, _ in self.layers()):
             kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
                 h = x.permute(1, 2, 0).contiguous()
-                for conv, pool in zip(self.convs, self.pool_sizes, strict=True):
-                    h = pooled_gcn(h, kept, conv.lin.weight, conv.bias, pool)
+                for conv, pool in self.layers():
+                    h = pooled_gcn(h, kept, conv.lin.weight, conv.bias, pool.kernel_size)
                 return h.permute(2, 0, 1)
-        for conv, pool in zip(self.convs, self.pools, strict=True):
+        for conv, pool in self.layers():
             x = pool(conv(x, edge_index, edge_weight)).relu()
         return x
 

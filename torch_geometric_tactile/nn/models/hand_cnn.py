@@ -6,6 +6,7 @@ from typing import Any, Optional, Union
 import torch
 from torch import Tensor
 from torch.nn import Conv2d, Module, ModuleDict, ModuleList
+from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, checked_widths
@@ -31,6 +32,8 @@ class CNNThread(Module):
         - **output:** features :math:`(B, N, F')`
     """
 
+    cell: Tensor
+
     def __init__(
         self,
         in_channels: int,
@@ -53,8 +56,7 @@ class CNNThread(Module):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for conv in self.convs:
-            conv.reset_parameters()
+        reset(self.convs)
 
     def forward(self, x: Tensor) -> Tensor:
         r"""Convolves the features of the taxels.
@@ -134,13 +136,9 @@ class HandCNN(TactileModel):
         super().__init__(layout.num_taxels, out_channels, inputs, num_joints, channels)
         image_map = checked_map(layout, self.inputs)
         width = sum(self.channels[name] for name in self.inputs)
-        self.threads = ModuleDict({"all": CNNThread(width, image_map, widths, pools)})
-        self.add_head(self.threads["all"].out_channels, head_widths, head_pools)
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for module in (*self.threads.values(), self.head):
-            module.reset_parameters()
+        thread = CNNThread(width, image_map, widths, pools)
+        self.threads = ModuleDict({"all": thread})
+        self.add_head(thread.out_channels, head_widths, head_pools)
 
     def node_features(
         self,
@@ -207,15 +205,13 @@ class MTCNN(HandCNN):
             self, layout.num_taxels, out_channels, tuple(specs), num_joints, channels
         )
         image_map = checked_map(layout, self.inputs)
-        self.threads = ModuleDict(
-            {
-                name: CNNThread(self.channels[name], image_map, spec["widths"], spec["pools"])
-                for name, spec in specs.items()
-            }
-        )
-        self.add_head(
-            sum(thread.out_channels for thread in self.threads.values()), head_widths, head_pools
-        )
+        threads = {
+            name: CNNThread(self.channels[name], image_map, spec["widths"], spec["pools"])
+            for name, spec in specs.items()
+        }
+        self.threads = ModuleDict(threads)
+        width = sum(thread.out_channels for thread in threads.values())
+        self.add_head(width, head_widths, head_pools)
 
 
 def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:

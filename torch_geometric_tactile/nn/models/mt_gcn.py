@@ -80,7 +80,7 @@ class MTGCN(TactileModel):
         specs = thread_specs(threads, _THREAD_KEYS)
         super().__init__(num_nodes, out_channels, tuple(specs), num_joints, channels)
         self.add_encoder(encoder, num_edges)
-        self.threads = ModuleDict()
+        self.threads, width = ModuleDict(), 0
         for name, spec in specs.items():
             thread = GCNThread(self.channels[name], spec["widths"], spec["pools"])
             adjacency = spec.get("adjacency")
@@ -89,15 +89,8 @@ class MTGCN(TactileModel):
             # Not in the state: it is an argument, and a checkpoint must not overrule it.
             self.register_buffer(f"{name}_edge_index", adjacency, persistent=False)
             self.threads[name] = thread
-        self.add_head(
-            sum(thread.out_channels for thread in self.threads.values()), head_widths, head_pools
-        )
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for module in (self.encoder, *self.threads.values(), self.head):
-            if module is not None:
-                module.reset_parameters()
+            width += thread.out_channels
+        self.add_head(width, head_widths, head_pools)
 
     def node_features(
         self,

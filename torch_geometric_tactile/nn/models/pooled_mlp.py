@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from torch import Tensor
 from torch.nn import Linear, Module, ModuleList
+from torch_geometric.nn.inits import reset
 
 from torch_geometric_tactile.nn.models.gcn_thread import checked_widths
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
@@ -53,8 +54,8 @@ class PooledMLP(Module):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for lin in (*self.lins, self.lin_out):
-            lin.reset_parameters()
+        reset(self.lins)
+        self.lin_out.reset_parameters()
 
     def forward(self, x: Tensor) -> Tensor:
         r"""Returns the logits.

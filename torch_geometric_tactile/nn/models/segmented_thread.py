@@ -6,6 +6,7 @@ from typing import Union
 import torch
 from torch import Tensor
 from torch.nn import Module, ModuleList
+from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
@@ -55,6 +56,8 @@ class SegmentedThread(Module):
         torch.Size([2, 3, 7])
     """
 
+    place: Tensor
+
     def __init__(
         self,
         in_channels: int,
@@ -74,9 +77,10 @@ class SegmentedThread(Module):
             for size, width in zip(sizes, self.widths, strict=False)
         )
         self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
-        self.num_segments = self.convs[0].num_segments
+        first = self.layers()[0][0]
+        self.num_segments = first.num_segments
         self._kept = AdjacencyCache()
-        self._add_groups(self.convs[0].segment)
+        self._add_groups(first.segment)
 
     def _add_groups(self, segment: Tensor) -> None:
         # Segments of equal size: which they are (S,), and their taxels (S, n).
@@ -93,8 +97,11 @@ class SegmentedThread(Module):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for conv in self.convs:
-            conv.reset_parameters()
+        reset(self.convs)
+
+    def layers(self) -> list[tuple[SegmentedGCNConv, ChannelMaxPool]]:
+        r"""Returns the convolutions, each with the pooling behind it."""
+        return list(zip(self.convs, self.pools, strict=True))  # type: ignore[arg-type]
 
     def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
@@ -104,9 +111,10 @@ class SegmentedThread(Module):
             edge_index (torch.Tensor): Edges; those between segments do not count.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
-        segment = self.convs[0].segment
-        if x.dim() == 2 or x.size(1) != len(segment) or any(conv.explain for conv in self.convs):
-            for conv, pool in zip(self.convs, self.pools, strict=True):
+        layers = self.layers()
+        segment = layers[0][0].segment
+        if x.dim() == 2 or x.size(1) != len(segment) or any(conv.explain for conv, _ in layers):
+            for conv, pool in layers:
                 x = pool(conv(x, edge_index, edge_weight)).relu()
             return x
         if x.size(-1) != self.in_channels:
@@ -114,9 +122,9 @@ class SegmentedThread(Module):
         kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
         if kept is not None and self.fast and is_fast(x):
             h = x.permute(1, 2, 0).contiguous()
-            for conv, pool in zip(self.convs, self.pool_sizes, strict=True):
+            for conv, pool in layers:
                 bias = None if conv.bias is None else conv.bias[segment]
-                h = pooled_gcn(h, kept, conv.weight[segment], bias, pool)
+                h = pooled_gcn(h, kept, conv.weight[segment], bias, pool.kernel_size)
             return h.permute(2, 0, 1)
         if kept is None:
             dense = dense_norm(edge_index, edge_weight, len(segment), x.dtype, segment)
@@ -125,7 +133,7 @@ class SegmentedThread(Module):
             members, nodes = getattr(self, f"members_{i}"), getattr(self, f"nodes_{i}")
             adjacency = adjacency_blocks(dense, nodes) if kept is None else kept.blocks(i, nodes)
             h = x[:, nodes]  # (B, S, n, F)
-            for conv, pool in zip(self.convs, self.pools, strict=True):
+            for conv, pool in layers:
                 h = (adjacency @ h) @ conv.weight[members].transpose(1, 2)
                 if conv.bias is not None:
                     h = h + conv.bias[members].unsqueeze(1)

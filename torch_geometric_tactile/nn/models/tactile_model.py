@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 from torch_geometric.nn import MessagePassing
+from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import (
@@ -120,7 +121,7 @@ class TactileModel(Module):
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
         for child in self.children():
-            child.reset_parameters()
+            reset(child)
 
     def forward(
         self,
