@@ -28,6 +28,7 @@ from torch_geometric_tactile.visualization import (
 )
 
 _NUM_UNTRAINED = 3
+_NUM_STEPS = 8
 _PLACES: tuple[tuple[Literal["tsne", "umap"], int], ...] = (("tsne", 2), ("tsne", 3), ("umap", 2))
 _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
@@ -221,7 +222,8 @@ class Subject:
                 continue
             batch = self.batch.index_select(chosen)
             reference = self.batch.x.mean(dim=0)
-            score = analysis.taxel_attribution(self.model, batch, i)
+            algorithm = analysis.IntegratedGradients(_NUM_STEPS)
+            score = analysis.taxel_attribution(self.model, batch, i, algorithm=algorithm)
             drop = analysis.patch_occlusion(self.model, batch, i, patch, reference=reference)
             by_patch = torch.zeros(len(drop)).index_add(0, patch, score)
             agreement.append(float(torch.corrcoef(torch.stack([by_patch, drop]))[0, 1]))
