@@ -102,9 +102,12 @@ class Subject:
         with torch.no_grad():
             batches = [(self.classifier(b), b.y) for b in self.data.test_dataloader()]
         logits, y = (torch.cat(part) for part in zip(*batches, strict=True))
-        y, score = y.long(), self.classifier.probability(logits)
+        # Not probabilities, of which the surest are all one.
+        is_multilabel = self.classifier.task == "multilabel"
+        score = logits.double() if is_multilabel else logits.double().log_softmax(dim=-1)
+        y = y.long()
         curves = analysis.roc_curves(y, score, self.names)
-        if self.classifier.task == "multilabel":
+        if is_multilabel:
             prediction = (logits > 0).long()
             counts = analysis.label_confusion(y, prediction)
             right = (prediction == y).double()
@@ -129,6 +132,9 @@ class Subject:
         edge_index = self.batch.edge_index
         dims = (encoder.edge_dim, encoder.out_channels)
         value = analysis.encoder_map(encoder, self.layout.num_taxels, edge_index.size(1), *dims)
+        blocks = analysis.encoder_blocks(encoder, edge_dim=dims[0], out_channels=dims[1])
+        variance = (blocks - blocks.mean(dim=0)).square().sum()
+        share = float(value.double().square().sum() / variance) if variance > 0 else 0.0
         size = self.batch.edge_attr.abs().mean(dim=-1)
         size = size.mean(dim=0) if size.dim() == 2 else size
         assert self.layout.link is not None
@@ -146,10 +152,11 @@ class Subject:
         text = "\n".join(
             [
                 "One value for each edge: the first principal component of the encoder's mean "
-                "absolute weights, larger for larger weights. How far it tells edges apart (AUC: "
-                "0.5 is not at all, 1 is larger for all, 0 is smaller for all), against encoders "
-                "with random weights, and against the size of what comes into the encoder from "
-                "each edge (mean absolute edge feature, scaled as the model sees it), which "
+                f"absolute weights ({share:.0%} of their variance), larger for larger weights. "
+                "How far it tells edges apart (AUC: 0.5 is not at all, 1 is larger for all, 0 is "
+                "smaller for all), against encoders with random weights, and against the size of "
+                "what comes into the encoder from each edge (mean absolute edge feature, scaled "
+                "as the model sees it), which "
                 "decides how far training can move its weights:",
                 "",
                 "| edges | how many | this encoder | 5 untrained | size of the input |",
