@@ -76,7 +76,8 @@ def test_model_keeps_its_mode_and_gradients(training):
     static, _ = batches()
     first = taxel_attribution(model, static, 1)
     assert first.equal(taxel_attribution(model, static, 1))  # no dropout
-    patch_occlusion(model, static, 1, SEGMENT)
+    drop = patch_occlusion(model, static, 1, SEGMENT)
+    assert drop.equal(patch_occlusion(model, static, 1, SEGMENT))
     assert all(module.training == training for module in model.modules())
     assert all(parameter.grad is None for parameter in model.parameters())
 

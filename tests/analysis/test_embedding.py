@@ -60,6 +60,13 @@ def test_clustering_tells_clusters_from_none():
     assert apart.by_segment.mean() == pytest.approx(apart.silhouette, abs=1e-5)
 
 
+def test_no_node_is_its_own_neighbour():
+    features = torch.tensor([[0.0], [1.0], [10.0], [11.0]])
+    found = segment_clustering(features, torch.tensor([0, 1, 0, 1]), num_neighbors=1)
+    assert found.neighbor_share == 0
+    assert found.silhouette < 0
+
+
 def test_clustering_knows_which_segment():
     mixed = APART.clone()
     mixed[:, 16:20], mixed[:, 8:12] = APART[:, 8:12], APART[:, 16:20]

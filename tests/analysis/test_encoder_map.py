@@ -54,6 +54,13 @@ def test_larger_means_larger_weights():
     assert found.argsort().tolist() == [1, 2, 3, 0]
 
 
+def test_larger_means_larger_weights_even_where_one_node_says_otherwise():
+    # Most variance is in node 0, but the mean over the nodes rises.
+    step = torch.arange(4.0).view(-1, 1)
+    found = encoder_map(weight_of_blocks(torch.cat([9 - 3 * step, step.expand(4, 4)], dim=1)), 5, 4)
+    assert found.argsort().tolist() == [0, 1, 2, 3]
+
+
 def test_map_of_an_encoder_is_that_of_its_weight():
     encoder = Encoder()
     assert encoder_map(encoder).equal(encoder_map(encoder.lin.weight, 3, 3))
