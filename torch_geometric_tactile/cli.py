@@ -20,6 +20,9 @@ _READABLE = ".h5, .hdf5, .npz, .csv, .json, .jsonl, .ndjson or .txt"
 _OBJECT_SETS = ("paper8", "control8", "twenty")
 _HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
+# The names in `training`, likewise.
+_TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4")
+_BACKENDS = ("loky", "dask", "ray")
 _WRITABLE = ".h5, .hdf5, .npz, .csv, .jsonl or .ndjson"
 
 _SIMULATE = """\
@@ -40,6 +43,36 @@ Finished trials are kept: the same command goes on where a run was stopped, and 
 whatever --jobs is. Masses, frictions and the skin are plausible, not measured.
 """
 
+_TABLE = """\
+Trains and tests the models of a table of the papers on recordings of an Allegro hand with 384
+taxels, by trial and by frame, and writes the table beside the published numbers: DIR/NAME.md,
+NAME.csv and NAME.png. Needs the extras 'train' and 'viz'.
+
+tables:
+  p1-table2   object properties by inputs: 36 GCNs, CNNs and FNNs, with and without joint angles
+  p1-table3   object properties by adjacency: the best of them on four graphs
+  p2-table2   objects by segmentation of the hand: 18 GCNs (and their ROC values, Table III)
+  p2-table4   memory that training these 18 takes
+"""
+
+_TABLE_EXAMPLES = """\
+examples:
+  tactile simulate --out sim --jobs 2                    recordings to train on, if you have none
+  tactile table p2-table2 --list                         the experiments and the published numbers
+  tactile table p2-table2 --root sim --stride 200 --epochs 1 --seeds 1
+                                                         a first look, in minutes
+  tactile table p1-table2 --root sim --stride 20 --epochs 30 --jobs 2
+  tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
+                                                         only some models; the table has the rest
+                                                         where it was trained before
+  tactile table p1-table2 --root sim --stride 20 --epochs 30 --backend dask --scheduler tcp://host:8786
+
+Each run (a model, a seed, a split) is a file in DIR/runs when it is finished. The same command
+goes on where it was stopped or killed. Tables of one DIR share their runs. Nothing is chosen by
+the test part: the number of epochs is fixed, and the model is tested once, at the end.
+One experiment alone: tactile fit --config p1_table2/mt_gcn_te_joint
+"""
+
 _EXAMPLES = """\
 examples:
   tactile demo                                   from data to a judged model and a report
@@ -53,6 +86,7 @@ examples:
   tactile convert messages.jsonl recording.h5    another format, by the suffix
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
+  tactile table p1-table2 --root grasps          the models of a paper, beside its published numbers
 
 Data sets are read from $TACTILE_DATA (a folder with one folder for each data set), or
 from a folder in the user's cache, where they are downloaded if missing.
@@ -100,6 +134,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_convert(commands)
     _add_simulate(commands)
     _add_analyze(commands)
+    _add_table(commands)
     for name, text in _LIGHTNING.items():
         commands.add_parser(name, help=text, add_help=False)
     return parser
@@ -248,6 +283,87 @@ def _analyze(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    table = commands.add_parser(
+        "table",
+        help="train the models of a table of the papers, and write it beside the published numbers",
+        description=_TABLE,
+        epilog=_TABLE_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    table.add_argument("name", metavar="TABLE", choices=_TABLES, help=", ".join(_TABLES))
+    table.add_argument(
+        "--list", action="store_true", help="print the experiments with their published numbers"
+    )
+    table.add_argument(
+        "--root",
+        metavar="DIR",
+        help="folder of the recordings; by default $TACTILE_DATA/AllegroUSkin, or a folder in the "
+        "user's cache",
+    )
+    table.add_argument(
+        "--out", metavar="DIR", default="tables", help="folder of table and runs (default: tables)"
+    )
+    table.add_argument(
+        "--seeds",
+        metavar="N",
+        type=_positive,
+        default=5,
+        help="runs of each experiment; a seed decides split and training (default: 5)",
+    )
+    table.add_argument(
+        "--epochs", metavar="N", type=_positive, help="epochs, instead of the configurations' 50"
+    )
+    table.add_argument(
+        "--stride",
+        metavar="N",
+        type=_positive,
+        default=1,
+        help="use every N-th frame of each trial (default: 1, all)",
+    )
+    table.add_argument(
+        "--phases",
+        metavar="PHASE",
+        nargs="+",
+        help="use only frames in these phases of the grasp, such as: squeeze lift hold",
+    )
+    table.add_argument(
+        "--split-by",
+        nargs="+",
+        choices=("trial", "frame"),
+        default=("trial", "frame"),
+        help="hold out whole trials, or random frames of all trials (default: both, one after the "
+        "other, never mixed)",
+    )
+    table.add_argument(
+        "--only", metavar="GLOB", nargs="+", help="train only experiments with such names"
+    )
+    table.add_argument(
+        "--no-train", action="store_true", help="train nothing: the table of the finished runs"
+    )
+    table.add_argument(
+        "--jobs", metavar="N", type=_positive, default=1, help="runs at a time (default: 1)"
+    )
+    table.add_argument(
+        "--threads", metavar="N", type=_positive, default=1, help="threads of a run (default: 1)"
+    )
+    table.add_argument(
+        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
+    )
+    table.add_argument(
+        "--backend",
+        choices=_BACKENDS,
+        default="loky",
+        help="what starts the runs: processes of this machine (loky, the default), or Dask or Ray, "
+        "which know many machines; they are extras of the same names",
+    )
+    table.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a running cluster of Dask or Ray; by default one of --jobs processes is started here",
+    )
+
+
 def _inspect(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.visualization import inspect
 
@@ -292,6 +408,37 @@ def _simulate(arguments: argparse.Namespace) -> int:
     return 1 if run.given_up else 0
 
 
+def _table(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.training import table_command
+
+    if arguments.list:
+        print(table_command.list_table(arguments.name))
+        return 0
+    run, paths = table_command.make_table(
+        arguments.name,
+        root=arguments.root,
+        out=arguments.out,
+        seeds=arguments.seeds,
+        epochs=arguments.epochs,
+        stride=arguments.stride,
+        phases=arguments.phases,
+        split_by=arguments.split_by,
+        accelerator=arguments.accelerator,
+        threads=arguments.threads,
+        only=arguments.only,
+        jobs=arguments.jobs,
+        backend=arguments.backend,
+        scheduler=arguments.scheduler,
+        train=not arguments.no_train,
+    )
+    print(run.describe(), flush=True)
+    for path in paths:
+        print(f"wrote {path}", flush=True)
+    for name, reason in run.failed.items():
+        print(f"tactile: error: {name}: {reason}", file=sys.stderr)
+    return 1 if run.failed else 0
+
+
 def _positive(text: str) -> int:
     number = int(text)
     if number < 1:
@@ -327,6 +474,7 @@ _COMMANDS = {
     "convert": _convert,
     "simulate": _simulate,
     "analyze": _analyze,
+    "table": _table,
 }
 
 

@@ -1,7 +1,11 @@
+import json
+
+import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.sensors import grid
 
 
@@ -53,3 +57,30 @@ def labelled():
 def joint_model():
     """The class of a model that needs 'edge_attr' and 'joint'."""
     return JointModel
+
+
+OBJECTS = ("mayonnaise", "purse", "sponge")
+
+
+@pytest.fixture(scope="session")
+def grasps(tmp_path_factory):
+    """A folder of four trials each of three objects: eight frames, in which some taxels tell the
+    object."""
+    root = tmp_path_factory.mktemp("grasps")
+    draw = np.random.default_rng(0)
+    for i, name in enumerate(OBJECTS):
+        for number in range(4):
+            tactile = draw.normal(1000.0, 5.0, (8, 384, 3))
+            tactile[:, 40 * i : 40 * i + 40] += 50.0
+            recording = Recording(
+                time=np.arange(8) / 100,
+                tactile=tactile,
+                joint=draw.normal(0.5, 0.1, (8, 16)),
+                meta={"unit": "count", "synthetic": True, "phase_names": ["reach", "hold"]},
+                privileged={"phase": np.arange(8) // 4},
+            )
+            write_recording(recording, root / "raw" / f"{name}_{number:03d}.npz")
+    simulation = {"object_set": "paper8", "seed": 7, "mujoco": "3.3.0"}
+    simulation["preset"] = {"duration": 0.08, "rate": 100.0}
+    (root / "simulation.json").write_text(json.dumps(simulation))
+    return root

@@ -48,6 +48,14 @@ def test_taxel_pose_repr():
     assert str(TaxelPose(LAYOUT, HAND)) == "TaxelPose('allegro_uskin', 'allegro_right')"
 
 
+def test_taxel_pose_is_that_of_the_covered_allegro_hand_unless_told_otherwise():
+    stock, given = (t(Data(joint=angles(1))) for t in (TaxelPose(), TaxelPose(LAYOUT, HAND)))
+    assert stock.pos.equal(given.pos)
+    assert stock.normal.equal(given.normal)
+    with pytest.raises(ValueError, match="link"):
+        TaxelPose(kinematics=FINGER)
+
+
 @pytest.mark.parametrize("joint", [torch.tensor([torch.pi / 2]), torch.tensor([[torch.pi / 2]])])
 def test_taxel_pose_quarter_turn(joint):
     data = TaxelPose(PAIR, FINGER)(Data(joint=joint))

@@ -1,39 +1,65 @@
-r"""The configurations shipped with the package."""
+r"""The configurations shipped with the package, alone or as the experiments of a table."""
 
+import atexit
+import copy
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+# These files hold many experiments: `base`, and what each lays over it.
+TEMPLATES = ("p1_table2", "p1_table3", "p2_table2")
+
 
 def config_names() -> list[str]:
-    r"""Returns the names of the shipped configurations."""
+    r"""Returns the names of the shipped configurations, without those in templates."""
     return sorted(
         entry.name.removesuffix(".yaml")
-        for entry in files("torch_geometric_tactile.configs").iterdir()
-        if entry.name.endswith(".yaml")
+        for entry in _folder().iterdir()
+        if entry.suffix == ".yaml" and entry.stem not in TEMPLATES
     )
 
 
 def find_config(name: str) -> Path:
-    r"""Returns the path of a configuration: a file, or a shipped one by its name.
+    r"""Returns the path of a configuration: a file, a shipped one by its name, or an experiment of
+    a shipped template as :obj:`TEMPLATE/EXPERIMENT`, which is written to a temporary file that
+    lives as long as this process.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
 
     Raises:
-        FileNotFoundError: If there is neither; the message lists the shipped ones.
+        FileNotFoundError: If there is neither; the message lists what is shipped.
     """
     path = Path(name)
     if path.is_file():
         return path
-    shipped = Path(str(files("torch_geometric_tactile.configs"))) / f"{name}.yaml"
+    template, slash, experiment = name.partition("/")
+    if template in TEMPLATES:
+        configs = expand_template(template)
+        if experiment in configs:
+            expanded = _scratch() / template / f"{experiment}.yaml"
+            expanded.parent.mkdir(exist_ok=True)
+            text = yaml.safe_dump(configs[experiment], sort_keys=False)
+            expanded.write_text(f"# {name}, expanded\n{text}", encoding="utf-8")
+            return expanded
+        missing = f"'{template}' has no '{experiment}'" if slash else f"'{template}' is a template"
+        raise FileNotFoundError(
+            f"{missing}; choose {template}/NAME with one of: {', '.join(configs)}"
+        )
+    shipped = _folder() / f"{name}.yaml"
     if shipped.is_file():
         return shipped
     raise FileNotFoundError(
         f"there is no file '{name}' and no configuration of that name; shipped are: "
-        f"{', '.join(config_names())}"
+        f"{', '.join(config_names())}, and TEMPLATE/EXPERIMENT for the templates "
+        f"{', '.join(TEMPLATES)}"
     )
 
 
@@ -45,3 +71,65 @@ def load_config(name: str) -> dict[str, Any]:
     """
     content: dict[str, Any] = yaml.safe_load(find_config(name).read_text(encoding="utf-8"))
     return content
+
+
+@cache
+def _expanded(template: str) -> dict[str, dict[str, Any]]:
+    content = yaml.safe_load((_folder() / f"{template}.yaml").read_text(encoding="utf-8"))
+    base = content["base"]
+    if isinstance(base, str):
+        other, _, experiment = base.partition("/")
+        base = _expanded(other)[experiment]
+    configs = {name: merged(base, over) for name, over in content["experiments"].items()}
+    # Through JSON, so that what YAML's aliases share is shared no more.
+    expanded: dict[str, dict[str, Any]] = json.loads(json.dumps(configs))
+    return expanded
+
+
+def expand_template(template: str) -> dict[str, dict[str, Any]]:
+    r"""Returns the full configuration of each experiment of a shipped template, in its order.
+
+    A template holds :obj:`base`, a configuration or the name of one in another template, and
+    :obj:`experiments`: names, and what each lays over the base.
+
+    Args:
+        template (str): Its name, such as :obj:`"p1_table2"`.
+
+    Raises:
+        ValueError: If there is no such template.
+    """
+    if template not in TEMPLATES:
+        raise ValueError(f"'template' must be one of {list(TEMPLATES)} (got '{template}')")
+    return copy.deepcopy(_expanded(template))
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    r"""Lays one configuration over another: mappings are joined key by key, everything else, also
+    a list, is replaced.
+
+    Args:
+        base (Mapping): The configuration below.
+        over (Mapping): The one above.
+
+    Examples:
+        >>> merged({"a": {"b": 1, "c": [1, 2]}}, {"a": {"c": [3]}})
+        {'a': {'b': 1, 'c': [3]}}
+    """
+    out = dict(base)
+    for key, value in over.items():
+        below = out.get(key)
+        if isinstance(value, Mapping) and isinstance(below, Mapping):
+            value = merged(below, value)
+        out[key] = value
+    return out
+
+
+def _folder() -> Path:
+    return Path(str(files("torch_geometric_tactile.configs")))
+
+
+@cache
+def _scratch() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="tactile_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -1,7 +1,6 @@
 r"""Judging models on protocols that say what they hold out."""
 
 import logging
-import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from torch_geometric_tactile.data import StaticDataset, splits
 from torch_geometric_tactile.training.config import load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+from torch_geometric_tactile.training.processes import kept_memory
 from torch_geometric_tactile.transforms import FittedTransform, SessionZScore, ZScore
 
 Protocol = Literal["random folds", "leave objects out", "unseen objects"]
@@ -137,7 +137,7 @@ def run_jobs(
     """
     call = delayed(run_job)
     parallel = Parallel(n_jobs=num_processes, return_as="generator_unordered")
-    with _kept_memory():
+    with kept_memory():
         results = parallel(call(job, train, test, folds, epochs) for job in jobs)
         bar = tqdm(
             results, total=len(jobs), desc="Train and judge", unit="model", disable=not progress
@@ -214,7 +214,7 @@ def train_classifier(
     """
     L.seed_everything(seed, verbose=False)
     classifier = classifier_from_config(config["model"])
-    with _quiet():
+    with quiet():
         trainer = L.Trainer(
             accelerator="cpu",
             devices=1,
@@ -303,22 +303,8 @@ def summarize(
 
 
 @contextmanager
-def _kept_memory() -> Iterator[None]:
-    # By default glibc gives every activation back to the system and asks for it again in the next
-    # step. Processes started in here keep theirs, which makes these small networks faster.
-    names = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_")
-    added = [name for name in names if name not in os.environ]
-    os.environ.update(dict.fromkeys(added, str(2**29)))
-    try:
-        yield
-    finally:
-        for name in added:
-            del os.environ[name]
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    # Lightning explains itself at every start, which hundreds of trainings drown in.
+def quiet() -> Iterator[None]:
+    r"""Keeps Lightning from explaining itself at every start: hundreds of trainings would drown."""
     logger = logging.getLogger("lightning.pytorch")
     level = logger.level
     with warnings.catch_warnings():

@@ -6,7 +6,7 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
 
 
@@ -23,8 +23,11 @@ class TaxelPose(BaseTransform):
         \mathbf{n}'_i = \mathbf{R}_l(\mathbf{q}) \, \mathbf{n}_i
 
     Args:
-        layout (TaxelLayout): The taxels, in the frames of their links.
-        kinematics (HandKinematics): The hand that these links belong to.
+        layout (TaxelLayout, optional): The taxels, in the frames of their links;
+            :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
+        kinematics (HandKinematics, optional): The hand that these links belong to; the Allegro
+            hand if left out.
+        normal (bool): Whether to set :obj:`normal` as well, which costs as much as :obj:`pos`.
 
     Shapes:
         - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
@@ -39,7 +42,6 @@ class TaxelPose(BaseTransform):
 
     Examples:
         >>> import torch
-        >>> from torch_geometric_tactile.sensors import allegro_uskin
         >>> transform = TaxelPose(allegro_uskin(), HandKinematics.allegro())
         >>> transform(Data(joint=torch.zeros(1, 16)))
         Data(joint=[1, 16], pos=[384, 3], normal=[384, 3])
@@ -47,19 +49,27 @@ class TaxelPose(BaseTransform):
 
     supports_static = True
 
-    def __init__(self, layout: TaxelLayout, kinematics: HandKinematics) -> None:
+    def __init__(
+        self,
+        layout: TaxelLayout | None = None,
+        kinematics: HandKinematics | None = None,
+        normal: bool = True,
+    ) -> None:
+        layout = allegro_uskin() if layout is None else layout
+        kinematics = HandKinematics.allegro() if kinematics is None else kinematics
         kinematics.require_links(layout)
         self.layout = layout
         self.kinematics = kinematics
+        self.normal = normal
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`pos` and :obj:`normal`."""
+        r"""Sets :obj:`pos`, and :obj:`normal` if wanted."""
         joint = require(self, data, "joint")
         if getattr(data, "x", None) is not None:
             name = f"layout '{self.layout.name}'"
             check_num_taxels(data, self.layout.num_taxels, name)
         rows = self._rows(data, joint)
-        posed = self.kinematics.taxel_pose(self.layout, rows)
+        posed = self.kinematics.taxel_pose(self.layout, rows, self.normal)
         one_for_all = joint.dim() == 1 or (
             isinstance(data, StaticData) and len(rows) == 1 and data.num_samples != 1
         )

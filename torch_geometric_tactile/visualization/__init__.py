@@ -2,6 +2,7 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 ``viz`` when a function is called, not when this room is imported.
 """
 
+from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
 from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
@@ -18,10 +19,12 @@ from torch_geometric_tactile.visualization.recording import plot_recording
 from torch_geometric_tactile.visualization.report import ReportPicture, ReportTable, write_report
 
 __all__ = [
+    "ComparisonPanel",
     "ReportPicture",
     "ReportTable",
     "layout_plane",
     "open_hand",
+    "plot_comparison",
     "plot_confusion",
     "plot_embedding",
     "plot_grasps",

@@ -1,0 +1,199 @@
+import csv
+import math
+
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+
+from torch_geometric_tactile.training.experiment import Experiment
+from torch_geometric_tactile.training.experiments import Settings, TableRun
+from torch_geometric_tactile.training.recordings import Recordings
+from torch_geometric_tactile.training.table_caption import NOTHING
+from torch_geometric_tactile.training.table_numbers import table_numbers
+from torch_geometric_tactile.training.table_report import csv_text, markdown, write_table
+from torch_geometric_tactile.training.tables import load_table
+
+DATA = Recordings(
+    "sim",
+    "f",
+    True,
+    80,
+    7000,
+    8,
+    {"object_set": "paper8", "seed": 1, "mujoco": "3", "preset": {"duration": 17.0, "rate": 100.0}},
+)
+
+
+def result(metrics, memory=100.0, labels=None):
+    return {
+        "metrics": metrics,
+        "label_names": labels,
+        "num_train": 600,
+        "num_test": 300,
+        "frames_per_second": 1000.0,
+        "peak_memory_mb": memory,
+        "measures": "resident memory of the process",
+        "num_parameters": 4_488_808,
+        "train_seconds": 12.0,
+        "seconds": 15.0,
+        "machine": "a machine, 2 cores",
+    }
+
+
+def run(table, entries, **settings):
+    """A run with results for (experiment, split, seed): result."""
+    settings = Settings(**{"seeds": 2, "epochs": 3, "stride": 20, **settings})
+    results = [
+        (Experiment(name, {}, None, "f", seed, split, 3, 20), value)
+        for (name, split, seed), value in entries.items()
+    ]
+    total = len(load_table(table).cells) * settings.seeds * len(settings.split_by)
+    return TableRun(load_table(table), settings, DATA, results, 0, {}, total - len(results))
+
+
+@pytest.fixture
+def objects():
+    """Two seeds of II with touch and joint angles by trial, one by frame; X by trial once."""
+    name = "ii_tac_joint"
+    return run(
+        "p2-table2",
+        {
+            (name, "trial", 0): result({"accuracy": 0.80, "f1": 0.7, "auroc": 0.9}, 60.0),
+            (name, "trial", 1): result({"accuracy": 0.84, "f1": 0.8, "auroc": 0.94}, 64.0),
+            (name, "frame", 0): result({"accuracy": 0.99, "f1": 0.9, "auroc": None}, 62.0),
+            ("x_tac_joint", "trial", 0): result({"accuracy": 0.5, "f1": 0.5, "auroc": 0.6}, 124.0),
+        },
+    )
+
+
+def rows_of(page, heading):
+    """The cells of the lines of the first table below a heading."""
+    part = page.split(f"## {heading}\n")[1].split("\n## ")[0]
+    return [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in part.splitlines()
+        if "|" in line
+    ]
+
+
+def test_markdown_by_hand(objects):
+    header, _, *rows = rows_of(markdown(objects), "Accuracy in %, with joint angles")
+    assert header == ["model", "", "Tac", "Pos", "Tac, Pos"]
+    assert rows[0] == [
+        "X",
+        "published, real hand, private data",
+        "88.66 ± 0.18",
+        "85.81 ± 0.02",
+        "91.01 ± 0.38",
+    ]
+    assert rows[1] == ["", "simulated, by trial", "50.0 (1 of 2)", NOTHING, NOTHING]
+    assert rows[2] == ["", "simulated, by frame", NOTHING, NOTHING, NOTHING]
+    # The standard deviation of 80 and 84 is 2.83.
+    assert rows[7] == ["", "simulated, by trial", "82.0 ± 2.8", NOTHING, NOTHING]
+    assert rows[8] == ["", "simulated, by frame", "99.0 (1 of 2)", NOTHING, NOTHING]
+    auc = rows_of(markdown(objects), "Area under the ROC curve, with joint angles")
+    assert auc[8][2:] == ["0.9599", "0.9232", "0.9549"]
+    assert auc[9][2:] == ["0.920 ± 0.028", NOTHING, NOTHING]
+    assert auc[10][2:] == [NOTHING] * 3  # it was not a number
+    f1 = rows_of(markdown(objects), "F1 score in %, with joint angles")
+    assert [row[1] for row in f1[2:4]] == ["simulated, by trial", "simulated, by frame"]
+    costs = rows_of(markdown(objects), "What a model costs")
+    assert ["`p2_table2/ii_tac_joint`", "4,488,808", "1,000", "62 ± 2", "12.0"] in costs
+
+
+def test_caption_tells_what_the_numbers_are(objects):
+    caption = markdown(objects).splitlines()[2]
+    for fact in (
+        "Published: Tables II and III of *Multifingered Object Recognition",
+        "its recordings are private",
+        "**Simulated**, never a real hand's result: 80 trials of `tactile simulate`",
+        "objects `paper8`, seed 1, 17 s at 100 Hz, MuJoCo 3",
+        "Seeds 0 to 1 of split and training",
+        "60 % to train, 10 % unused (for validation), 30 % to test, once, after 3 epochs",
+        "Adam, learning rate 0.001, batches of 128",
+        "Every 20th frame: 7,000 in all; 600 to train and 300 to test by trial;",
+        "Hardware: a machine, 2 cores.",
+        "**68 of 72 runs are missing**",
+    ):
+        assert fact in caption
+
+
+def test_property_table_counts_labels_two_ways():
+    names = ["light", "heavy"]
+    metrics = {"accuracy": 0.25, "label_accuracy": 0.5, "label_accuracy_0": 0.75}
+    entries = {("gcn_t", "trial", 0): result({**metrics, "f1": 0.5, "auroc": 0.5}, labels=names)}
+    page = markdown(run("p1-table2", entries, split_by=("trial",), seeds=1))
+    rows = rows_of(page, "Accuracy in %, without joint angles")
+    gcn = next(i for i, row in enumerate(rows) if row[0] == "GCN")
+    assert rows[gcn][2] == "79.47"
+    assert rows[gcn + 1][1:4] == ["simulated, by trial: all labels right", "25.0", NOTHING]
+    assert rows[gcn + 2][1:4] == ["simulated, by trial: mean of the labels", "50.0", NOTHING]
+    assert rows[2][:5] == ["FNN", "published, real hand, private data", "73.52", "", "75.44"]
+    numbers = {n.metric: n.mean for n in table_numbers(load_table("p1-table2"), [])}
+    assert numbers == {"accuracy": pytest.approx(85.57)}  # of the last cell
+    assert "label_accuracy: light,75" in csv_text(run("p1-table2", entries)).replace(".0,", ",")
+
+
+def test_memory_table_has_ratios():
+    entries = {
+        ("x_tac_joint", "trial", 0): result({}, 124.0),
+        ("ii_tac_joint", "trial", 0): result({}, 60.0),
+        ("ii_tac_joint", "frame", 0): result({}, 64.0),
+    }
+    page = markdown(run("p2-table4", entries))
+    memory = rows_of(page, "Peak memory in MB, with joint angles")
+    assert memory[2][2:] == ["1,531", "1,537", "1,488"]
+    assert memory[3][1:] == ["simulated, resident memory of the process", "124", NOTHING, NOTHING]
+    assert memory[7][2] == "62 ± 3"
+    ratio = rows_of(page, "Memory as a part of that of X, with joint angles")
+    assert [row[2] for row in ratio[2:]] == ["1.00", "1.00", "0.49", NOTHING, "0.46", "0.50"]
+
+
+def test_csv_by_hand(objects):
+    rows = list(csv.DictReader(csv_text(objects).splitlines()))
+    mine = [row for row in rows if row["experiment"] == "ii_tac_joint"]
+    values = {(row["source"], row["metric"]): row for row in mine}
+    published = values["published", "accuracy"]
+    assert (published["mean"], published["sd"], published["runs"]) == ("92.92", "0.09", "")
+    assert published["data"] == "real hand, private"
+    assert values["published", "peak_memory_mb"]["mean"] == "697"
+    ours = values["by trial", "accuracy"]
+    assert (float(ours["mean"]), ours["runs"], ours["data"]) == (82.0, "2", "simulated")
+    assert float(ours["sd"]) == pytest.approx(math.sqrt(8), rel=1e-5)
+    assert values["by frame", "accuracy"]["sd"] == ""
+    assert ("by frame", "auroc") not in values
+    assert (ours["section"], ours["row"]) == ("with joint angles", "II")
+
+
+def test_own_recordings_are_not_called_simulated(objects):
+    own = objects._replace(recordings=Recordings("own", "f", False, 80, 7000, 8))
+    page = markdown(own)
+    assert "Recordings of your own: 80 trials." in page
+    assert "measured, by trial" in page
+    assert "imulated" not in page
+
+
+def test_table_without_any_run_is_written(tmp_path):
+    nothing = run("p1-table3", {})
+    paths = write_table(nothing, tmp_path)
+    assert [path.name for path in paths] == ["p1-table3.md", "p1-table3.csv", "p1-table3.png"]
+    assert "**16 of 16 runs are missing**" in paths[0].read_text()
+    assert "Hardware: none yet." in paths[0].read_text()
+    assert paths[2].read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", ["p1-table2", "p2-table2", "p2-table4"])
+def test_pictures_are_drawn_of_all_kinds(name, tmp_path):
+    metrics = {"accuracy": 0.9, "label_accuracy": 0.95, "f1": 0.9, "auroc": 0.97}
+    entries = {
+        (cell.experiment, split, seed): result(
+            {**metrics, "accuracy": 0.9 - 0.1 * seed}, 100 + seed
+        )
+        for cell in load_table(name).cells
+        for split in ("trial", "frame")
+        for seed in range(2)
+    }
+    paths = write_table(run(name, entries), tmp_path)
+    assert paths[2].stat().st_size > 20_000
+    assert NOTHING not in paths[0].read_text()

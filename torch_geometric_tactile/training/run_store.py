@@ -1,0 +1,79 @@
+r"""Finished runs, kept on disk."""
+
+import json
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.training.experiment import Experiment
+from torch_geometric_tactile.typing import PathLike
+
+
+class RunStore:
+    r"""The finished runs of a folder, one JSON file each, whole or absent.
+
+    Args:
+        folder (str or PathLike): The folder.
+    """
+
+    def __init__(self, folder: PathLike) -> None:
+        self.folder = Path(folder)
+        self._paths = {path.stem.rpartition("_")[2]: path for path in self.folder.glob("*.json")}
+
+    def path(self, experiment: Experiment) -> Path:
+        r"""Returns where a run is or would be.
+
+        Args:
+            experiment (Experiment): What was run, under whatever name.
+        """
+        return self._paths.get(experiment.code, self.folder / experiment.file_name)
+
+    def read(self, experiment: Experiment) -> dict[str, Any] | None:
+        r"""Returns the result of a run, or :obj:`None` if it is not finished.
+
+        Args:
+            experiment (Experiment): What was run.
+
+        Raises:
+            ValueError: If its file is damaged.
+        """
+        path = self.path(experiment)
+        if not path.is_file():
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            same = content["identity"] == experiment.identity()
+            result: dict[str, Any] = content["result"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"'{path}' is damaged: delete it to run it again ({error})") from error
+        if not same:
+            raise ValueError(f"'{path}' is not what its name says: delete it to run it again")
+        return result
+
+    def write(self, experiment: Experiment, result: dict[str, Any]) -> None:
+        r"""Writes the result of a run, whole or not at all.
+
+        Args:
+            experiment (Experiment): What was run.
+            result (dict): Its result.
+        """
+        content = {
+            "experiment": experiment.name,
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "identity": experiment.identity(),
+            "result": result,
+        }
+        with atomic_path(self.folder / experiment.file_name) as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+    def clean(self, experiments: Sequence[Experiment]) -> None:
+        r"""Removes what killed runs had begun to write.
+
+        Args:
+            experiments (sequence of Experiment): Those that were to be run.
+        """
+        for experiment in experiments:
+            for leftover in self.folder.glob(f".{experiment.file_name}.*.tmp"):
+                leftover.unlink(missing_ok=True)

@@ -1,0 +1,233 @@
+r"""A table of a paper with our numbers beside the published ones: Markdown, CSV and a picture."""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.training.experiments import TableRun
+from torch_geometric_tactile.training.table_caption import NOTHING, caption, cost_note
+from torch_geometric_tactile.training.table_numbers import ALL, Number, table_numbers
+from torch_geometric_tactile.training.tables import Cell
+from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
+
+PUBLISHED = "published, real hand, private data"
+_DIGITS = {"auroc": 3, "peak_memory_mb": 0, "frames_per_second": 0, "num_parameters": 0}
+_Index = dict[tuple[str, str, str], Number]
+# A series of a table: its source and metric, and what it is called.
+_Series = tuple[str, str, str]
+
+
+def write_table(run: TableRun, out: PathLike) -> list[Path]:
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv` and :obj:`NAME.png`, and returns their paths.
+
+    Args:
+        run (TableRun): What :func:`run_table` returned.
+        out (str or PathLike): The folder.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+    """
+    paths = [Path(out) / f"{run.table.name}{suffix}" for suffix in (".md", ".csv", ".png")]
+    for path, text in zip(paths, (markdown(run), csv_text(run)), strict=False):
+        with atomic_path(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    series = dict.fromkeys(name for _, group in _drawn(run) for _, _, name in group)
+    save_figure(plot_comparison(_panels(run), list(series), _title(run)), paths[-1])
+    return paths
+
+
+def csv_text(run: TableRun) -> str:
+    r"""Returns all numbers, one a line: where it stands in the table, its source, metric, mean,
+    standard deviation and number of runs.
+
+    Args:
+        run (TableRun): What :func:`run_table` returned.
+    """
+    cells = {cell.experiment: cell for cell in run.table.cells}
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(
+        ["section", "row", "column", "experiment", "source", "data", "metric", "mean", "sd", "runs"]
+    )
+    for number in table_numbers(run.table, run.results):
+        cell = cells[number.experiment]
+        published = number.source == "published"
+        writer.writerow(
+            [
+                *(cell.section, cell.row, cell.column, cell.experiment, number.source),
+                "real hand, private" if published else run.recordings.source,
+                number.metric,
+                f"{number.mean:.6g}" if published else repr(number.mean),
+                "" if math.isnan(number.spread) else f"{number.spread:.6g}",
+                "" if published else number.runs,
+            ]
+        )
+    return file.getvalue()
+
+
+def markdown(run: TableRun) -> str:
+    r"""Returns the table as a page: what it is made of, our numbers beside the published ones, and
+    what each model costs.
+
+    Args:
+        run (TableRun): What :func:`run_table` returned.
+    """
+    table, index = run.table, _index(run)
+    lines = [f"# {table.title}", "", caption(run), ""]
+    for heading, series in _groups(run):
+        for section in table.sections:
+            columns = table.columns(section)
+            lines += [f"## {heading}, {section}", ""]
+            lines += _table_lines(
+                ["model", "", *columns],
+                [
+                    [row if i == 0 else "", name, *_row(run, index, section, row, source, metric)]
+                    for row in table.rows
+                    if any(cell.row == row and cell.section == section for cell in table.cells)
+                    for i, (source, metric, name) in enumerate(series)
+                ],
+            )
+    lines += ["## What a model costs", "", cost_note(), ""]
+    metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
+    lines += _table_lines(
+        ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
+        [
+            [
+                f"`{table.template}/{cell.experiment}`",
+                *(_shown(index.get((cell.experiment, ALL, metric))) for metric in metrics),
+            ]
+            for cell in table.cells
+        ],
+    )
+    return "\n".join(lines)
+
+
+def _table_lines(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    cells = [header, ["---"] * len(header), *rows]
+    return [*("| " + " | ".join(row) + " |" for row in cells), ""]
+
+
+def _row(
+    run: TableRun, index: _Index, section: str, row: str, source: str, metric: str
+) -> list[str]:
+    of_row = {cell.column: cell for cell in run.table.cells if _at(cell, section, row)}
+    texts = []
+    for column in run.table.columns(section):
+        cell = of_row.get(column)
+        if cell is None:
+            texts.append("")  # the paper has no such model
+        elif metric == "ratio":
+            ratio = _ratio(run, index, cell, source)
+            texts.append(NOTHING if ratio is None else f"{ratio:.2f}")
+        else:
+            texts.append(_shown(index.get((cell.experiment, source, metric)), run.settings.seeds))
+    return texts
+
+
+def _at(cell: Cell, section: str, row: str) -> bool:
+    return (cell.section, cell.row) == (section, row)
+
+
+def _shown(number: Number | None, seeds: int | None = None) -> str:
+    if number is None:
+        return NOTHING
+    digits = _DIGITS.get(number.metric, 2 if number.source == "published" else 1)
+    if number.metric == "auroc" and number.source == "published":
+        digits = 4
+    text = f"{number.mean:,.{digits}f}" if digits == 0 else f"{number.mean:.{digits}f}"
+    if number.metric in ("num_parameters", "frames_per_second", "train_seconds"):
+        return text
+    if not math.isnan(number.spread):
+        text += f" ± {number.spread:.{digits}f}"
+    some = seeds is not None and number.source in ("by trial", "by frame") and number.runs < seeds
+    return f"{text} ({number.runs} of {seeds})" if some else text
+
+
+def _ratio(run: TableRun, index: _Index, cell: Cell, source: str) -> float | None:
+    # To the first model of the table with the same inputs.
+    base = next(
+        other
+        for other in run.table.cells
+        if (other.section, other.column) == (cell.section, cell.column)
+    )
+    mine, first = (index.get((e.experiment, source, "peak_memory_mb")) for e in (cell, base))
+    return None if mine is None or first is None else mine.mean / first.mean
+
+
+def _index(run: TableRun) -> _Index:
+    numbers = table_numbers(run.table, run.results)
+    return {(number.experiment, number.source, number.metric): number for number in numbers}
+
+
+def _groups(run: TableRun) -> list[tuple[str, list[_Series]]]:
+    # The parts of the page, and the lines of each model in them.
+    ours, splits = run.recordings.source, run.settings.split_by
+    if run.table.shows == "memory":
+        return [
+            (
+                heading,
+                [("published", metric, PUBLISHED), (ALL, metric, _memory_name(run))],
+            )
+            for heading, metric in (
+                ("Peak memory in MB", "peak_memory_mb"),
+                (f"Memory as a part of that of {run.table.rows[0]}", "ratio"),
+            )
+        ]
+    kinds = {"accuracy": ""}
+    if run.table.task == "multilabel":
+        kinds = {"accuracy": ": all labels right", "label_accuracy": ": mean of the labels"}
+    groups = [
+        (
+            "Accuracy in %",
+            [("published", "accuracy", PUBLISHED)]
+            + [
+                (f"by {split}", metric, f"{ours}, by {split}{kind}")
+                for split in splits
+                for metric, kind in kinds.items()
+            ],
+        )
+    ]
+    for metric, heading in (("auroc", "Area under the ROC curve"), ("f1", "F1 score in %")):
+        series = [(f"by {split}", metric, f"{ours}, by {split}") for split in splits]
+        if metric == "auroc" and any("auc" in cell.published for cell in run.table.cells):
+            series.insert(0, ("published", metric, PUBLISHED))
+        groups.append((heading, series))
+    return groups
+
+
+def _memory_name(run: TableRun) -> str:
+    measures = {result["measures"] for _, result in run.results}
+    return f"{run.recordings.source}, {' and '.join(sorted(measures)) or 'no run yet'}"
+
+
+def _drawn(run: TableRun) -> list[tuple[str, list[_Series]]]:
+    return [group for group in _groups(run) if group[1][0][0] == "published"]
+
+
+def _panels(run: TableRun) -> list[ComparisonPanel]:
+    table, index = run.table, _index(run)
+    panels = []
+    for heading, series in _drawn(run):
+        for section in table.sections:
+            rows = {}
+            for cell in (cell for cell in table.cells if cell.section == section):
+                values = {}
+                for source, metric, name in series:
+                    number = index.get((cell.experiment, source, metric))
+                    ratio = _ratio(run, index, cell, source) if metric == "ratio" else None
+                    if ratio is not None:
+                        values[name] = (ratio, math.nan)
+                    elif number is not None:
+                        values[name] = (number.mean, number.spread)
+                rows[f"{cell.row}: {cell.column}"] = values
+            panels.append(ComparisonPanel(section, heading, rows, table.shows == "memory"))
+    return panels
+
+
+def _title(run: TableRun) -> str:
+    title = f"{run.table.title} ({run.recordings.source} recordings beside published numbers)"
+    return f"{title}; {run.missing} runs missing" if run.missing else title
