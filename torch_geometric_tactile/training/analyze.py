@@ -58,8 +58,9 @@ def main(
             f"the checkpoint must be of layout '{data.layout.name}', as the data "
             f"(got '{classifier.layout.name}')"
         )
+    epochs = content["epoch"] + 1
     facts = {
-        "Checkpoint": f"`{checkpoint.name}`, after {content['epoch'] + 1} epochs",
+        "Checkpoint": f"`{checkpoint.name}`, after {epochs} epoch{'s' if epochs > 1 else ''}",
         "Model": f"`{classifier.model}`".splitlines()[0].rstrip("`(") + "`",
     }
     return analyze(classifier, data, out, facts, frames, seed)
