@@ -81,6 +81,7 @@ examples:
                                                  go on where that training was stopped
   tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
   tactile fit --help                             every option of fit
+  tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   what stands in a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
   tactile simulate --out grasps --trials 2 --preview
@@ -132,6 +133,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_inspect(commands)
     _add_convert(commands)
     _add_simulate(commands)
+    _add_analyze(commands)
     _add_table(commands)
     for name, text in _LIGHTNING.items():
         commands.add_parser(name, help=text, add_help=False)
@@ -229,6 +231,56 @@ def _add_simulate(commands: "argparse._SubParsersAction[argparse.ArgumentParser]
         help="draw the first trial of the first object to DIR/preview: preview_film.png and "
         "preview_forces.png",
     )
+
+
+def _add_analyze(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    analyze = commands.add_parser(
+        "analyze",
+        help="draw what a checkpoint has learnt: encoder map, embeddings, attribution, errors",
+        description="Looks into a checkpoint of 'tactile fit' on its test part, and writes "
+        "DIR/analysis.md with its pictures: confusion and ROC, the map of the edge encoder, node "
+        "features by t-SNE and UMAP, and which taxels and patches count, each with numbers and "
+        "beside untrained models.",
+    )
+    analyze.add_argument("checkpoint", metavar="CHECKPOINT", help="a checkpoint of 'tactile fit'")
+    analyze.add_argument("--out", metavar="DIR", required=True, help="folder of page and pictures")
+    analyze.add_argument(
+        "--config",
+        metavar="CONFIG",
+        help="the configuration of its data, a file or a shipped one; by default the config.yaml "
+        "that the run has beside its checkpoints",
+    )
+    analyze.add_argument(
+        "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
+    )
+    analyze.add_argument(
+        "--frames",
+        metavar="N",
+        type=_positive,
+        default=200,
+        help="frames of the test part that are embedded and explained (default: 200)",
+    )
+    analyze.add_argument(
+        "--seed",
+        type=_not_negative,
+        default=0,
+        help="of embeddings and untrained models (default: 0)",
+    )
+
+
+def _analyze(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.training import analyze
+
+    page = analyze.main(
+        arguments.checkpoint,
+        arguments.out,
+        config=arguments.config,
+        root=arguments.root,
+        frames=arguments.frames,
+        seed=arguments.seed,
+    )
+    print(f"analysis: {page}")
+    return 0
 
 
 def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -421,6 +473,7 @@ _COMMANDS = {
     "inspect": _inspect,
     "convert": _convert,
     "simulate": _simulate,
+    "analyze": _analyze,
     "table": _table,
 }
 

@@ -3,11 +3,18 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 """
 
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
+from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
+from torch_geometric_tactile.visualization.hand_panels import plot_hand_panels
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
-from torch_geometric_tactile.visualization.metrics import plot_confusion, plot_protocols, plot_roc
+from torch_geometric_tactile.visualization.metrics import (
+    plot_confusion,
+    plot_label_confusions,
+    plot_protocols,
+    plot_roc,
+)
 from torch_geometric_tactile.visualization.recording import plot_recording
 from torch_geometric_tactile.visualization.report import ReportPicture, ReportTable, write_report
 
@@ -19,8 +26,11 @@ __all__ = [
     "open_hand",
     "plot_comparison",
     "plot_confusion",
+    "plot_embedding",
     "plot_grasps",
     "plot_hand",
+    "plot_hand_panels",
+    "plot_label_confusions",
     "plot_layout",
     "plot_protocols",
     "plot_recording",

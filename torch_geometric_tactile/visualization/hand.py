@@ -8,9 +8,12 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.hand_edges import draw_edge_values, draw_edges
+from torch_geometric_tactile.visualization.segment_colors import segment_colors
 from torch_geometric_tactile.visualization.taxel_map import (
     checked_edges,
     checked_values,
+    draw_color_bar,
     draw_taxels,
     finish_map,
     value_colors,
@@ -21,12 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_PIECE_COLOR = "#555555"
-_JOIN_COLOR = "#e07b00"
-_ONE_WAY_COLOR = "#d4007a"
 _OUTLINE_COLOR = "#303030"
-# Of Okabe and Ito: told apart with any colour vision.
-_DIGIT_COLORS = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#8a8a8a", "#56b4e9", "#f0e442")
+_PLAIN_COLOR = "#ffffff"
 # The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
 _OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
 _NAME_SIZES = {"patch": 6.5, "digit": 11.0}  # points
@@ -58,6 +57,7 @@ def plot_hand(
     joint: Tensor | None = None,
     adjacency: str | Tensor | None = None,
     value: Tensor | None = None,
+    edge_value: Tensor | None = None,
     *,
     ax: "Axes | None" = None,
     color_by: Literal["patch", "digit"] = "digit",
@@ -67,6 +67,9 @@ def plot_hand(
     limits: tuple[float, float] | None = None,
     cmap: str = "viridis",
     label: str | None = "reading",
+    edge_limits: tuple[float, float] | None = None,
+    edge_cmap: str = "plasma",
+    edge_label: str | None = "edge value",
     title: str | None = None,
 ) -> "Figure":
     r"""Draws the taxels of a hand where its joints put them, without perspective.
@@ -74,7 +77,8 @@ def plot_hand(
     The viewer looks against the root link's :math:`x` axis, which for an Allegro hand points out of
     the palm: with :math:`y` to the right and :math:`z` up, its palm is seen with the fingertips up.
     Edges within a patch are grey, edges between patches orange, and an edge without its reverse is
-    an arrow.
+    an arrow. With :obj:`edge_value`, the half of a line next to a taxel has the colour of the edge
+    to that taxel, and taxels are small and white unless :obj:`value` colours them.
 
     Args:
         layout (TaxelLayout): The layout; its links are links of the hand.
@@ -85,6 +89,7 @@ def plot_hand(
             adjacency of the layout, or directed edges.
         value (torch.Tensor, optional): What colours the taxels, in place of :obj:`color_by`; a
             missing value (NaN) stays white with a dashed outline.
+        edge_value (torch.Tensor, optional): What colours the edges of :obj:`adjacency`.
         ax (matplotlib.axes.Axes, optional): Where to draw. A new figure if left out.
         color_by (str): Which taxels share a colour, those of a :obj:`"patch"` (tints of its digit's
             colour) or of a :obj:`"digit"`.
@@ -98,18 +103,22 @@ def plot_hand(
             highest value if left out.
         cmap (str): Name of matplotlib's colour map.
         label (str, optional): Label of the colour bar. No colour bar if :obj:`None`.
+        edge_limits (tuple of float, optional): As :obj:`limits`, of the edges.
+        edge_cmap (str): As :obj:`cmap`, of the edges.
+        edge_label (str, optional): As :obj:`label`, of the edges.
         title (str, optional): Title of the picture.
 
     Shapes:
         - **joint:** :math:`(J,)`
         - **adjacency:** directed edges :math:`(2, |\mathcal{E}|)`; each pair is drawn once
         - **value:** one per taxel :math:`(N,)`
+        - **edge_value:** one per directed edge :math:`(|\mathcal{E}|,)`
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If :obj:`joint`, :obj:`adjacency` or :obj:`value` does not fit, a link of the
-            layout is not one of the hand, :obj:`limits` do not rise, or :obj:`color_by` or
-            :obj:`names` is unknown.
+        ValueError: If :obj:`joint`, :obj:`adjacency`, :obj:`value` or :obj:`edge_value` does not
+            fit, a link of the layout is not one of the hand, :obj:`limits` do not rise, or
+            :obj:`color_by` or :obj:`names` is unknown.
     """
     for key, by in (("color_by", color_by), ("names", names)):
         if by not in _NAME_SIZES and not (key == "names" and by is None):
@@ -118,28 +127,43 @@ def plot_hand(
         value = checked_values("value", value, layout.num_taxels)
     scale = value_scale(value, limits, cmap)
     edge_index = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
-    edges = None if edge_index is None else _sorted_edges(edge_index, layout)
+    if edge_value is not None:
+        if edge_index is None:
+            raise ValueError("'adjacency' must be given where 'edge_value' is (got none)")
+        edge_value = checked_values("edge_value", edge_value, edge_index.size(-1))
+        edge_value = edge_value[(edge_index[0] != edge_index[1]).cpu()]  # no self-loops
+    if edge_index is not None:
+        edge_index = checked_edges("adjacency", edge_index, layout.num_taxels)
+    edge_scale = value_scale(edge_value, edge_limits, edge_cmap)
     kinematics = HandKinematics.allegro() if kinematics is None else kinematics
     pos = _taxel_places(layout, kinematics, joint)
     plane, depth = _view(pos, azimuth, elevation)
-    diameter = (0.42 if edges else 0.845) * _spacing(pos)
+    share = 0.845 if edge_index is None else 0.42
+    if edge_value is not None and value is None:
+        share = 0.2
+    diameter = share * _spacing(pos)
     corners = _corners(plane, pos)
     if ax is None:
         width, height = (corners[1] - corners[0]).tolist()
-        ax = new_figure(7.0, 7.0 * min(max(height / width, 0.4), 1.6) + 0.3).add_subplot()
+        bars = (value is not None and label is not None) + (
+            edge_value is not None and edge_label is not None
+        )
+        tall = 7.0 * min(max(height / width, 0.4), 1.6) + 0.3
+        ax = new_figure(7.0 + 0.9 * bars, tall).add_subplot()
 
     from matplotlib.colors import to_rgba
 
     missing = [False] * layout.num_taxels
-    if value is None:
-        colors: list[tuple[float, ...]] = [
-            to_rgba(color) for color in _segment_colors(layout, color_by)
-        ]
-    else:
+    colors: list[tuple[float, ...]] = [to_rgba(_PLAIN_COLOR)] * layout.num_taxels
+    if value is not None:
         missing = value.isnan().tolist()
         colors = value_colors(value, scale)
-    if edges is not None:
-        _draw_edges(ax, plane, edges)
+    elif edge_value is None:
+        colors = [to_rgba(color) for color in segment_colors(layout, color_by)]
+    if edge_index is not None and edge_value is None:
+        draw_edges(ax, plane, edge_index, layout)
+    elif edge_index is not None and edge_value is not None:
+        draw_edge_values(ax, plane, edge_index, edge_value, edge_scale, 1.8)
     order = depth.argsort(stable=True).tolist()
     draw_taxels(
         ax,
@@ -154,19 +178,9 @@ def plot_hand(
         _draw_names(ax, plane, diameter, layout, names)
     shown = None if value is None else scale
     finish_map(ax, corners.tolist(), 6, title, 11, shown, label)
+    if edge_value is not None and edge_label is not None:
+        draw_color_bar(ax, edge_scale, edge_label)
     return ax.figure.figure
-
-
-def _sorted_edges(edge_index: Tensor, layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:
-    # Pairs within a patch, pairs between patches, and edges without their reverse, all (n, 2).
-    num_taxels = layout.num_taxels
-    source, target = checked_edges("adjacency", edge_index, num_taxels).unique(dim=1)
-    returns = torch.isin(target * num_taxels + source, source * num_taxels + target)
-    pairs = torch.stack([source, target], dim=1)
-    both = pairs[returns & (source < target)]
-    patch = layout.segments("patch")[both]
-    within = patch[:, 0] == patch[:, 1]
-    return both[within], both[~within], pairs[~returns]
 
 
 def _taxel_places(layout: TaxelLayout, kinematics: HandKinematics, joint: Tensor | None) -> Tensor:
@@ -203,62 +217,6 @@ def _corners(plane: Tensor, pos: Tensor) -> Tensor:
     extent = max(float((high - low).max()), 2 * _spacing(pos))
     below = low.new_tensor([_MARGIN, _LOWER_MARGIN])
     return torch.stack([low - extent * below, high + extent * _MARGIN])
-
-
-def _segment_colors(
-    layout: TaxelLayout, by: Literal["patch", "digit"]
-) -> list[tuple[float, float, float]]:
-    from matplotlib.colors import to_rgb
-
-    digits = layout.segments("digit").tolist()
-    patches = layout.segments("patch").tolist()
-    base = [to_rgb(_DIGIT_COLORS[digit % len(_DIGIT_COLORS)]) for digit in digits]
-    if by == "digit":
-        return base
-    first: dict[int, list[int]] = {}
-    for digit, patch in dict.fromkeys(zip(digits, patches, strict=True)):
-        first.setdefault(digit, []).append(patch)
-    colors = []
-    for (red, green, blue), digit, patch in zip(base, digits, patches, strict=True):
-        # Towards white, with every second patch far ahead, so that neighbours differ.
-        number = first[digit].index(patch)
-        tint = 0.55 * (number % 2) + 0.3 * number / len(first[digit])
-        colors.append(
-            (red + (1 - red) * tint, green + (1 - green) * tint, blue + (1 - blue) * tint)
-        )
-    return colors
-
-
-def _draw_edges(ax: "Axes", plane: Tensor, edges: tuple[Tensor, Tensor, Tensor]) -> None:
-    from matplotlib.collections import LineCollection
-    from matplotlib.patches import FancyArrowPatch
-
-    pieces, joins, arrows = edges
-    for pairs, color, kind in (
-        (pieces, _PIECE_COLOR, "within a patch"),
-        (joins, _JOIN_COLOR, "between patches"),
-    ):
-        if len(pairs):
-            ax.add_collection(
-                LineCollection(
-                    list(plane[pairs].numpy()), colors=color, linewidths=0.7, zorder=1, label=kind
-                )
-            )
-    for i, (tail, head) in enumerate(plane[arrows].tolist()):
-        ax.add_patch(
-            FancyArrowPatch(
-                tail,
-                head,
-                arrowstyle="-|>",
-                mutation_scale=12,
-                shrinkA=0,
-                shrinkB=2,
-                color=_ONE_WAY_COLOR,
-                linewidth=1.6,
-                zorder=3,
-                label="one way only" if i == 0 else None,
-            )
-        )
 
 
 def _draw_names(

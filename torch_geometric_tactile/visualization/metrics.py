@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 from torch_geometric_tactile.visualization.figure import new_figure, plain_text
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Accuracy = tuple[float, float]
 # Okabe and Ito's colours without yellow, which is hard to see on white.
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+_DASHES = ("-", "--", "-.")
 _LOWEST = 0.4
 
 
@@ -44,13 +46,28 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
             f"'matrix' must have shape ({num_classes}, {num_classes}), one row per class name "
             f"(got {counts.shape})"
         )
-    if not (np.isfinite(counts) & (counts >= 0) & (counts == np.round(counts))).all():
-        raise ValueError("'matrix' must hold counts (got negative or broken numbers)")
-    total = counts.sum(axis=1, keepdims=True)
-    share = counts / np.maximum(total, 1)
+    _check_counts("matrix", counts)
     side = max(3.2, 1.0 * num_classes + 0.6)
     figure = new_figure(side + 1.0, side + 0.8)
     ax = figure.add_subplot()
+    _draw_counts(ax, counts)
+    names = [_wrapped(name.replace("_", " "), 12) for name in class_names]
+    ax.set_xticks(range(num_classes), names, fontsize=10)
+    ax.set_yticks(range(num_classes), names, fontsize=10)
+    ax.set_xlabel("predicted class", fontsize=10)
+    ax.set_ylabel("true class", fontsize=10)
+    ax.set_title(_wrapped(title, int(side * 11)), fontsize=11)
+    return figure
+
+
+def _check_counts(name: str, counts: np.ndarray) -> None:
+    if not (np.isfinite(counts) & (counts >= 0) & (counts == np.round(counts))).all():
+        raise ValueError(f"'{name}' must hold counts (got negative or broken numbers)")
+
+
+def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
+    total = counts.sum(axis=1, keepdims=True)
+    share = counts / np.maximum(total, 1)
     ax.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0)
     for (row, column), count in np.ndenumerate(counts):
         percent = f"{100 * share[row, column]:.1f} %" if total[row, 0] else "-"
@@ -64,23 +81,66 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
             linespacing=1.4,
             color="white" if share[row, column] > 0.55 else "black",
         )
-    names = [_wrapped(name, 14) for name in class_names]
-    ax.set_xticks(range(num_classes), names, fontsize=10)
-    ax.set_yticks(range(num_classes), names, fontsize=10)
-    ax.set_xlabel("predicted class", fontsize=10)
-    ax.set_ylabel("true class", fontsize=10)
     ax.tick_params(length=0)
-    ax.set_title(_wrapped(title, int(side * 11)), fontsize=11)
+
+
+def plot_label_confusions(
+    matrices: ArrayLike, label_names: Sequence[str], title: str, columns: int = 3
+) -> "Figure":
+    r"""Draws the confusion of each label with its absence, where a sample may have several labels.
+
+    Args:
+        matrices (array): Counts, for each label :obj:`[[true negative, false positive], [false
+            negative, true positive]]`.
+        label_names (sequence of str): Names of the :math:`C` labels.
+        title (str): Title of the picture.
+        columns (int): How many labels stand side by side at most.
+
+    Shapes:
+        - **matrices:** :math:`(C, 2, 2)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If :obj:`matrices` has another shape or holds anything but counts, or
+            :obj:`columns` is below one.
+    """
+    counts = np.asarray(matrices)
+    num_labels = len(label_names)
+    if counts.shape != (num_labels, 2, 2) or num_labels == 0:
+        raise ValueError(
+            f"'matrices' must have shape ({num_labels}, 2, 2), one for each label name "
+            f"(got {counts.shape})"
+        )
+    _check_counts("matrices", counts)
+    if columns < 1:
+        raise ValueError(f"'columns' must be at least 1 (got {columns})")
+    columns = min(columns, num_labels)
+    rows = ceil(num_labels / columns)
+    figure = new_figure(2.9 * columns + 0.2, 3.1 * rows + 0.5)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax, name, count in zip(axes.flat, label_names, counts, strict=False):
+        _draw_counts(ax, count)
+        ax.set_xticks((0, 1), ("no", "yes"), fontsize=10)
+        ax.set_yticks((0, 1), ("no", "yes"), fontsize=10)
+        ax.set_xlabel("predicted", fontsize=9)
+        ax.set_ylabel("true", fontsize=9)
+        ax.set_title(_wrapped(name, 26), fontsize=11)
+    for ax in axes.flat[num_labels:]:
+        ax.set_visible(False)
+    figure.suptitle(_wrapped(title, 30 * columns), fontsize=12)
     return figure
 
 
-def plot_roc(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], title: str) -> "Figure":
+def plot_roc(
+    curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], title: str, bold: str | None = None
+) -> "Figure":
     r"""Draws receiver operating characteristics and the diagonal of chance.
 
     Args:
         curves (Mapping of str to tuple): False positive rates, true positive rates and the area
-            under the curve, for each model.
+            under the curve, for each model, class or label.
         title (str): Title of the picture.
+        bold (str, optional): Name of the curve to draw black and thick, such as a mean.
 
     Shapes:
         - **false positive rates, true positive rates:** :math:`(P,)`
@@ -91,6 +151,8 @@ def plot_roc(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], title: st
     """
     if not curves:
         raise ValueError("'curves' must hold at least one model (got none)")
+    if bold is not None and bold not in curves:
+        raise ValueError(f"'bold' must be the name of a curve (got '{bold}')")
     rates = {}
     for name, (fpr, tpr, _) in curves.items():
         rate = np.asarray(fpr, dtype=float), np.asarray(tpr, dtype=float)
@@ -102,15 +164,19 @@ def plot_roc(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], title: st
         if not all(((part >= 0) & (part <= 1)).all() for part in rate):
             raise ValueError(f"'curves' must hold rates from 0 to 1 (got others for '{name}')")
         rates[name] = rate
-    figure = new_figure(6.8, 4.6)
-    ax = figure.add_subplot()
-    handles = [
-        ax.plot(*rate, color=_COLORS[i % len(_COLORS)], linestyle=_dash(i), linewidth=1.6)[0]
-        for i, rate in enumerate(rates.values())
-    ]
-    handles += ax.plot([0, 1], [0, 1], color="#808080", linestyle=":", linewidth=1.2)
     labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
     labels.append("chance (AUC 0.500)")
+    figure = new_figure(5.3 + 0.085 * max(len(label) for label in labels), 4.6)
+    ax = figure.add_subplot()
+    palette = _COLORS if bold is None else _COLORS[:-1]
+    handles = []
+    for i, (name, rate) in enumerate(rates.items()):
+        color, dash = palette[i % len(palette)], _DASHES[i // len(palette) % len(_DASHES)]
+        if name == bold:  # below the others, which it would hide
+            handles += ax.plot(*rate, color="black", linewidth=3.0, zorder=1.9)
+        else:
+            handles += ax.plot(*rate, color=color, linestyle=dash, linewidth=1.6)
+    handles += ax.plot([0, 1], [0, 1], color="#808080", linestyle=":", linewidth=1.2)
     ax.set_xlim(-0.01, 1.01)
     ax.set_ylim(-0.01, 1.01)
     ax.set_aspect("equal")
@@ -216,7 +282,3 @@ def plot_protocols(
 
 def _wrapped(text: str, width: int) -> str:
     return plain_text("\n".join(textwrap.wrap(text, width)))
-
-
-def _dash(index: int) -> str:
-    return ("-", "--", "-.")[index // len(_COLORS) % 3]

@@ -177,6 +177,17 @@ def finish_map(
     if title is not None:
         ax.set_title(plain_text(title), fontsize=title_size)
     if scale is not None and label is not None:
-        bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
-        bar.set_label(plain_text(label), fontsize=9)
-        bar.ax.tick_params(labelsize=8)
+        draw_color_bar(ax, scale, label)
+
+
+def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
+    r"""Draws a colour bar beside a map.
+
+    Args:
+        ax (matplotlib.axes.Axes): The map.
+        scale (matplotlib.cm.ScalarMappable): What the colours mean.
+        label (str): What stands beside the bar.
+    """
+    bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
+    bar.set_label(plain_text(label), fontsize=9)
+    bar.ax.tick_params(labelsize=8)

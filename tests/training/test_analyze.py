@@ -1,0 +1,150 @@
+import pytest
+import torch
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.nn.models import MTGCN
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training import TactileClassifier, TactileDataModule, analysis_sections
+from torch_geometric_tactile.training.analyze import analyze
+
+NODE = torch.arange(16)
+# Four patches of two digits, on two links of an Allegro hand; a ring of edges in both directions.
+LAYOUT = TaxelLayout(
+    "two_digits",
+    pos=torch.stack([NODE % 4, NODE // 4, 0 * NODE], dim=1) * 0.005,
+    link=NODE // 8,
+    patch=NODE // 4,
+    digit=NODE // 8,
+    link_names=("link_1", "link_5"),
+    patch_names=("a_1", "a_2", "b_1", "b_2"),
+    digit_names=("a", "b"),
+)
+EDGES = torch.stack([torch.cat([NODE, (NODE + 1) % 16]), torch.cat([(NODE + 1) % 16, NODE])])
+
+
+class Grasps(StaticDataset):
+    """Label 0 stands in the readings of patch b_2, label 1 nowhere."""
+
+    def __init__(self, task="multilabel"):
+        self.layout = LAYOUT
+        self.task = task
+        super().__init__()
+
+    def read(self):
+        generator = torch.Generator().manual_seed(0)
+        y = torch.randint(2, (80, 2), generator=generator)
+        x = torch.randn(80, 16, 3, generator=generator)
+        x[:, 12:] += 4 * y[:, :1, None] - 2
+        data = StaticData(
+            x=x,
+            edge_index=EDGES,
+            edge_attr=torch.randn(80, 32, 4, generator=generator),
+            y=y.float() if self.task == "multilabel" else y[:, 0],
+        )
+        return data, {"class": ["pressed_hard", "other"]}
+
+
+def subject(task="multilabel", inputs=("tactile", "edge")):
+    torch.manual_seed(0)
+    model = MTGCN(16, 2, inputs, num_edges=32, head_widths=(16,), head_pools=(2,))
+    data = TactileDataModule(Grasps(task), Grasps(task), split="frame", val=0.0)
+    data.setup()
+    classifier = TactileClassifier(model, task=task, num_classes=2)
+    optimizer = torch.optim.Adam(model.parameters(), 0.01)
+    batch = data.dataset.data
+    for _ in range(30):
+        optimizer.zero_grad()
+        classifier.loss(classifier(batch), batch.y).backward()
+        optimizer.step()
+    return classifier, data
+
+
+@pytest.fixture
+def only_tsne(monkeypatch):
+    monkeypatch.setattr(analysis_sections, "_PLACES", (("tsne", 2),))
+
+
+@pytest.fixture
+def no_pictures(only_tsne, monkeypatch):
+    monkeypatch.setattr(analysis_sections, "save_figure", lambda figure, path: None)
+
+
+@pytest.mark.parametrize("task", ["multilabel", "multiclass"])
+def test_page_says_what_was_learnt(only_tsne, tmp_path, task):
+    classifier, data = subject(task)
+    before = {name: value.clone() for name, value in classifier.state_dict().items()}
+    page = analyze(classifier, data, tmp_path, {"Model": "small"}, frames=40)
+    text = page.read_text()
+    pictures = sorted(path.name for path in tmp_path.glob("*.png"))
+    expected = ["attribution", "confusion", "encoder_map", "occlusion", "roc", "tsne_2d"]
+    assert pictures == [f"{name}.png" for name in expected]
+    assert all(f"]({name})" in text for name in pictures)
+    assert "- Model: small" in text
+    assert "80 frames; 40 of them" in text
+    assert "| between patches | 8 of 32 |" in text
+    assert "| between links | 4 of 32 |" in text
+    assert "does not say; split by frame, split seed 0" in text
+    (row,) = [line for line in text.splitlines() if line.startswith("| pressed hard |")]
+    if task == "multilabel":  # of two classes, each logit may rest on anything
+        assert row.split("|")[3].strip().startswith("b_2 (+")
+    after = classifier.state_dict()
+    assert all(after[name].equal(value) for name, value in before.items())
+    assert classifier.training
+
+
+def test_same_seed_writes_the_same_page(no_pictures, tmp_path):
+    classifier, data = subject()
+    pages = [analyze(classifier, data, tmp_path / str(i), frames=20) for i in range(2)]
+    assert pages[0].read_text() == pages[1].read_text()
+
+
+def test_what_a_model_lacks_is_left_out(no_pictures, tmp_path):
+    text = analyze(*subject(inputs=("edge",)), tmp_path, frames=20).read_text()
+    assert "this model sees no readings" in text
+    text = analyze(*subject(inputs=("tactile",)), tmp_path, frames=20).read_text()
+    assert "this model has no dense edge encoder" in text
+
+
+def test_bad_input_is_named(tmp_path, capsys):
+    classifier, data = subject()
+    with pytest.raises(ValueError, match=r"'frames' must be at least 2 \(got 1\)"):
+        analyze(classifier, data, tmp_path, frames=1)
+    assert main(["analyze", str(tmp_path / "a.ckpt"), "--out", str(tmp_path)]) == 1
+    assert "there is no checkpoint" in capsys.readouterr().err
+    (tmp_path / "a.ckpt").touch()
+    assert main(["analyze", str(tmp_path / "a.ckpt"), "--out", str(tmp_path)]) == 1
+    assert "give '--config'" in capsys.readouterr().err
+
+
+CONFIG = """
+model:
+  model: {class_path: torch_geometric_tactile.nn.models.GraspGCN}
+data:
+  dataset: &fake
+    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
+    init_args:
+      num_samples: 100
+      pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
+  test_dataset: *fake
+  transform: {class_path: torch_geometric_tactile.transforms.SessionZScore}
+trainer: {max_epochs: 2, accelerator: cpu, devices: 1, enable_progress_bar: false}
+"""
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grasp.yaml").write_text(CONFIG)
+    assert main(["fit", "--config", "grasp.yaml"]) == 0
+    capsys.readouterr()
+    checkpoint = "runs/grasp/version_0/checkpoints/last.ckpt"
+    assert main(["analyze", checkpoint, "--out", "out", "--frames", "10"]) == 0
+    assert "out/analysis.md" in capsys.readouterr().out
+    text = (tmp_path / "out/analysis.md").read_text()
+    assert "`last.ckpt`, after 2 epochs" in text
+    assert "`GraspGCN(24, 1, 64, 2, fusion='data', num_fingers=3)`" in text
+    assert "the layout is of another" in text

@@ -1,0 +1,248 @@
+r"""Which taxels and patches a prediction rests on."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import Module
+from torch_geometric.data import Batch, Data
+from torch_geometric.explain import Explainer, ExplainerAlgorithm, Explanation
+from torch_geometric.explain.config import MaskType, ModelMode, ModelReturnType
+
+from torch_geometric_tactile.data import StaticData
+
+
+class IntegratedGradients(ExplainerAlgorithm):
+    r"""An explainer algorithm for :class:`torch_geometric.explain.Explainer` that needs nothing but
+    gradients: the method of the `"Axiomatic Attribution for Deep Networks"
+    <https://arxiv.org/abs/1703.01365>`_ paper.
+
+    .. math::
+        a = (\mathbf{x} - \mathbf{b}) \odot \int_0^1
+        \nabla f(\mathbf{b} + t (\mathbf{x} - \mathbf{b})) \, \mathrm{d}t
+
+    The scores add up to :math:`f(\mathbf{x}) - f(\mathbf{b})` where the integral is exact. Edges
+    and all other inputs stay as they are. It explains raw outputs and log-probabilities; the
+    :obj:`node_mask_type` may be :obj:`"attributes"` or :obj:`"object"`, and edges have no mask.
+
+    Args:
+        num_steps (int): Number of points at which the gradient is taken (midpoint rule).
+        baseline (torch.Tensor, optional): The input :math:`\mathbf{b}` to compare with, of the
+            shape of :obj:`x`; zero if left out, which is the mean reading after
+            :class:`~torch_geometric_tactile.transforms.ZScore`.
+
+    Raises:
+        ValueError: If :obj:`num_steps` is below one, or :obj:`baseline` has another shape than
+            :obj:`x`.
+    """
+
+    def __init__(self, num_steps: int = 16, baseline: Tensor | None = None) -> None:
+        super().__init__()
+        if num_steps < 1:
+            raise ValueError(f"'num_steps' must be at least 1 (got {num_steps})")
+        self.num_steps = num_steps
+        self.baseline = baseline
+
+    def forward(
+        self,
+        model: Module,
+        x: Tensor,
+        edge_index: Tensor,
+        *,
+        target: Tensor,
+        index: int | Tensor | None = None,
+        **kwargs: Any,
+    ) -> Explanation:
+        r"""Explains the outputs of a model.
+
+        Args:
+            model (torch.nn.Module): The model.
+            x (torch.Tensor): Node features.
+            edge_index (torch.Tensor): Edges.
+            target (torch.Tensor): The classes to explain, where the model names one of several.
+            index (int or torch.Tensor, optional): Rows of the output to explain.
+            **kwargs: Further arguments of the model.
+        """
+        baseline = torch.zeros_like(x) if self.baseline is None else self.baseline.to(x)
+        if baseline.shape != x.shape:
+            raise ValueError(
+                f"'baseline' must have the shape of 'x', {tuple(x.shape)} "
+                f"(got {tuple(baseline.shape)})"
+            )
+        difference = (x - baseline).detach()
+        total = torch.zeros_like(difference)
+        for step in range(self.num_steps):
+            share = (step + 0.5) / self.num_steps
+            point = (baseline + share * difference).detach().requires_grad_()
+            with torch.enable_grad():
+                out = self._explained(model(point, edge_index, **kwargs), target, index)
+            if out.requires_grad:  # it does not if the model looks at other inputs only
+                (gradient,) = torch.autograd.grad(out, point, allow_unused=True)
+                total += torch.zeros_like(point) if gradient is None else gradient
+        score = difference * total / self.num_steps
+        if self.explainer_config.node_mask_type == MaskType.object:
+            score = score.sum(dim=-1, keepdim=True)
+        return Explanation(node_mask=score)
+
+    def _explained(self, out: Tensor, target: Tensor, index: int | Tensor | None) -> Tensor:
+        if self.model_config.mode == ModelMode.multiclass_classification:
+            out = out.gather(1, target.view(-1, 1))
+        return out.sum() if index is None else out[index].sum()
+
+    def supports(self) -> bool:
+        r"""Tells whether the settings of the explainer can be followed."""
+        masks, model = self.explainer_config, self.model_config
+        return (
+            masks.edge_mask_type is None
+            and masks.node_mask_type in (MaskType.attributes, MaskType.object)
+            and model.mode in (ModelMode.regression, ModelMode.multiclass_classification)
+            and model.return_type in (ModelReturnType.raw, ModelReturnType.log_probs)
+        )
+
+
+def taxel_attribution(
+    model: Module,
+    batch: Data,
+    target: int | Tensor,
+    *,
+    algorithm: ExplainerAlgorithm | None = None,
+    per_sample: bool = False,
+) -> Tensor:
+    r"""Returns how much the reading of each taxel adds to the logit of a class or label, through
+    :class:`torch_geometric.explain.Explainer`.
+
+    With :class:`IntegratedGradients`, the scores of a sample add up to its logit less that of the
+    baseline. Only readings :obj:`x` are explained; the model's other inputs, such as joint angles,
+    stay as they are. Nothing is scaled: a score is in units of the logit.
+
+    Args:
+        model (torch.nn.Module): Called as :obj:`model(x, edge_index, ...)` with those attributes of
+            the batch that :obj:`model.modalities` names; returns logits :math:`(B, C)`.
+        batch (Data): Samples as :class:`~torch_geometric_tactile.data.StaticData`, one
+            :class:`~torch_geometric.data.Data` or PyG's :class:`~torch_geometric.data.Batch`.
+        target (int or torch.Tensor): The class or label to explain, for all samples or for each
+            :math:`(B,)`.
+        algorithm (ExplainerAlgorithm, optional): Another algorithm of PyG that masks node features,
+            such as :class:`~torch_geometric.explain.GNNExplainer` or
+            :class:`~torch_geometric.explain.CaptumExplainer`; :class:`IntegratedGradients` if left
+            out.
+        per_sample (bool): Whether to return the scores of each sample instead of their mean.
+
+    Shapes:
+        - **output:** :math:`(N,)`, or :math:`(B, N)` sample by sample
+
+    Raises:
+        ValueError: If :obj:`batch` lacks what the model takes or holds no sample, or
+            :obj:`target` does not fit.
+    """
+    samples = _Samples(model, batch, target)
+    explainer = Explainer(
+        samples,
+        IntegratedGradients() if algorithm is None else algorithm,
+        explanation_type="model",
+        node_mask_type="attributes",
+        model_config={"mode": "regression", "task_level": "graph", "return_type": "raw"},
+    )
+    x = samples.x.detach()
+    # PyG's masks have two dimensions, so the samples stand one below the other.
+    mask = explainer(x.reshape(-1, x.size(-1)), batch.edge_index).node_mask
+    score = mask.detach().view(samples.num_samples, samples.num_nodes, -1).sum(dim=-1)
+    return score if per_sample else score.mean(dim=0)
+
+
+def patch_occlusion(
+    model: Module,
+    batch: Data,
+    target: int | Tensor,
+    segment: Tensor,
+    *,
+    reference: Tensor | None = None,
+    per_sample: bool = False,
+) -> Tensor:
+    r"""Returns how much the logit of a class or label drops when the readings of a patch give way
+    to their mean: a check of :func:`taxel_attribution` that needs no gradients.
+
+    Patches that say the same do not show here, since the others remain. A mean is smoother than any
+    reading, so that a patch of pure noise may count by its size.
+
+    Args:
+        model (torch.nn.Module): As of :func:`taxel_attribution`.
+        batch (Data): As of :func:`taxel_attribution`.
+        target (int or torch.Tensor): The class or label, for all samples or for each :math:`(B,)`.
+        segment (torch.Tensor): The patch of each taxel.
+        reference (torch.Tensor, optional): The readings to put in place; their mean over the
+            samples of the batch if left out.
+        per_sample (bool): Whether to return the drops of each sample instead of their mean.
+
+    Shapes:
+        - **segment:** :math:`(N,)`
+        - **reference:** :math:`(N, F)`
+        - **output:** one drop for each of the :math:`S` patches :math:`(S,)`, or :math:`(B, S)`
+          sample by sample
+
+    Raises:
+        ValueError: If :obj:`segment` or :obj:`reference` does not fit, :obj:`reference` is missing
+            where there is one sample, or as :func:`taxel_attribution`.
+    """
+    samples = _Samples(model, batch, target)
+    x = samples.x.detach()
+    shape = (samples.num_samples, samples.num_nodes, x.size(-1))
+    if segment.shape != shape[1:2]:
+        raise ValueError(f"'segment' must have shape ({shape[1]},) (got {tuple(segment.shape)})")
+    if reference is None:
+        if shape[0] == 1:
+            raise ValueError("'reference' must be given for a single sample (its mean is itself)")
+        reference = x.view(shape).mean(dim=0)
+    if reference.shape != shape[1:]:
+        raise ValueError(f"'reference' must have shape {shape[1:]} (got {tuple(reference.shape)})")
+    segment = segment.to(x.device)
+    training = samples.training
+    samples.eval()
+    with torch.no_grad():
+        logit = samples(x, batch.edge_index)
+        drops = []
+        for i in range(int(segment.max()) + 1):
+            hidden = torch.where((segment == i).view(-1, 1), reference.to(x), x.view(shape))
+            drops.append(logit - samples(hidden, batch.edge_index))
+    samples.train(training)
+    drop = torch.stack(drops, dim=1)
+    return drop if per_sample else drop.mean(dim=0)
+
+
+class _Samples(Module):
+    # The model on the samples of one batch, as a function of their readings in any shape; returns
+    # the logit of the target of each.
+    def __init__(self, model: Module, batch: Data, target: int | Tensor) -> None:
+        super().__init__()
+        names = tuple(getattr(model, "modalities", ()))
+        missing = [name for name in ("x", "edge_index", *names) if batch.get(name) is None]
+        if missing:
+            raise ValueError(f"'batch' must have '{missing[0]}', which the model takes (got none)")
+        self.model = model
+        self.training = model.training  # or the explainer would leave the model in training mode
+        self.x = batch.x
+        if isinstance(batch, StaticData):
+            self.num_samples = batch.num_samples
+        else:
+            self.num_samples = batch.num_graphs if isinstance(batch, Batch) else 1
+        if batch.x.numel() == 0:
+            raise ValueError(f"'batch' must hold samples (got 'x' of {tuple(batch.x.shape)})")
+        self.num_nodes = batch.x.numel() // batch.x.size(-1) // self.num_samples
+        self.inputs = {name: batch[name] for name in names}
+        target = torch.as_tensor(target, device=batch.x.device)
+        if target.dtype != torch.long or target.shape not in ((), (self.num_samples,)):
+            raise ValueError(
+                f"'target' must be an integer, or integers of shape ({self.num_samples},) "
+                f"(got {target.dtype} of shape {tuple(target.shape)})"
+            )
+        self.target = target.expand(self.num_samples)
+
+    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
+        logits = self.model(x.view(self.x.shape), edge_index, **self.inputs)
+        if int(self.target.min()) < 0 or int(self.target.max()) >= logits.size(-1):
+            raise ValueError(
+                f"'target' must be between 0 and {logits.size(-1) - 1} "
+                f"(got {int(self.target.min())} to {int(self.target.max())})"
+            )
+        chosen: Tensor = logits.gather(1, self.target.view(-1, 1)).view(-1)
+        return chosen

@@ -1,0 +1,246 @@
+r"""What the dense encoder of edge features has learnt of each edge."""
+
+import copy
+from typing import NamedTuple
+
+import torch
+from sklearn.decomposition import PCA
+from sklearn.metrics import roc_auc_score
+from torch import Tensor
+from torch.nn import Module
+
+
+class EdgeSeparation(NamedTuple):
+    r"""How well a value tells edges between segments from those within one.
+
+    Args:
+        auc (float): Probability that an edge between segments has the larger value, with half of
+            the ties: 0.5 is chance, 1 is above all others, 0 below all others.
+        between_mean (float): Mean value of the edges between segments.
+        within_mean (float): Mean value of the edges within a segment.
+        num_between (int): Number of edges between segments.
+        num_within (int): Number of edges within a segment.
+    """
+
+    auc: float
+    between_mean: float
+    within_mean: float
+    num_between: int
+    num_within: int
+
+
+def encoder_blocks(
+    weight: Tensor | Module,
+    num_nodes: int | None = None,
+    num_edges: int | None = None,
+    edge_dim: int = 4,
+    out_channels: int = 4,
+) -> Tensor:
+    r"""Returns how strongly each edge acts on each node in a dense encoder of edge features: the
+    mean absolute value of the weights between its features and the features of the node.
+
+    Args:
+        weight (torch.Tensor or torch.nn.Module): The weight, with node after node along the rows
+            and edge after edge along the columns; or an encoder that has it as :obj:`lin.weight`.
+        num_nodes (int, optional): The number of taxels :math:`N` that the weight must have.
+        num_edges (int, optional): The number of edges :math:`|\mathcal{E}|` that it must have.
+        edge_dim (int): Number of features of an edge :math:`D`.
+        out_channels (int): Number of features of a node :math:`C`.
+
+    Shapes:
+        - **weight:** :math:`(N \cdot C, |\mathcal{E}| \cdot D)`
+        - **output:** :math:`(|\mathcal{E}|, N)`, as double
+
+    Raises:
+        ValueError: If there is no weight, or it has another shape.
+
+    Examples:
+        >>> encoder_blocks(torch.tensor([[1.0, -3.0, 0.0, 4.0]]), edge_dim=2, out_channels=1)
+        tensor([[2.],
+                [2.]], dtype=torch.float64)
+    """
+    weight = _weight(weight).detach().cpu().double()
+    for name, size in (("edge_dim", edge_dim), ("out_channels", out_channels)):
+        if size < 1:
+            raise ValueError(f"'{name}' must be at least 1 (got {size})")
+    rows = None if num_nodes is None else num_nodes * out_channels
+    columns = None if num_edges is None else num_edges * edge_dim
+    if (
+        weight.dim() != 2
+        or weight.numel() == 0
+        or weight.size(0) % out_channels
+        or weight.size(1) % edge_dim
+        or rows not in (None, weight.size(0))
+        or columns not in (None, weight.size(1))
+    ):
+        raise ValueError(
+            f"'weight' must have shape ({rows or f'num_nodes * {out_channels}'}, "
+            f"{columns or f'num_edges * {edge_dim}'}) (got {tuple(weight.shape)})"
+        )
+    blocks = weight.view(weight.size(0) // out_channels, out_channels, -1, edge_dim)
+    return blocks.abs().mean(dim=(1, 3)).t().contiguous()
+
+
+def encoder_map(
+    weight: Tensor | Module,
+    num_nodes: int | None = None,
+    num_edges: int | None = None,
+    edge_dim: int = 4,
+    out_channels: int = 4,
+) -> Tensor:
+    r"""The map of edges in fig. 7 of the "Tactile Object Property Recognition using Geometrical
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: one value for each
+    edge, the first principal component of :func:`encoder_blocks`, where an edge is a sample and a
+    node is a variable.
+
+    The sign of a principal component means nothing. Here it is such that the component rises with
+    an edge's mean absolute weight over all nodes (their correlation is not negative), so that a
+    larger value means an edge with larger weights. The paper does not say which sign it took, so
+    that its red and blue may be swapped from one of its maps to the other.
+
+    Args:
+        weight (torch.Tensor or torch.nn.Module): As of :func:`encoder_blocks`.
+        num_nodes (int, optional): The number of taxels :math:`N` that the weight must have.
+        num_edges (int, optional): The number of edges :math:`|\mathcal{E}|` that it must have.
+        edge_dim (int): Number of features of an edge.
+        out_channels (int): Number of features of a node.
+
+    Shapes:
+        - **weight:** :math:`(N \cdot C, |\mathcal{E}| \cdot D)`
+        - **output:** :math:`(|\mathcal{E}|,)`, with mean zero
+
+    Raises:
+        ValueError: If there is no weight, it has another shape, or there are fewer than two edges.
+
+    Examples:
+        >>> weight = torch.tensor([[1.0, -2.0, 6.0]])  # one node, three edges
+        >>> encoder_map(weight, edge_dim=1, out_channels=1)
+        tensor([-2., -1.,  3.])
+    """
+    blocks = encoder_blocks(weight, num_nodes, num_edges, edge_dim, out_channels)
+    if len(blocks) < 2:
+        raise ValueError(f"'weight' must be of at least two edges (got {len(blocks)})")
+    if not blocks.isfinite().all():
+        raise ValueError("'weight' must hold finite numbers only (got NaN or infinity)")
+    # Centred here, since scikit-learn divides by the variance, which may be zero.
+    centred = blocks - blocks.mean(dim=0)
+    if not centred.any():
+        return torch.zeros(len(blocks))
+    component = PCA(n_components=1, svd_solver="full").fit_transform(centred.numpy())
+    value = torch.from_numpy(component).view(-1)
+    sign = -1.0 if float(value @ centred.mean(dim=1)) < 0 else 1.0
+    return (sign * value).float()
+
+
+def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeSeparation:
+    r"""Measures how far a value of edges tells those between segments from those within one.
+
+    With patches as segments it is what the paper reads from its map. To learn whether it was
+    learnt, compare with :func:`untrained_separation` and with the lengths of the edges
+    (:obj:`edge_attr[:, 0]`), since a longer edge draws larger gradients.
+
+    Args:
+        value (torch.Tensor): One value for each edge.
+        edge_index (torch.Tensor): The edges.
+        segment (torch.Tensor): The segment of each taxel, such as
+            :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`;
+            with :obj:`layout.link`, the edges between segments are those across a joint.
+
+    Shapes:
+        - **value:** :math:`(|\mathcal{E}|,)`
+        - **edge_index:** :math:`(2, |\mathcal{E}|)`
+        - **segment:** :math:`(N,)`
+
+    Raises:
+        ValueError: If a shape does not fit, a value is not finite, or all edges are of one kind.
+
+    Examples:
+        >>> edge_index = torch.tensor([[0, 1, 1], [1, 0, 2]])
+        >>> edge_separation(torch.tensor([0.1, 0.2, 0.9]), edge_index, torch.tensor([0, 0, 1])).auc
+        1.0
+    """
+    value = value.detach().cpu().double()
+    edge_index, segment = edge_index.detach().cpu(), segment.detach().cpu()
+    if edge_index.dim() != 2 or edge_index.size(0) != 2:
+        raise ValueError(
+            f"'edge_index' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
+        )
+    if value.shape != edge_index.shape[1:]:
+        raise ValueError(
+            f"'value' must have shape ({edge_index.size(1)},), one for each edge "
+            f"(got {tuple(value.shape)})"
+        )
+    if not value.isfinite().all():
+        raise ValueError("'value' must hold finite numbers only (got NaN or infinity)")
+    if segment.dim() != 1 or (edge_index.numel() and int(edge_index.max()) >= len(segment)):
+        raise ValueError(
+            "'segment' must have shape (num_nodes,), one for each node of 'edge_index' "
+            f"(got {tuple(segment.shape)})"
+        )
+    between = segment[edge_index[0]] != segment[edge_index[1]]
+    if between.all() or not between.any():
+        raise ValueError(
+            "'segment' must leave edges within and between segments "
+            f"(got {int(between.sum())} of {len(between)} between)"
+        )
+    return EdgeSeparation(
+        auc=float(roc_auc_score(between.numpy(), value.numpy())),
+        between_mean=float(value[between].mean()),
+        within_mean=float(value[~between].mean()),
+        num_between=int(between.sum()),
+        num_within=int((~between).sum()),
+    )
+
+
+def untrained_separation(
+    encoder: Module,
+    edge_index: Tensor,
+    segment: Tensor,
+    num_seeds: int = 5,
+    edge_dim: int = 4,
+    out_channels: int = 4,
+) -> Tensor:
+    r"""Returns the AUC of :func:`edge_separation` for copies of an encoder with new random weights:
+    what the map of a trained encoder must differ from before it says anything.
+
+    Args:
+        encoder (torch.nn.Module): The encoder, with :obj:`lin.weight` and
+            :obj:`reset_parameters`; it is left as it is, and so is the global random generator.
+        edge_index (torch.Tensor): The edges :math:`(2, |\mathcal{E}|)`.
+        segment (torch.Tensor): The segment of each taxel :math:`(N,)`.
+        num_seeds (int): Number of copies; their seeds are 0, 1, 2 and so on.
+        edge_dim (int): Number of features of an edge.
+        out_channels (int): Number of features of a node.
+
+    Shapes:
+        - **output:** :math:`(S,)` for :math:`S` seeds
+
+    Raises:
+        ValueError: If :obj:`num_seeds` is below one, or as :func:`encoder_map` and
+            :func:`edge_separation`.
+    """
+    if num_seeds < 1:
+        raise ValueError(f"'num_seeds' must be at least 1 (got {num_seeds})")
+    fresh = copy.deepcopy(encoder).cpu()
+    aucs = []
+    for seed in range(num_seeds):
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            fresh.reset_parameters()  # type: ignore[operator]
+        value = encoder_map(
+            fresh, len(segment), edge_index.size(1), edge_dim=edge_dim, out_channels=out_channels
+        )
+        aucs.append(edge_separation(value, edge_index, segment).auc)
+    return torch.tensor(aucs)
+
+
+def _weight(weight: Tensor | Module) -> Tensor:
+    if isinstance(weight, Tensor):
+        return weight
+    found = getattr(getattr(weight, "lin", None), "weight", None)
+    if not isinstance(found, Tensor):
+        raise ValueError(
+            "'weight' must be a tensor or an encoder with 'lin.weight' "
+            f"(got {type(weight).__name__})"
+        )
+    return found

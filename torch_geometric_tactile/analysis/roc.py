@@ -1,0 +1,85 @@
+r"""Receiver operating characteristics of many classes or labels."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.metrics import roc_auc_score, roc_curve
+from torch import Tensor
+
+MACRO = "mean of all"
+
+
+class RocCurve(NamedTuple):
+    r"""A receiver operating characteristic, as
+    :func:`~torch_geometric_tactile.visualization.plot_roc` draws it.
+
+    Args:
+        fpr (numpy.ndarray): False positive rates :math:`(P,)`, rising.
+        tpr (numpy.ndarray): True positive rates :math:`(P,)`.
+        auc (float): Area under the curve.
+    """
+
+    fpr: np.ndarray
+    tpr: np.ndarray
+    auc: float
+
+
+def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocCurve]:
+    r"""Returns the curve of each class against all others, or of each label, and their mean.
+
+    The last one, :obj:`"mean of all"`, has the mean true positive rate at each false positive rate,
+    and the mean of the areas (the macro average). A class that no sample or every sample has has no
+    curve and is left out.
+
+    Args:
+        y (torch.Tensor): The true classes, or 0 or 1 for each label.
+        score (torch.Tensor): The more, the more likely: logits or probabilities.
+        names (sequence of str): Names of the :math:`C` classes or labels.
+
+    Shapes:
+        - **y:** classes :math:`(S,)` or labels :math:`(S, C)`
+        - **score:** :math:`(S, C)`
+
+    Raises:
+        ValueError: If a shape does not fit, a score is not finite, two names are alike, or no class
+            has samples of both kinds.
+
+    Examples:
+        >>> import torch
+        >>> score = torch.tensor([[0.9, 0.1], [0.2, 0.8], [0.6, 0.4]])
+        >>> curves = roc_curves(torch.tensor([0, 1, 0]), score, ["cup", "ball"])
+        >>> {name: curve.auc for name, curve in curves.items()}
+        {'cup': 1.0, 'ball': 1.0, 'mean of all': 1.0}
+    """
+    truth, scores = y.detach().cpu().numpy(), score.detach().cpu().double().numpy()
+    num_classes = len(names)
+    if scores.ndim != 2 or scores.shape[1] != num_classes:
+        raise ValueError(
+            f"'score' must have shape (num_samples, {num_classes}), as there are names "
+            f"(got {scores.shape})"
+        )
+    if truth.shape not in (scores.shape[:1], scores.shape):
+        raise ValueError(
+            f"'y' must have shape {scores.shape[:1]} or {scores.shape} (got {truth.shape})"
+        )
+    if not np.isfinite(scores).all():
+        raise ValueError("'score' must hold finite numbers only (got NaN or infinity)")
+    if len(set(names)) < num_classes or MACRO in names:
+        raise ValueError(f"'names' must differ from each other and from '{MACRO}' (got {names})")
+    if truth.ndim == 1:
+        truth = truth[:, None] == np.arange(num_classes)
+    curves = {}
+    for i, name in enumerate(names):
+        if len(np.unique(truth[:, i])) == 2:
+            fpr, tpr, _ = roc_curve(truth[:, i], scores[:, i])
+            curves[name] = RocCurve(fpr, tpr, float(roc_auc_score(truth[:, i], scores[:, i])))
+    if not curves:
+        raise ValueError("'y' must have samples with and without a class (got one kind only)")
+    grid = np.unique(np.concatenate([curve.fpr for curve in curves.values()]))
+    # Just before and at each rate: the foot and the top of what rises straight up there.
+    grid = np.stack([np.nextafter(grid, -1.0), grid], axis=1).ravel()
+    mean = np.mean([np.interp(grid, curve.fpr, curve.tpr) for curve in curves.values()], axis=0)
+    area = float(np.mean([curve.auc for curve in curves.values()]))
+    curves[MACRO] = RocCurve(np.maximum(grid, 0.0), mean, area)
+    return curves

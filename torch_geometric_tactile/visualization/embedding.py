@@ -1,0 +1,131 @@
+r"""Pictures of node features in two or three dimensions."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.segment_colors import DIGIT_COLORS, segment_colors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MARKERS = ("o", "s", "^", "D", "X", "v", "P")
+_VIEWS = ((0, 1), (0, 2), (1, 2))
+
+
+def plot_embedding(
+    places: Tensor,
+    layout: TaxelLayout,
+    kinematics: HandKinematics | None = None,
+    *,
+    color_by: Literal["patch", "digit"] = "patch",
+    axis_name: str = "component",
+    title: str | None = None,
+) -> "Figure":
+    r"""Draws each taxel where its features put it, beside a hand that tells whose colour it is, as
+    in the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
+    Multi-Thread Graph Convolutional Network" and the "Multifingered Object Recognition with Tactile
+    Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers.
+
+    Places in three dimensions are seen along each of the three axes. The axes have no numbers,
+    since neither the scale nor the direction of an embedding means anything.
+
+    Args:
+        places (torch.Tensor): Where each taxel lies.
+        layout (TaxelLayout): The layout.
+        kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
+        color_by (str): Which taxels share a colour, those of a :obj:`"patch"` (tints of its digit's
+            colour) or of a :obj:`"digit"`. Markers tell the digits apart in both.
+        axis_name (str): What the axes are called, before their number, such as :obj:`"t-SNE"`.
+        title (str, optional): Title of the picture.
+
+    Shapes:
+        - **places:** :math:`(N, 2)` or :math:`(N, 3)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If :obj:`places` does not fit the layout or is not finite, or :obj:`color_by` is
+            unknown.
+    """
+    places = torch.as_tensor(places).detach().cpu().double()
+    if places.shape not in ((layout.num_taxels, 2), (layout.num_taxels, 3)):
+        raise ValueError(
+            f"'places' must have shape ({layout.num_taxels}, 2) or ({layout.num_taxels}, 3) "
+            f"(got {tuple(places.shape)})"
+        )
+    if not places.isfinite().all():
+        raise ValueError("'places' must hold finite numbers only (got NaN or infinity)")
+    if color_by not in ("patch", "digit"):
+        raise ValueError(f"'color_by' must be 'patch' or 'digit' (got '{color_by}')")
+    views = _VIEWS[: 3 if places.size(1) == 3 else 1]
+    if len(views) == 1:
+        figure = new_figure(10.6, 5.6)
+        axes = list(figure.subplots(1, 2, width_ratios=[1.25, 1]).flat)
+        hand = axes.pop()
+    else:
+        figure = new_figure(10.4, 9.6)
+        axes = list(figure.subplots(2, 2).flat)
+        hand = axes.pop()
+    colors = segment_colors(layout, color_by)
+    for ax, (first, second) in zip(axes, views, strict=True):
+        _draw_places(ax, places[:, [first, second]], layout, colors)
+        ax.set_xlabel(plain_text(f"{axis_name} {first + 1}"), fontsize=9)
+        ax.set_ylabel(plain_text(f"{axis_name} {second + 1}"), fontsize=9)
+    plot_hand(layout, kinematics, ax=hand, color_by=color_by, names="digit")
+    hand.set_axis_off()
+    _draw_legend(figure, layout.digit_names)
+    if title is not None:
+        figure.suptitle(plain_text(title), fontsize=12)
+    return figure
+
+
+def _draw_places(
+    ax: "Axes", places: Tensor, layout: TaxelLayout, colors: list[tuple[float, float, float]]
+) -> None:
+    digit = layout.segments("digit")
+    for i in range(len(layout.digit_names)):
+        chosen = (digit == i).nonzero().view(-1).tolist()
+        x, y = places[chosen].T.tolist()
+        ax.scatter(
+            x,
+            y,
+            s=26,
+            c=[colors[k] for k in chosen],
+            marker=_MARKERS[i % len(_MARKERS)],
+            edgecolors="#303030",
+            linewidths=0.4,
+        )
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.05)
+    ax.tick_params(bottom=False, left=False, labelbottom=False, labelleft=False)
+
+
+def _draw_legend(figure: "Figure", names: Sequence[str]) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D(
+            [],
+            [],
+            linestyle="none",
+            marker=_MARKERS[i % len(_MARKERS)],
+            markerfacecolor=DIGIT_COLORS[i % len(DIGIT_COLORS)],
+            markeredgecolor="#303030",
+            markeredgewidth=0.4,
+            label=plain_text(name),
+        )
+        for i, name in enumerate(names)
+    ]
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(names),
+        fontsize=9,
+        frameon=False,
+    )

@@ -1,0 +1,99 @@
+r"""Several pictures of one hand side by side."""
+
+from collections.abc import Mapping
+from math import ceil
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.taxel_map import checked_values, value_scale
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_WIDTH, _HEIGHT = 3.8, 3.9  # inches of a hand with its title
+
+
+def plot_hand_panels(
+    layout: TaxelLayout,
+    values: Mapping[str, Tensor],
+    kinematics: HandKinematics | None = None,
+    joint: Tensor | None = None,
+    *,
+    label: str = "attribution",
+    limit: float | None = None,
+    columns: int = 4,
+    title: str | None = None,
+) -> "Figure":
+    r"""Draws a hand for each of several values of its taxels, such as the attribution of each
+    label, with one scale of colours for all: white is zero, red above and blue below.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        values (Mapping of str to torch.Tensor): The values by the title of their picture; missing
+            values (NaN) have a dashed outline.
+        kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
+        joint (torch.Tensor, optional): Joint angles in radians, as of :func:`plot_hand`.
+        label (str): What the values are, with their unit, beside the colour bar.
+        limit (float, optional): Value at the end of the colour scale, in whose colour all beyond
+            are; the largest absolute value if left out.
+        columns (int): How many pictures stand side by side at most.
+        title (str, optional): Title of all pictures.
+
+    Shapes:
+        - **values:** one per taxel :math:`(N,)`
+        - **joint:** :math:`(J,)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there are no values, they do not fit the layout, :obj:`limit` is not
+            positive, or :obj:`columns` is below one.
+    """
+    if not values:
+        raise ValueError("'values' must hold the values of at least one picture (got none)")
+    if columns < 1:
+        raise ValueError(f"'columns' must be at least 1 (got {columns})")
+    checked = {
+        name: checked_values(f"values['{name}']", value, layout.num_taxels)
+        for name, value in values.items()
+    }
+    largest = float(torch.cat(list(checked.values())).nan_to_num().abs().max()) or 1.0
+    if limit is not None and not limit > 0:
+        raise ValueError(f"'limit' must be positive (got {limit})")
+    end = largest if limit is None else limit
+    limits = (-end, end)
+    columns = min(columns, len(checked))
+    rows = ceil(len(checked) / columns)
+    figure = new_figure(_WIDTH * columns + 0.9, _HEIGHT * rows + (0.4 if title else 0.0))
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax, (name, value) in zip(axes.flat, checked.items(), strict=False):
+        plot_hand(
+            layout,
+            kinematics,
+            joint,
+            value=value,
+            ax=ax,
+            limits=limits,
+            cmap="RdBu_r",
+            label=None,
+            title=name,
+        )
+        ax.set_axis_off()
+    for ax in axes.flat[len(checked) :]:
+        ax.set_visible(False)
+    bar = figure.colorbar(
+        value_scale(None, limits, "RdBu_r"),
+        ax=axes,
+        shrink=0.8,
+        aspect=30,
+        extend="both" if largest > end else "neither",
+    )
+    bar.set_label(plain_text(label), fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    if title is not None:
+        figure.suptitle(plain_text(title), fontsize=12)
+    return figure
