@@ -165,6 +165,8 @@ def test_model_autocast(name, batch_size):
     with torch.autocast("cpu", dtype=torch.bfloat16):
         out = model(**given)
         out.float().square().sum().backward()
+        again = model(**given)
+    again.float().square().sum().backward()
     assert torch.allclose(out.float(), model(**given), atol=0.05)
     assert all(p.grad.isfinite().all() for p in model.parameters())
 

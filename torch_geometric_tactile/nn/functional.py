@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.amp import custom_bwd, custom_fwd
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
@@ -60,7 +61,9 @@ def pooled_gcn(
 
 
 class _PooledGCN(Function):
+    # In full precision under autocast as well, which would cast some of the products.
     @staticmethod
+    @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(
         ctx: Any,
         h: Tensor,
@@ -84,7 +87,8 @@ class _PooledGCN(Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
+    @custom_bwd(device_type="cpu")
+    def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:  # type: ignore[override]
         h, weight, bias, out = ctx.saved_tensors
         grad = grad.contiguous()
         block = _Block(h, weight, bias, ctx.pool, ctx.adjacency, ctx.segment)
