@@ -16,11 +16,13 @@ from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_path
 from torch_geometric_tactile.typing import PathLike
 
+_FEW = 4  # frames up to which the number of operations costs more than the work in them
 _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 _MOVING = ("revolute", "continuous")
 
 _Table = tuple[int, Tensor, Tensor | None]  # a link, and what its pose is multiplied with
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], tuple[list[_Table], Tensor | None]]
+_KeptByTaxel = tuple[TaxelLayout, tuple[torch.dtype, torch.device], tuple[Tensor, ...]]
 
 
 class LinkPose(NamedTuple):
@@ -129,6 +131,7 @@ class HandKinematics:
         self.upper = torch.tensor([float(joint.upper) for joint in moving])
         self._sort_links(moving)
         self._kept: _Kept | None = None
+        self._kept_by_taxel: _KeptByTaxel | None = None
 
     def _sort_links(self, moving: list[Joint]) -> None:
         by_child: dict[str, Joint] = {}
@@ -293,7 +296,8 @@ class HandKinematics:
         rotation = torch.eye(3).to(joint).expand(*shape, 1, 3, 3)
         translation = joint.new_zeros(*shape, 1, 3)
         for parent, column, turns, xyz in self._levels:
-            turn = torch.einsum("...jw,jwab->...jab", waves[..., column, :], turns.to(joint))
+            turns = turns.to(joint).flatten(-2)
+            turn = (waves[..., column, None, :] @ turns).view(*shape, len(column), 3, 3)
             above = rotation[..., parent, :, :]
             origin = (above @ xyz.to(joint).unsqueeze(-1)).squeeze(-1)
             rotation = torch.cat([rotation, above @ turn], dim=-3)
@@ -316,6 +320,10 @@ class HandKinematics:
         shape, num_taxels = joint.shape[:-1], layout.num_taxels
         flat = joint.reshape(-1, self.num_joints)
         with_normal = normal and layout.normal is not None
+        if len(flat) <= _FEW:
+            pos, normals = self._few_taxels(layout, flat, with_normal)
+            normals = None if normals is None else normals.view(*shape, num_taxels, 3)
+            return PosedTaxels(pos.view(*shape, num_taxels, 3), normals)
         tables, place = self._tables(layout, flat)
         parts = flat.split(_CHUNK)
         if len(parts) > 1 and not (torch.is_grad_enabled() and joint.requires_grad):
@@ -349,6 +357,32 @@ class HandKinematics:
                 f"'{missing[0]}'; its links are {', '.join(self.link_names)})"
             )
         return used
+
+    def _few_taxels(self, layout: TaxelLayout, joint: Tensor, with_normal: bool) -> PosedTaxels:
+        # Taxel by taxel: more work for the processor than the tables, but fewer operations, whose
+        # number is what a live frame waits for.
+        link, pos, normal = self._by_taxel(layout, joint)
+        rotation, translation = self._link_pose(joint)
+        turn = rotation[:, link]
+        posed = (turn * pos.unsqueeze(1)).sum(dim=-1) + translation[:, link]
+        if not with_normal:
+            return PosedTaxels(posed, None)
+        return PosedTaxels(posed, (turn * normal.unsqueeze(1)).sum(dim=-1))
+
+    def _by_taxel(self, layout: TaxelLayout, like: Tensor) -> tuple[Tensor, ...]:
+        kept = self._kept_by_taxel
+        if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
+            names = self.require_links(layout)
+            assert layout.link is not None
+            number = torch.zeros(len(layout.link_names), dtype=torch.long)
+            for name in names:
+                number[layout.link_names.index(name)] = self.link_names.index(name)
+            normal = layout.pos if layout.normal is None else layout.normal
+            with torch.inference_mode(False):  # or no gradient could pass through them later
+                link = number[layout.link].to(like.device)
+                tables = (link, layout.pos.to(like, copy=True), normal.to(like, copy=True))
+            self._kept_by_taxel = kept = (layout, (like.dtype, like.device), tables)
+        return kept[2]
 
     def _tables(self, layout: TaxelLayout, like: Tensor) -> tuple[list[_Table], Tensor | None]:
         # The tables, and where each taxel stands in what they give if that is in another order.
