@@ -1,5 +1,6 @@
 r"""Many jobs on many processes, of this machine or of a cluster."""
 
+import logging
 import os
 import signal
 import threading
@@ -117,8 +118,10 @@ def _dask_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
     with ExitStack() as stack:
         cluster: Any = scheduler
         if scheduler is None:
+            # Not to tell at the end that workers which had torch loaded took long to end.
+            quiet = {"dashboard_address": None, "silence_logs": logging.ERROR}
             cluster = stack.enter_context(
-                LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+                LocalCluster(n_workers=jobs, threads_per_worker=1, **quiet)
             )
         yield stack.enter_context(Client(cluster))
 
