@@ -22,7 +22,12 @@ _TINY = 1e-37
 
 
 def pooled_gcn(
-    h: Tensor, adjacency: StaticAdjacency, weight: Tensor, bias: OptTensor = None, pool: int = 1
+    h: Tensor,
+    adjacency: StaticAdjacency,
+    weight: Tensor,
+    bias: OptTensor = None,
+    pool: int = 1,
+    segment: OptTensor = None,
 ) -> Tensor:
     r"""A graph convolution, the maximum over neighbouring channels, and ReLU, in one step.
 
@@ -38,27 +43,34 @@ def pooled_gcn(
     Args:
         h (torch.Tensor): Features.
         adjacency (StaticAdjacency): The normalised adjacency, with its sparse forms.
-        weight (torch.Tensor): Weights, of all taxels or of each.
-        bias (torch.Tensor, optional): Biases, of all taxels or of each.
+        weight (torch.Tensor): Weights, of all taxels or of each segment.
+        bias (torch.Tensor, optional): Biases, of all taxels or of each segment.
         pool (int): How many neighbouring channels share one maximum.
+        segment (torch.Tensor, optional): The segment of each taxel, whose weights it uses.
 
     Shapes:
-        - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(N, O, F)`, biases
-          :math:`(O,)` or :math:`(N, O)`
+        - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(S, O, F)`, biases
+          :math:`(O,)` or :math:`(S, O)`, segments :math:`(N,)`
         - **output:** :math:`(N, O / k, B)`
     """
     if bias is None:
         bias = weight.new_zeros(weight.shape[:-1])
-    out: Tensor = _PooledGCN.apply(h, weight, bias, pool, adjacency)
+    out: Tensor = _PooledGCN.apply(h, weight, bias, pool, adjacency, segment)
     return out
 
 
 class _PooledGCN(Function):
     @staticmethod
     def forward(
-        ctx: Any, h: Tensor, weight: Tensor, bias: Tensor, pool: int, adjacency: StaticAdjacency
+        ctx: Any,
+        h: Tensor,
+        weight: Tensor,
+        bias: Tensor,
+        pool: int,
+        adjacency: StaticAdjacency,
+        segment: OptTensor,
     ) -> Tensor:
-        block = _Block(h, weight, bias, pool, adjacency)
+        block = _Block(h, weight, bias, pool, adjacency, segment)
         out = h.new_empty(h.size(0), weight.size(-2) // pool, h.size(2))
         for start, stop in block.ranges:
             if pool == 1:
@@ -67,7 +79,7 @@ class _PooledGCN(Function):
                 groups = block.groups(block.product(start, stop))
                 torch.amax(groups, dim=2, out=out[start:stop]).clamp_(min=0)
         ctx.save_for_backward(h, weight, bias, out)
-        ctx.pool, ctx.adjacency = pool, adjacency
+        ctx.pool, ctx.adjacency, ctx.segment = pool, adjacency, segment
         return out
 
     @staticmethod
@@ -75,10 +87,9 @@ class _PooledGCN(Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[OptTensor, ...]:
         h, weight, bias, out = ctx.saved_tensors
         grad = grad.contiguous()
-        block = _Block(h, weight, bias, ctx.pool, ctx.adjacency)
+        block = _Block(h, weight, bias, ctx.pool, ctx.adjacency, ctx.segment)
         narrow = h.new_empty(len(block.z), *out.shape[1:])
         grad_weight = torch.zeros_like(block.weight)
-        weight_t = weight.transpose(-2, -1).contiguous()
         grad_u = torch.empty_like(h) if ctx.needs_input_grad[0] else None
         for start, stop in block.ranges:
             size = stop - start
@@ -98,29 +109,37 @@ class _PooledGCN(Function):
                 )
                 part = z
             outer = torch.bmm(part, block.u[:size].transpose(1, 2))
-            if weight.dim() == 3:
-                grad_weight[start:stop] = outer
-            else:
+            if ctx.segment is None:
                 grad_weight += outer.sum(dim=0)
+            else:
+                grad_weight.index_add_(0, ctx.segment[start:stop], outer)
             if grad_u is not None:
-                torch.bmm(_rows(weight_t, start, stop), part, out=grad_u[start:stop])
+                back = block.weights(start, stop)[..., :-1].transpose(1, 2)
+                torch.bmm(back, part, out=grad_u[start:stop])
         grad_h = None
         if grad_u is not None:
             grad_h = _propagate(ctx.adjacency.transposed, grad_u.flatten(1)).view_as(h)
-        return grad_h, grad_weight[..., :-1], grad_weight[..., -1], None, None
+        return grad_h, grad_weight[..., :-1], grad_weight[..., -1], None, None, None
 
 
 class _Block:
     r"""Propagates and maps a block of taxels at a time, in buffers that stay in the cache."""
 
     def __init__(
-        self, h: Tensor, weight: Tensor, bias: Tensor, pool: int, adjacency: StaticAdjacency
+        self,
+        h: Tensor,
+        weight: Tensor,
+        bias: Tensor,
+        pool: int,
+        adjacency: StaticAdjacency,
+        segment: OptTensor,
     ) -> None:
         num_nodes, width, num_samples = h.shape
         wide = weight.size(-2)
         size = _BLOCK_BYTES // max(1, wide * num_samples * h.element_size())
         size = max(1, min(num_nodes, size))
-        self.h, self.pool, self.adjacency = h.flatten(1), pool, adjacency
+        self.h, self.pool = h.flatten(1), pool
+        self.adjacency, self.segment = adjacency, segment
         self.weight = torch.cat([weight, bias.unsqueeze(-1)], dim=-1)
         self.z = h.new_empty(size, wide, num_samples)
         self.u = h.new_empty(size, width + 1, num_samples)
@@ -137,15 +156,17 @@ class _Block:
     def product(self, start: int, stop: int) -> Tensor:
         r"""Returns what is before the maximum."""
         u = self.gather(start, stop)
-        return torch.bmm(_rows(self.weight, start, stop), u, out=self.z[: stop - start])
+        return torch.bmm(self.weights(start, stop), u, out=self.z[: stop - start])
+
+    def weights(self, start: int, stop: int) -> Tensor:
+        r"""Returns weights and biases of each taxel."""
+        if self.segment is None:
+            return self.weight.expand(stop - start, -1, -1)
+        return self.weight[self.segment[start:stop]]
 
     def groups(self, z: Tensor) -> Tensor:
         r"""Returns the channels by what shares one maximum."""
         return z.view(z.size(0), -1, self.pool, z.size(2))
-
-
-def _rows(weight: Tensor, start: int, stop: int) -> Tensor:
-    return weight[start:stop] if weight.dim() == 3 else weight.expand(stop - start, -1, -1)
 
 
 def _propagate(matrix: Tensor, h: Tensor) -> Tensor:

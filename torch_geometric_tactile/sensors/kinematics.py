@@ -300,12 +300,13 @@ class HandKinematics:
             translation = torch.cat([translation, translation[..., parent, :] + origin], dim=-2)
         return LinkPose(rotation, translation)
 
-    def taxel_pose(self, layout: TaxelLayout, joint: Tensor) -> PosedTaxels:
+    def taxel_pose(self, layout: TaxelLayout, joint: Tensor, normal: bool = True) -> PosedTaxels:
         r"""Returns the positions and normals of the taxels of a layout.
 
         Args:
             layout (TaxelLayout): The layout; its links are links of this hand.
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
+            normal (bool): Whether normals are wanted.
 
         Raises:
             ValueError: If a link of the layout is not one of this hand, or :obj:`joint` has another
@@ -314,17 +315,17 @@ class HandKinematics:
         self._check(joint)
         shape, num_taxels = joint.shape[:-1], layout.num_taxels
         flat = joint.reshape(-1, self.num_joints)
-        with_normal = layout.normal is not None
+        with_normal = normal and layout.normal is not None
         tables, place = self._tables(layout, flat)
         parts = flat.split(_CHUNK)
         if len(parts) > 1 and not (torch.is_grad_enabled() and joint.requires_grad):
             out = [flat.new_empty(len(flat), num_taxels * 3) for _ in range(1 + with_normal)]
             targets = zip(*(value.split(_CHUNK) for value in out), strict=True)
             for part, target in zip(parts, targets, strict=True):
-                for values, whole in zip(self._taxels(tables, part), target, strict=True):
+                for values, whole in zip(self._taxels(tables, part, normal), target, strict=True):
                     torch.cat(values, dim=1, out=whole)
         else:
-            out = [torch.cat(values, dim=1) for values in self._taxels(tables, flat)]
+            out = [torch.cat(values, dim=1) for values in self._taxels(tables, flat, normal)]
         values = [value.view(*shape, num_taxels, 3) for value in out]
         if place is not None:
             values = [value[..., place, :] for value in values]
@@ -367,13 +368,13 @@ class HandKinematics:
             self._kept = kept = (layout, (like.dtype, like.device), made)
         return kept[2]
 
-    def _taxels(self, tables: list[_Table], joint: Tensor) -> list[list[Tensor]]:
+    def _taxels(self, tables: list[_Table], joint: Tensor, with_normal: bool) -> list[list[Tensor]]:
         rotation, translation = self._link_pose(joint)
         pos, normal = [], []
         for link, pos_table, normal_table in tables:
             turn = rotation[:, link].reshape(-1, 9)
             pos.append(torch.cat([turn, translation[:, link]], dim=1) @ pos_table)
-            if normal_table is not None:
+            if with_normal and normal_table is not None:
                 normal.append(turn @ normal_table)
         return [pos, normal] if normal else [pos]
 

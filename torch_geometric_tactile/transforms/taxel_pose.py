@@ -27,6 +27,7 @@ class TaxelPose(BaseTransform):
             :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
         kinematics (HandKinematics, optional): The hand that these links belong to; the Allegro
             hand if left out.
+        normal (bool): Whether to set :obj:`normal` as well, which costs as much as :obj:`pos`.
 
     Shapes:
         - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
@@ -49,22 +50,26 @@ class TaxelPose(BaseTransform):
     supports_static = True
 
     def __init__(
-        self, layout: TaxelLayout | None = None, kinematics: HandKinematics | None = None
+        self,
+        layout: TaxelLayout | None = None,
+        kinematics: HandKinematics | None = None,
+        normal: bool = True,
     ) -> None:
         layout = allegro_uskin() if layout is None else layout
         kinematics = HandKinematics.allegro() if kinematics is None else kinematics
         kinematics.require_links(layout)
         self.layout = layout
         self.kinematics = kinematics
+        self.normal = normal
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`pos` and :obj:`normal`."""
+        r"""Sets :obj:`pos`, and :obj:`normal` if wanted."""
         joint = require(self, data, "joint")
         if getattr(data, "x", None) is not None:
             name = f"layout '{self.layout.name}'"
             check_num_taxels(data, self.layout.num_taxels, name)
         rows = self._rows(data, joint)
-        posed = self.kinematics.taxel_pose(self.layout, rows)
+        posed = self.kinematics.taxel_pose(self.layout, rows, self.normal)
         one_for_all = joint.dim() == 1 or (
             isinstance(data, StaticData) and len(rows) == 1 and data.num_samples != 1
         )

@@ -123,8 +123,7 @@ class SegmentedThread(Module):
         if kept is not None and self.fast and is_fast(x):
             h = x.permute(1, 2, 0).contiguous()
             for conv, pool in layers:
-                bias = None if conv.bias is None else conv.bias[segment]
-                h = pooled_gcn(h, kept, conv.weight[segment], bias, pool.kernel_size)
+                h = pooled_gcn(h, kept, conv.weight, conv.bias, pool.kernel_size, segment)
             return h.permute(2, 0, 1)
         if kept is None:
             dense = dense_norm(edge_index, edge_weight, len(segment), x.dtype, segment)
