@@ -65,7 +65,7 @@ examples:
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
                                                          only some models; the table has the rest
                                                          where it was trained before
-  tactile table p1-table2 --root sim --stride 20 --epochs 30 --backend dask --scheduler tcp://host:8786
+  tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
 Each run (a model, a seed, a split) is a file in DIR/runs when it is finished. The same command
 goes on where it was stopped or killed. Tables of one DIR share their runs. Nothing is chosen by

@@ -1,5 +1,6 @@
 r"""One experiment of a table: a model trained once and tested once."""
 
+import copy
 import hashlib
 import json
 import math
@@ -16,6 +17,7 @@ import torch
 import torch_geometric
 from lightning.pytorch.cli import instantiate_module
 from torch import Tensor
+from torch.utils.data import DataLoader
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticData
@@ -106,7 +108,7 @@ class Experiment:
         datasets = {key: {"init_args": settings} for key in ("dataset", "test_dataset")}
         trainer = {"max_epochs": self.epochs, "accelerator": self.accelerator}
         over = {"seed_everything": self.seed, "data": datasets, "trainer": trainer}
-        config = merged(self.config, over)
+        config = copy.deepcopy(merged(self.config, over))  # jsonargparse writes into its own
         config["data"] = {**config["data"], "val_dataset": None, "val": 0.0}
         return config
 
@@ -189,7 +191,9 @@ def _warm_up(accelerator: str) -> None:
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
     classifier = TactileClassifier(_Linear())
     with quiet():
-        _trainer(max_epochs=1, accelerator=accelerator).fit(classifier, [batch])
+        trainer = _trainer(max_epochs=1, accelerator=accelerator)
+        batches: Any = [batch]
+        trainer.fit(classifier, DataLoader(batches, batch_size=None))
 
 
 class _Linear(torch.nn.Module):

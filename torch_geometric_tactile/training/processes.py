@@ -1,5 +1,6 @@
 r"""Many jobs on many processes, of this machine or of a cluster."""
 
+import logging
 import os
 import signal
 import threading
@@ -8,7 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Literal, TypeVar
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed, parallel_config, register_parallel_backend
 
 Backend = Literal["loky", "dask", "ray"]
 BACKENDS: tuple[Backend, ...] = ("loky", "dask", "ray")
@@ -117,8 +118,10 @@ def _dask_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
     with ExitStack() as stack:
         cluster: Any = scheduler
         if scheduler is None:
+            # Not to tell at the end that workers which had torch loaded took long to end.
+            quiet = {"dashboard_address": None, "silence_logs": logging.ERROR}
             cluster = stack.enter_context(
-                LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+                LocalCluster(n_workers=jobs, threads_per_worker=1, **quiet)
             )
         yield stack.enter_context(Client(cluster))
 
@@ -126,9 +129,15 @@ def _dask_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
 @contextmanager
 def _ray_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
     import ray
-    from ray.util.joblib import register_ray
+    from ray.util.joblib import ray_backend, register_ray
 
     register_ray()
+
+    class Streaming(ray_backend.RayBackend):
+        # Inherited from multiprocessing's, whose pools cannot be stopped halfway; Ray's can.
+        supports_return_generator = True
+
+    register_parallel_backend("ray", Streaming)
     started = not ray.is_initialized()
     if started and scheduler is None:
         ray.init(num_cpus=jobs, include_dashboard=False, log_to_driver=False)

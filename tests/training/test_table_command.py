@@ -1,0 +1,102 @@
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+
+from torch_geometric_tactile.cli import build_parser, main
+from torch_geometric_tactile.training import experiments
+
+
+@pytest.fixture
+def command(grasps, tmp_path, monkeypatch):
+    """Runs the command with made-up results; X with positions fails."""
+
+    def run(experiment, parent=None):
+        if experiment.name == "x_pos":
+            return {"error": "RuntimeError: no memory"}
+        return {
+            "metrics": {"accuracy": 0.5, "f1": 0.25, "auroc": 0.75},
+            "label_names": None,
+            "num_train": 48,
+            "num_test": 24,
+            "frames_per_second": 100.0,
+            "peak_memory_mb": 10.0,
+            "measures": "resident memory of the process",
+            "num_parameters": 7,
+            "train_seconds": 1.0,
+            "machine": "a machine",
+        }
+
+    monkeypatch.setattr(experiments, "run_in_process", run)
+    short = ["--root", str(grasps), "--out", str(tmp_path), "--seeds", "1", "--epochs", "1"]
+    return lambda *flags: main(["table", "p2-table2", *short, *flags])
+
+
+def test_finished_table_is_named(command, tmp_path, capsys):
+    assert command("--split-by", "trial", "--only", "i_*", "ii_*") == 0
+    output = capsys.readouterr()
+    assert output.err == ""  # no bar where there is no terminal
+    assert output.out.splitlines() == [
+        "p2-table2: 12 of 18 runs finished, 6 missing",
+        *(
+            f"wrote {tmp_path / name}"
+            for name in ("p2-table2.md", "p2-table2.csv", "p2-table2.png")
+        ),
+    ]
+    page = (tmp_path / "p2-table2.md").read_text()
+    assert "|  | simulated, by trial | 50.0 | 50.0 | 50.0 |" in page
+    assert "objects `paper8`, seed 7, 0.08 s at 100 Hz, MuJoCo 3.3.0" in page
+    assert command("--split-by", "trial", "--no-train") == 0
+    assert "12 of 18 runs finished (12 kept from before), 6 missing" in capsys.readouterr().out
+
+
+def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path, capsys):
+    assert command("--split-by", "trial") == 1
+    output = capsys.readouterr()
+    assert output.err == "tactile: error: x_pos, by trial, seed 0: RuntimeError: no memory\n"
+    assert "17 of 18 runs finished, 1 missing" in output.out
+    assert (tmp_path / "p2-table2.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (
+            ["--only", "mt_*"],
+            "'only' must fit the name of an experiment of p2-table2: x_tac, x_pos",
+        ),
+        (["--phases", "fly"], "'phases' must be some of ['reach', 'hold']"),
+        (["--root", "nowhere"], "simulate some: tactile simulate --out 'nowhere'"),
+        (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
+    ],
+)
+def test_wrong_arguments_are_explained(command, capsys, flags, message):
+    assert command(*flags) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", ["--seeds", "--epochs", "--stride", "--jobs", "--threads"])
+def test_numbers_below_one_are_refused(flag, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(["table", "p1-table2", flag, "0"])
+    assert f"argument {flag}: must be at least 1 (got 0)" in capsys.readouterr().err
+
+
+def test_more_objects_than_the_models_know(command, monkeypatch, capsys):
+    look = experiments.describe_recordings
+    monkeypatch.setattr(
+        experiments,
+        "describe_recordings",
+        lambda *args: type(r := look(*args))(**{**vars(r), "num_classes": 20}),
+    )
+    assert command() == 1
+    assert "the models of p2-table2 tell 8 objects apart (got 20 in" in capsys.readouterr().err
+
+
+def test_help_is_for_strangers(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        build_parser().parse_args(["table", "--help"])
+    text = capsys.readouterr().out
+    assert "published numbers" in text
+    assert "tactile simulate --out sim" in text
+    assert all(len(line) <= 100 for line in text.splitlines())
