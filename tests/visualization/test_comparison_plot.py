@@ -44,6 +44,15 @@ def test_panels_two_by_two_share_names_and_axes():
     assert shown == [True, False, True, False]
 
 
+def test_all_points_are_within_the_axis_that_panels_share():
+    high = {"GCN: T": {"published": (99.0, 4.0)}, "GCN: T + E": {"published": (20.0, math.nan)}}
+    panels = [ComparisonPanel("a", "%", ROWS), ComparisonPanel("b", "%", high)]
+    figure = plot_comparison(panels, ["published", "ours"], "A")
+    for ax in figure.axes:
+        low, up = ax.get_xlim()
+        assert low < 20.0 < 103.0 < up
+
+
 def test_no_texts_overlap():
     panels = [ComparisonPanel(name, "accuracy in %", ROWS) for name in ("without", "with")]
     figure = plot_comparison(panels, ["published", "ours"], "A long title of a table " * 5)

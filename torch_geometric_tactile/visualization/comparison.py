@@ -73,8 +73,10 @@ def plot_comparison(
             _draw(ax, line[i], series)
             if i and list(line[i].rows) == list(line[0].rows):
                 ax.tick_params(labelleft=False)
-            if i and line[i].xlabel == line[0].xlabel:
-                ax.sharex(row[0])
+        if len({panel.xlabel for panel in line}) == 1:
+            limits = [ax.get_xlim() for ax in row[: len(line)]]
+            for ax in row[: len(line)]:
+                ax.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
     handles = [_handle(i) for i in range(len(series))]
     figure.legend(
         handles,
