@@ -3,7 +3,6 @@ r"""Convolutions on a map of the hand."""
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional, Union
 
-import torch
 from torch import Tensor
 from torch.nn import Conv2d, Module, ModuleDict, ModuleList
 from torch_geometric.nn.inits import reset
@@ -11,7 +10,7 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, checked_widths
 from torch_geometric_tactile.nn.models.mt_gcn import thread_specs
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout, side_by_side
 from torch_geometric_tactile.sensors import TaxelLayout
 
 
@@ -149,25 +148,11 @@ class HandCNN(TactileModel):
         self.threads = ModuleDict({"all": thread})
         self.add_head(thread.out_channels, head_widths, head_pools)
 
-    def node_features(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers
-        :math:`(B, N, F)`.
-        """
-        parts = {
-            name: self.collect(name, x, edge_index, edge_attr, absolute, pos)
-            for name in self.inputs
-        }
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers."""
         if "all" in self.threads:
-            return self.threads["all"](torch.cat(list(parts.values()), dim=-1))
-        return torch.cat([self.threads[name](part) for name, part in parts.items()], dim=-1)
+            return self.threads["all"](side_by_side(parts))
+        return side_by_side({name: self.threads[name](part) for name, part in parts.items()})
 
 
 class MTCNN(HandCNN):

@@ -9,7 +9,7 @@ from torch.nn import Module, ModuleDict
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, GCNThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout, side_by_side
 from torch_geometric_tactile.sensors import TaxelLayout
 
 # The threads of the paper: of the readings, and of all else.
@@ -98,28 +98,14 @@ class MTGCN(TactileModel):
             width += thread.out_channels
         self.add_head(width, head_widths, head_pools)
 
-    def node_features(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-        thread: Optional[str] = None,
-    ) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers
-        :math:`(B, N, F)`, of all threads side by side or of :obj:`thread` only.
-        """
-        if thread is not None and thread not in self.threads:
-            raise ValueError(f"'thread' must be one of {self.inputs} (got '{thread}')")
-        outs = []
-        for name in self.inputs if thread is None else (thread,):
-            h = self.collect(name, x, edge_index, edge_attr, absolute, pos)
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers."""
+        outs = {}
+        for name, part in parts.items():
             own = getattr(self, f"{name}_edge_index")
             edges = edge_index if own is None else own
-            outs.append(self.convolve(self.threads[name], h, x, edges, own is not None))
-        return outs[0] if len(outs) == 1 else torch.cat(outs, dim=-1)
+            outs[name] = self.convolve(self.threads[name], part, x, edges, own is not None)
+        return side_by_side(outs)
 
 
 def checked_edges(

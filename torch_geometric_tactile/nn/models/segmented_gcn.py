@@ -3,14 +3,13 @@ r"""Graph convolutions on a hand in segments."""
 from collections.abc import Sequence
 from typing import Literal, Optional, Union
 
-import torch
 from torch import Tensor
 from torch.nn import Module
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, GCNThread
 from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout, side_by_side
 from torch_geometric_tactile.sensors import TaxelLayout
 
 
@@ -93,23 +92,9 @@ class SegmentedGCN(TactileModel):
             self.thread = SegmentedThread(width, numbers, widths or (14, 56), pools or (1, 8))
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
-    def node_features(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers
-        :math:`(B, N, F)`.
-        """
-        parts = [
-            self.collect(name, x, edge_index, edge_attr, absolute, pos) for name in self.inputs
-        ]
-        h = parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
-        return self.convolve(self.thread, h, x, edge_index)
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers."""
+        return self.convolve(self.thread, side_by_side(parts), x, edge_index)
 
     def extra_text(self) -> str:
         r"""Returns what :obj:`repr` tells beside the sizes."""

@@ -3,11 +3,10 @@ r"""Fully connected layers on all inputs."""
 from collections.abc import Sequence
 from typing import Optional
 
-import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
 
 
 class TactileFNN(TactileModel):
@@ -54,17 +53,6 @@ class TactileFNN(TactileModel):
             raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {inputs})")
         self.add_head(sum(self.channels[name] for name in self.inputs), widths, pools)
 
-    def node_features(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the inputs of each taxel :math:`(B, N, F)`."""
-        parts = [
-            self.collect(name, x, edge_index, edge_attr, absolute, pos) for name in self.inputs
-        ]
-        return parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers."""
+        return side_by_side(parts)

@@ -3,13 +3,12 @@ r"""One thread of graph convolutions over all inputs."""
 from collections.abc import Sequence
 from typing import Optional, Union
 
-import torch
 from torch import Tensor
 from torch.nn import Module
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, GCNThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
 
 
 class TactileGCN(TactileModel):
@@ -71,19 +70,6 @@ class TactileGCN(TactileModel):
         self.thread = GCNThread(sum(self.channels[name] for name in self.inputs), widths, pools)
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
-    def node_features(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers
-        :math:`(B, N, F)`.
-        """
-        parts = [
-            self.collect(name, x, edge_index, edge_attr, absolute, pos) for name in self.inputs
-        ]
-        return self.convolve(self.thread, torch.cat(parts, dim=-1), x, edge_index)
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers."""
+        return self.convolve(self.thread, side_by_side(parts), x, edge_index)

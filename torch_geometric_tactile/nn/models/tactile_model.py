@@ -1,6 +1,6 @@
 r"""What the models of the hand share: their inputs, their form, their joints."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Optional, Union
 
 import torch
@@ -32,7 +32,7 @@ class TactileModel(Module, TactileHubMixin):
     encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
     origin) and :obj:`"position"` (:obj:`pos`).
 
-    A subclass calls :meth:`add_head` and defines :meth:`node_features`.
+    A subclass calls :meth:`add_head` and defines :meth:`extract`.
 
     Args:
         num_nodes (int): Number of taxels :math:`N`.
@@ -170,9 +170,31 @@ class TactileModel(Module, TactileHubMixin):
         joint: OptTensor = None,
         absolute: OptTensor = None,
         pos: OptTensor = None,
+        thread: Optional[str] = None,
     ) -> Tensor:
-        r"""Returns the features of each taxel before the fully connected layers
-        :math:`(B, N, F)`. The arguments are those of :meth:`forward`.
+        r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`,
+        of all threads side by side. The arguments are those of :meth:`forward`, and:
+
+        Args:
+            thread (str, optional): The input whose thread alone is wanted, in a model that has one
+                for each.
+        """
+        threads = [name for name in self.inputs if name in getattr(self, "threads", ())]
+        if thread is not None and thread not in threads:
+            raise ValueError(f"'thread' must be one of {threads} (got '{thread}')")
+        names = self.inputs if thread is None else (thread,)
+        parts = {
+            name: self.collect(name, x, edge_index, edge_attr, absolute, pos) for name in names
+        }
+        return self.extract(parts, x, edge_index)
+
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`.
+
+        Args:
+            parts (dict): The inputs of each taxel by name :math:`(B, N, F_m)`.
+            x (torch.Tensor): Readings, in the form of the data.
+            edge_index (torch.Tensor, optional): Edges, in the form of the data.
         """
         raise NotImplementedError
 
@@ -266,6 +288,16 @@ class TactileModel(Module, TactileHubMixin):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, {self.extra_text()})"
+
+
+def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
+    r"""Returns the features of several inputs or threads as one.
+
+    Args:
+        parts (dict): The features by name :math:`(B, N, F_m)`.
+    """
+    values = list(parts.values())
+    return values[0] if len(values) == 1 else torch.cat(values, dim=-1)
 
 
 def as_layout(layout: Union[TaxelLayout, str]) -> TaxelLayout:
