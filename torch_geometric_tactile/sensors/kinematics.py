@@ -22,7 +22,18 @@ _MOVING = ("revolute", "continuous")
 
 _Table = tuple[int, Tensor, Tensor | None]  # a link, and what its pose is multiplied with
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], tuple[list[_Table], Tensor | None]]
-_KeptByTaxel = tuple[TaxelLayout, tuple[torch.dtype, torch.device], tuple[Tensor, ...]]
+
+
+class _FewTables(NamedTuple):
+    parents: list[Tensor]  # of the links of each level, where they are in the level before
+    column: Tensor  # of each link's joint in the joint vector
+    turns: Tensor  # (L - 1, 3, 16), the three terms of each link's matrix below its parent
+    link: Tensor  # (N,), of each taxel
+    pos: Tensor  # (N, 1, 4)
+    normal: Tensor  # (N, 1, 4)
+
+
+_KeptFew = tuple[TaxelLayout, tuple[torch.dtype, torch.device], _FewTables]
 
 
 class LinkPose(NamedTuple):
@@ -131,7 +142,7 @@ class HandKinematics:
         self.upper = torch.tensor([float(joint.upper) for joint in moving])
         self._sort_links(moving)
         self._kept: _Kept | None = None
-        self._kept_by_taxel: _KeptByTaxel | None = None
+        self._kept_few: _KeptFew | None = None
 
     def _sort_links(self, moving: list[Joint]) -> None:
         by_child: dict[str, Joint] = {}
@@ -359,29 +370,50 @@ class HandKinematics:
         return used
 
     def _few_taxels(self, layout: TaxelLayout, joint: Tensor, with_normal: bool) -> PosedTaxels:
-        # Taxel by taxel: more work for the processor than the tables, but fewer operations, whose
-        # number is what a live frame waits for.
-        link, pos, normal = self._by_taxel(layout, joint)
-        rotation, translation = self._link_pose(joint)
-        turn = rotation[:, link]
-        posed = (turn * pos.unsqueeze(1)).sum(dim=-1) + translation[:, link]
-        if not with_normal:
-            return PosedTaxels(posed, None)
-        return PosedTaxels(posed, (turn * normal.unsqueeze(1)).sum(dim=-1))
+        # With homogeneous matrices and taxel by taxel: more work for the processor than the tables,
+        # but fewer operations, whose number is what a live frame waits for.
+        few = self._few_tables(layout, joint)
+        angle = torch.nn.functional.pad(joint, (0, 1))
+        waves = torch.stack([torch.ones_like(angle), angle.sin(), 1 - angle.cos()], dim=-1)
+        steps = (waves[:, few.column, None, :] @ few.turns).unflatten(-1, (4, 4)).squeeze(2)
+        root = torch.eye(4, dtype=joint.dtype, device=joint.device)
+        poses, start = [root.expand(len(joint), 1, 4, 4)], 0
+        for parent in few.parents:
+            step = steps[:, start : start + len(parent)]
+            poses.append(poses[-1][:, parent] @ step if start else step)
+            start += len(parent)
+        pose = torch.cat(poses, dim=1)[:, few.link, :3]
+        pos = (pose * few.pos).sum(dim=-1)
+        return PosedTaxels(pos, (pose * few.normal).sum(dim=-1) if with_normal else None)
 
-    def _by_taxel(self, layout: TaxelLayout, like: Tensor) -> tuple[Tensor, ...]:
-        kept = self._kept_by_taxel
+    def _few_tables(self, layout: TaxelLayout, like: Tensor) -> _FewTables:
+        kept = self._kept_few
         if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
-            names = self.require_links(layout)
             assert layout.link is not None
             number = torch.zeros(len(layout.link_names), dtype=torch.long)
-            for name in names:
+            for name in self.require_links(layout):
                 number[layout.link_names.index(name)] = self.link_names.index(name)
-            normal = layout.pos if layout.normal is None else layout.normal
+            normal = torch.zeros_like(layout.pos) if layout.normal is None else layout.normal
+            parents, column, turns, xyz = zip(*self._levels, strict=True)
+            table = torch.zeros(len(self.joints), 3, 4, 4, dtype=torch.double)
+            table[..., :3, :3] = torch.cat(turns)
+            table[:, 0, :3, 3] = torch.cat(xyz)
+            table[:, 0, 3, 3] = 1.0
+            first = [0, *torch.tensor([len(level) for level in parents]).cumsum(0).tolist()]
             with torch.inference_mode(False):  # or no gradient could pass through them later
-                link = number[layout.link].to(like.device)
-                tables = (link, layout.pos.to(like, copy=True), normal.to(like, copy=True))
-            self._kept_by_taxel = kept = (layout, (like.dtype, like.device), tables)
+                tables = _FewTables(
+                    # A link hangs on the level before its own.
+                    [
+                        (level - (first[i - 1] + 1 if i else 0)).to(like.device)
+                        for i, level in enumerate(parents)
+                    ],
+                    torch.cat(column).to(like.device),
+                    table.flatten(2).to(like),
+                    number[layout.link].to(like.device),
+                    torch.nn.functional.pad(layout.pos, (0, 1), value=1.0).unsqueeze(1).to(like),
+                    torch.nn.functional.pad(normal, (0, 1)).unsqueeze(1).to(like),
+                )
+            self._kept_few = kept = (layout, (like.dtype, like.device), tables)
         return kept[2]
 
     def _tables(self, layout: TaxelLayout, like: Tensor) -> tuple[list[_Table], Tensor | None]:
