@@ -3,9 +3,10 @@ r"""A data set that splits itself, from a YAML to tested properties."""
 import numpy as np
 import pytest
 import torch
-import yaml
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import yaml
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets import AllegroUSkin
