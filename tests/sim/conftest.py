@@ -58,6 +58,11 @@ def _contacts(simulator):
     return taxel.astype(int), pressure, friction, depth
 
 
+def heed_ctrl_c():
+    """In a job that a shell put into the background, Ctrl-C would be ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture(scope="session")
 def paper8_grasps():
     """Two short attempts at each of the eight objects, held or not."""
@@ -120,6 +125,7 @@ def start_run(tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=heed_ctrl_c,
         )
         started.append(process)
         deadline = time.monotonic() + 120

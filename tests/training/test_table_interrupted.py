@@ -33,6 +33,11 @@ def wait_until(condition, seconds, process=None):
         time.sleep(0.02)
 
 
+def heed_ctrl_c():
+    """In a job that a shell put into the background, Ctrl-C would be ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def start(grasps, tmp_path):
     """Starts the command on two processes, in a group of its own as a terminal does, and waits for
@@ -49,6 +54,7 @@ def start(grasps, tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            preexec_fn=heed_ctrl_c,
         )
         started.append(process)
         folder = tmp_path / "runs"
