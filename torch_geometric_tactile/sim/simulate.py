@@ -3,8 +3,6 @@ r"""Recordings of simulated grasps: many trials, on many processes, finished one
 import json
 import logging
 import os
-import signal
-import threading
 import warnings
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -19,6 +17,7 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.interrupts import interrupts_ignored
 from torch_geometric_tactile.io import read_hdf5_head, write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim.grasp import PHASES, GraspResult, GraspSimulator, plan_grasp
@@ -187,7 +186,7 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, Non
     try:
         with parallel_config(backend="loky", inner_max_num_threads=1):
             work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-            with _interrupts_ignored():  # by the workers, which inherit it: they are stopped here
+            with interrupts_ignored():  # by the workers, which inherit it: they are stopped here
                 results = work(delayed(_simulate_trial)(task, os.getpid()) for task in missing)
             with _closing_quietly(results):
                 for report in results:
@@ -199,18 +198,6 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, Non
             for leftover in out.glob(f".{task.path.name}.*.tmp"):
                 leftover.unlink(missing_ok=True)
     _write_summary(out, tasks, reports)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
 
 
 @contextmanager

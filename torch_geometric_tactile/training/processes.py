@@ -2,14 +2,14 @@ r"""Many jobs on many processes, of this machine or of a cluster."""
 
 import logging
 import os
-import signal
-import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Literal, TypeVar
 
 from joblib import Parallel, delayed, parallel_config, register_parallel_backend
+
+from torch_geometric_tactile.interrupts import interrupts_ignored
 
 Backend = Literal["loky", "dask", "ray"]
 BACKENDS: tuple[Backend, ...] = ("loky", "dask", "ray")
@@ -90,7 +90,7 @@ def run_parallel(
     """
     check_backend(backend, scheduler)
     with ExitStack() as stack:
-        with _interrupts_ignored():
+        with interrupts_ignored():
             if backend == "dask":
                 stack.enter_context(_dask_cluster(jobs, scheduler))
             elif backend == "ray":
@@ -148,15 +148,3 @@ def _ray_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
     finally:
         if started:
             ray.shutdown()
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
