@@ -67,9 +67,8 @@ class GCNThread(Module):
     ) -> None:
         super().__init__()
         self.in_channels = in_channels
-        self.widths, self.pool_sizes = checked_widths(in_channels, widths, pools)
+        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
         self.fast = fast
-        sizes = [in_channels, *(w // k for w, k in zip(self.widths, self.pool_sizes, strict=True))]
         self.out_channels = sizes[-1]
         self.convs = ModuleList(map(StaticGCNConv, sizes, self.widths))
         self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
@@ -131,8 +130,9 @@ def is_fast(x: Tensor) -> bool:
 
 def checked_widths(
     in_channels: int, widths: Sequence[int], pools: Sequence[int]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    r"""Returns widths and pools of layers, which must fit each other.
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    r"""Returns widths and pools of layers, which must fit each other, and the width before each
+    layer and behind the last.
 
     Args:
         in_channels (int): Width of the input.
@@ -152,4 +152,5 @@ def checked_widths(
     for width, pool in zip(widths, pools, strict=True):
         if pool < 1 or width % pool:
             raise ValueError(f"'pools' must divide 'widths' (got {pool} for {width})")
-    return widths, pools
+    sizes = (in_channels, *(width // pool for width, pool in zip(widths, pools, strict=True)))
+    return widths, pools, sizes

@@ -46,11 +46,10 @@ class CNNThread(Module):
     ) -> None:
         super().__init__()
         self.in_channels = in_channels
-        self.widths, self.pool_sizes = checked_widths(in_channels, widths, pools)
+        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
         self.size = tuple((image_map.amax(dim=0) + 1).tolist())
         cell = image_map[:, 0] * self.size[1] + image_map[:, 1]
         self.register_buffer("cell", cell, persistent=False)
-        sizes = [in_channels, *(w // k for w, k in zip(self.widths, self.pool_sizes, strict=True))]
         self.out_channels = sizes[-1]
         self.convs = ModuleList(
             Conv2d(size, width, 3, padding="same")

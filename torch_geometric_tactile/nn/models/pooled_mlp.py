@@ -46,8 +46,7 @@ class PooledMLP(Module):
             raise ValueError(f"'out_channels' must be at least 1 (got {out_channels})")
         self.in_channels = in_channels
         self.out_channels = out_channels
-        self.widths, self.pool_sizes = checked_widths(in_channels, widths, pools)
-        sizes = [in_channels, *(w // k for w, k in zip(self.widths, self.pool_sizes, strict=True))]
+        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
         self.lins = ModuleList(map(Linear, sizes, self.widths))
         self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
         self.lin_out = Linear(sizes[-1], out_channels)

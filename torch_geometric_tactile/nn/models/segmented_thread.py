@@ -68,9 +68,8 @@ class SegmentedThread(Module):
     ) -> None:
         super().__init__()
         self.in_channels = in_channels
-        self.widths, self.pool_sizes = checked_widths(in_channels, widths, pools)
+        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
         self.fast = fast
-        sizes = [in_channels, *(w // k for w, k in zip(self.widths, self.pool_sizes, strict=True))]
         self.out_channels = sizes[-1]
         self.convs = ModuleList(
             SegmentedGCNConv(segment, size, width)
