@@ -237,6 +237,15 @@ def test_leading_dimensions_are_kept(shape):
     assert torch.allclose(pos.reshape(-1, 384, 3), flat, atol=1e-12)
 
 
+def test_few_frames_are_posed_as_many():
+    joint = angles(9, 16)
+    many = HAND.taxel_pose(LAYOUT, joint)
+    for i in range(9):
+        few = HAND.taxel_pose(LAYOUT, joint[i])
+        assert torch.allclose(few.pos, many.pos[i], atol=1e-12)
+        assert torch.allclose(few.normal, many.normal[i], atol=1e-12)
+
+
 @pytest.mark.parametrize("num_frames", [4, 8, 9])
 def test_more_frames_than_a_chunk(num_frames, monkeypatch):
     monkeypatch.setattr(kinematics, "_CHUNK", 4)

@@ -64,6 +64,14 @@ def test_taxel_pose_quarter_turn(joint):
     assert torch.allclose(data.normal, torch.tensor([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), atol=1e-6)
 
 
+@pytest.mark.parametrize("num_samples", [1, 5])  # few frames go another way than many
+def test_taxel_pose_without_normals(num_samples):
+    given = StaticData(x=torch.zeros(num_samples, 384, 3), joint=angles(num_samples))
+    data = TaxelPose(LAYOUT, HAND, normal=False)(given.index_select(slice(None)))
+    assert "normal" not in data
+    assert torch.equal(data.pos, TaxelPose(LAYOUT, HAND)(given).pos)
+
+
 def test_taxel_pose_laws():
     transform = TaxelPose(LAYOUT, HAND)
     assert_transform_static_equals_batched(transform, recording(), atol=1e-7)
