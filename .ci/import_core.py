@@ -22,7 +22,10 @@ EXTRAS = {
     "tensorboard",
     "torchmetrics",
 }
-NEEDS_EXTRA = ("torch_geometric_tactile.training",)
+NEEDS_EXTRA = tuple(
+    f"torch_geometric_tactile.{room}"
+    for room in ("training", "experiments", "reports", "commands.table")
+)
 
 installed = sorted(name for name in EXTRAS if importlib.util.find_spec(name))
 if installed:

@@ -26,8 +26,8 @@ from tqdm import tqdm
 from torch_geometric_tactile.baselines import GraspSVM
 from torch_geometric_tactile.data import splits
 from torch_geometric_tactile.datasets import BioTacSP
+from torch_geometric_tactile.experiments.evaluation import data_module, judge, train_classifier
 from torch_geometric_tactile.training.config import load_config
-from torch_geometric_tactile.training.evaluation import data_module, judge, train_classifier
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
 
 MODEL = ("model", "model", "init_args")

@@ -10,6 +10,8 @@ import torch
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.sensors import grid
 
+pytest_plugins = ["training_fixtures"]
+
 BTS3_PALMS = ("down", "side", "45")
 BTS3_NAMES = [f"bts3v2_palm_{palm}{part}.csv" for part in ("", "_test") for palm in BTS3_PALMS]
 BTS3_HEADER = [

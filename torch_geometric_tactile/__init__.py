@@ -10,12 +10,16 @@ from types import ModuleType
 __version__ = "0.1.0"
 
 _SUBMODULES = (
+    "analysis",
     "baselines",
     "data",
     "datasets",
+    "experiments",
     "io",
     "loader",
     "nn",
+    "predictor",
+    "reports",
     "sensors",
     "sim",
     "testing",

@@ -269,7 +269,7 @@ def _add_analyze(commands: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def _analyze(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.training import analyze
+    from torch_geometric_tactile.reports import analysis as analyze
 
     page = analyze.main(
         arguments.checkpoint,
@@ -365,7 +365,7 @@ def _add_table(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.visualization import inspect
+    from torch_geometric_tactile.reports import recording as inspect
 
     recording, facts = inspect.describe_file(arguments.file)
     print(facts, flush=True)
@@ -377,7 +377,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _convert(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.visualization import inspect
+    from torch_geometric_tactile.reports import recording as inspect
 
     recording = inspect.convert_file(arguments.source, arguments.target, arguments.forces)
     print(f"{arguments.target}: {recording}")
@@ -385,7 +385,7 @@ def _convert(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.visualization import simulate_command
+    from torch_geometric_tactile.commands import simulate as simulate_command
 
     if arguments.preview:
         simulate_command.check_preview()
@@ -409,7 +409,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
 
 
 def _table(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.training import table_command
+    from torch_geometric_tactile.commands import table as table_command
 
     if arguments.list:
         print(table_command.list_table(arguments.name))
@@ -454,9 +454,9 @@ def _not_negative(text: str) -> int:
 
 
 def _demo(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.training import demo
+    from torch_geometric_tactile.reports import grasp
 
-    demo.main(
+    grasp.main(
         root=arguments.root,
         out=arguments.out,
         seeds=arguments.seeds,
@@ -490,9 +490,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     try:
         if argv and argv[0] in _LIGHTNING:
-            from torch_geometric_tactile.training import cli
+            from torch_geometric_tactile.training import lightning_cli
 
-            cli.main(argv)
+            lightning_cli.main(argv)
         else:
             arguments = build_parser().parse_args(argv)
             return _COMMANDS[arguments.command](arguments)

@@ -2,10 +2,10 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+from torch_geometric_tactile.experiments.evaluation import MODELS
 from torch_geometric_tactile.training import classifier_from_config
-from torch_geometric_tactile.training.cli import resolve_config_names
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
-from torch_geometric_tactile.training.evaluation import MODELS
+from torch_geometric_tactile.training.lightning_cli import resolve_config_names
 
 
 def test_names_of_the_models_are_shipped():

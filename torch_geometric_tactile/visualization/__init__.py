@@ -16,12 +16,9 @@ from torch_geometric_tactile.visualization.metrics import (
     plot_roc,
 )
 from torch_geometric_tactile.visualization.recording import plot_recording
-from torch_geometric_tactile.visualization.report import ReportPicture, ReportTable, write_report
 
 __all__ = [
     "ComparisonPanel",
-    "ReportPicture",
-    "ReportTable",
     "layout_plane",
     "open_hand",
     "plot_comparison",
@@ -36,5 +33,4 @@ __all__ = [
     "plot_recording",
     "plot_roc",
     "save_figure",
-    "write_report",
 ]

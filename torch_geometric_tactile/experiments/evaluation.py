@@ -16,10 +16,10 @@ from tqdm import tqdm
 
 from torch_geometric_tactile.baselines import GraspSVM
 from torch_geometric_tactile.data import StaticDataset, splits
+from torch_geometric_tactile.parallel import kept_memory
 from torch_geometric_tactile.training.config import load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
-from torch_geometric_tactile.training.processes import kept_memory
 from torch_geometric_tactile.transforms import FittedTransform, SessionZScore, ZScore
 
 Protocol = Literal["random folds", "leave objects out", "unseen objects"]

@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.recordings import Recordings, describe_recordings
+from torch_geometric_tactile.experiments.run_store import RunStore
+from torch_geometric_tactile.experiments.tables import PublishedTable, load_table
+from torch_geometric_tactile.experiments.worker import close_process, run_in_process
+from torch_geometric_tactile.parallel import Backend, check_backend, run_parallel
 from torch_geometric_tactile.training.config import expand_template
-from torch_geometric_tactile.training.experiment import Experiment
-from torch_geometric_tactile.training.experiment_process import close_process, run_in_process
-from torch_geometric_tactile.training.processes import Backend, check_backend, run_parallel
-from torch_geometric_tactile.training.recordings import Recordings, describe_recordings
-from torch_geometric_tactile.training.run_store import RunStore
-from torch_geometric_tactile.training.tables import PublishedTable, load_table
 from torch_geometric_tactile.typing import PathLike
 
 SPLITS = ("trial", "frame")

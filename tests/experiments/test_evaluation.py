@@ -4,7 +4,7 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
-from torch_geometric_tactile.training.evaluation import (
+from torch_geometric_tactile.experiments.evaluation import (
     MODELS,
     Job,
     Judgement,
@@ -80,7 +80,7 @@ def test_left_out_objects_are_not_in_training(monkeypatch):
     def record(job, train, test):
         seen["groups"] = (set(train.data.group.tolist()), set(test.data.group.tolist()))
 
-    monkeypatch.setattr("torch_geometric_tactile.training.evaluation._judge_estimator", record)
+    monkeypatch.setattr("torch_geometric_tactile.experiments.evaluation._judge_estimator", record)
     run_job(Job("SVM", "leave objects out", "raw", 0, 0), TRAIN, TEST, 2)
     train, test = seen["groups"]
     assert train

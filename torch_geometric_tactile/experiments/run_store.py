@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.training.experiment import Experiment
 from torch_geometric_tactile.typing import PathLike
 
 

@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile.training.experiment import Experiment
-from torch_geometric_tactile.training.tables import PublishedTable
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.tables import PublishedTable
 
 _PERCENT = ("accuracy", "label_accuracy", "f1")
 _PUBLISHED = {"accuracy": "accuracy", "auc": "auroc", "memory": "peak_memory_mb"}

@@ -8,7 +8,7 @@ from lightning.pytorch.cli import instantiate_module
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.training.analysis_sections import Section, Subject
+from torch_geometric_tactile.reports.analysis_sections import Section, Subject
 from torch_geometric_tactile.training.config import load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileClassifier

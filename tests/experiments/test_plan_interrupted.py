@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
-from torch_geometric_tactile.training.experiments import Settings, run_table
+from torch_geometric_tactile.experiments.plan import Settings, run_table
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends signals to a group of processes")
 ONLY = ["x_tac", "i_tac", "ii_tac", "ii_tac_joint"]

@@ -2,8 +2,8 @@ r"""What a table of ours is made of."""
 
 from collections.abc import Sequence
 
+from torch_geometric_tactile.experiments.plan import TableRun
 from torch_geometric_tactile.training.config import expand_template
-from torch_geometric_tactile.training.experiments import TableRun
 
 NOTHING = "\N{EN DASH}"
 

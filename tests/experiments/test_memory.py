@@ -7,8 +7,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import torch
 
-from torch_geometric_tactile.training import memory
-from torch_geometric_tactile.training.memory import PeakMemory
+from torch_geometric_tactile.experiments import memory
+from torch_geometric_tactile.experiments.memory import PeakMemory
 
 MB = 2**18  # float32
 

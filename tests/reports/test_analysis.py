@@ -7,9 +7,10 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.nn.models import MTGCN
+from torch_geometric_tactile.reports import analysis_sections
+from torch_geometric_tactile.reports.analysis import analyze
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule, analysis_sections
-from torch_geometric_tactile.training.analyze import analyze
+from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
 
 NODE = torch.arange(16)
 # Four patches of two digits, on two links of an Allegro hand; a ring of edges in both directions.

@@ -5,14 +5,9 @@ import pytest
 
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
+from torch_geometric_tactile.reports import ReportPicture, ReportTable, write_report
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.visualization import (
-    ReportPicture,
-    ReportTable,
-    plot_layout,
-    save_figure,
-    write_report,
-)
+from torch_geometric_tactile.visualization import plot_layout, save_figure
 
 TABLE = ReportTable("Scores", "of two", ["model", "accuracy"], [["*GCN", "80.0"], ["SVM", "81.0"]])
 

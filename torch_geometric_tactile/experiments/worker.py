@@ -1,6 +1,6 @@
 r"""Experiments in a process of their own, which measures its own memory and may be killed alone.
 
-``python -m torch_geometric_tactile.training.experiment_process`` reads experiments, one line of
+``python -m torch_geometric_tactile.experiments.worker`` reads experiments, one line of
 JSON each, and answers with one line of JSON each. It ends when its input does, so that it never
 outlives whoever started it, and when there was nothing to do for a while.
 """
@@ -18,11 +18,11 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from torch_geometric_tactile.training.experiment import Experiment, run_experiment
-from torch_geometric_tactile.training.memory import PeakMemory
-from torch_geometric_tactile.training.processes import KEPT_MEMORY
+from torch_geometric_tactile.experiments.experiment import Experiment, run_experiment
+from torch_geometric_tactile.experiments.memory import PeakMemory
+from torch_geometric_tactile.parallel import KEPT_MEMORY
 
-_MODULE = "torch_geometric_tactile.training.experiment_process"
+_MODULE = "torch_geometric_tactile.experiments.worker"
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _IDLE_SECONDS = 20.0
 _SIGKILL = -9

@@ -4,11 +4,11 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.training import experiments
+from torch_geometric_tactile.experiments import plan as experiments
+from torch_geometric_tactile.experiments.experiment import Experiment, run_experiment
+from torch_geometric_tactile.experiments.plan import Settings, run_table
+from torch_geometric_tactile.experiments.worker import close_process, run_in_process
 from torch_geometric_tactile.training.config import expand_template
-from torch_geometric_tactile.training.experiment import Experiment, run_experiment
-from torch_geometric_tactile.training.experiment_process import close_process, run_in_process
-from torch_geometric_tactile.training.experiments import Settings, run_table
 
 QUICK = Settings(seeds=1, epochs=1, stride=2, split_by=("trial",))
 CONFIG = expand_template("p2_table2")["ii_tac"]
@@ -74,7 +74,7 @@ def test_process_measures_is_used_again_and_says_what_failed(grasps):
 
 
 def test_killed_process_is_explained(grasps, monkeypatch):
-    from torch_geometric_tactile.training import experiment_process
+    from torch_geometric_tactile.experiments import worker as experiment_process
 
     start = experiment_process._Process
 

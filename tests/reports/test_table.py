@@ -6,13 +6,13 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
-from torch_geometric_tactile.training.experiment import Experiment
-from torch_geometric_tactile.training.experiments import Settings, TableRun
-from torch_geometric_tactile.training.recordings import Recordings
-from torch_geometric_tactile.training.table_caption import NOTHING
-from torch_geometric_tactile.training.table_numbers import table_numbers
-from torch_geometric_tactile.training.table_report import csv_text, markdown, write_table
-from torch_geometric_tactile.training.tables import load_table
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.numbers import table_numbers
+from torch_geometric_tactile.experiments.plan import Settings, TableRun
+from torch_geometric_tactile.experiments.recordings import Recordings
+from torch_geometric_tactile.experiments.tables import load_table
+from torch_geometric_tactile.reports.table import csv_text, markdown, write_table
+from torch_geometric_tactile.reports.table_caption import NOTHING
 
 DATA = Recordings(
     "sim",

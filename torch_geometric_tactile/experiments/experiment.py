@@ -21,10 +21,10 @@ from torch.utils.data import DataLoader
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.experiments.evaluation import quiet
+from torch_geometric_tactile.experiments.memory import PeakMemory
 from torch_geometric_tactile.training.config import merged
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.evaluation import quiet
-from torch_geometric_tactile.training.memory import PeakMemory
 from torch_geometric_tactile.training.metrics import classification_metrics
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
 

@@ -5,8 +5,8 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.training.experiments import Settings, run_table
-from torch_geometric_tactile.training.processes import (
+from torch_geometric_tactile.experiments.plan import Settings, run_table
+from torch_geometric_tactile.parallel import (
     KEPT_MEMORY,
     check_backend,
     kept_memory,

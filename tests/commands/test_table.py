@@ -4,7 +4,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.cli import build_parser, main
-from torch_geometric_tactile.training import experiments
+from torch_geometric_tactile.experiments import plan as experiments
 
 
 @pytest.fixture

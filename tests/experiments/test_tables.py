@@ -5,9 +5,9 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.cli import _BACKENDS, _TABLES, main
+from torch_geometric_tactile.experiments.tables import load_table, table_names
+from torch_geometric_tactile.parallel import BACKENDS
 from torch_geometric_tactile.training.config import expand_template
-from torch_geometric_tactile.training.processes import BACKENDS
-from torch_geometric_tactile.training.tables import load_table, table_names
 
 
 def published(name, key="accuracy"):
@@ -102,4 +102,4 @@ def test_unknown_table_is_refused_before_anything_is_imported(capsys):
 
 def test_data_file_is_shipped():
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text()
-    assert '"training/*.yaml"' in text
+    assert '"experiments/*.yaml"' in text

@@ -17,21 +17,19 @@ from torch import Tensor
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets import BioTacSP, FakeTactileDataset, default_root
+from torch_geometric_tactile.experiments import evaluation
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.training import evaluation
+from torch_geometric_tactile.reports.html import ReportPicture, ReportTable, write_report
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import load_config
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import (
-    ReportPicture,
-    ReportTable,
     plot_confusion,
     plot_grasps,
     plot_protocols,
     plot_roc,
     save_figure,
-    write_report,
 )
 
 _MAIN = "GCN-DF"

@@ -6,11 +6,11 @@ from pathlib import Path
 from tabulate import tabulate
 from tqdm import tqdm
 
-from torch_geometric_tactile.training.experiment import Experiment
-from torch_geometric_tactile.training.experiments import Settings, TableRun, run_table
-from torch_geometric_tactile.training.processes import Backend
-from torch_geometric_tactile.training.table_report import write_table
-from torch_geometric_tactile.training.tables import load_table
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.plan import Settings, TableRun, run_table
+from torch_geometric_tactile.experiments.tables import load_table
+from torch_geometric_tactile.parallel import Backend
+from torch_geometric_tactile.reports.table import write_table
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import new_figure
 

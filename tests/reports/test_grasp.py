@@ -7,8 +7,9 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.datasets import BioTacSP, default_root
-from torch_geometric_tactile.training import TactileClassifier, demo
-from torch_geometric_tactile.training.evaluation import MODELS
+from torch_geometric_tactile.experiments.evaluation import MODELS
+from torch_geometric_tactile.reports import grasp as demo
+from torch_geometric_tactile.training import TactileClassifier
 
 PICTURES = ("confusion.png", "grasps.png", "protocols.png", "roc.png")
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from torch_geometric_tactile.experiments.numbers import ALL, Number, table_numbers
+from torch_geometric_tactile.experiments.plan import TableRun
+from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.training.experiments import TableRun
-from torch_geometric_tactile.training.table_caption import NOTHING, caption, cost_note
-from torch_geometric_tactile.training.table_numbers import ALL, Number, table_numbers
-from torch_geometric_tactile.training.tables import Cell
+from torch_geometric_tactile.reports.table_caption import NOTHING, caption, cost_note
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
 

@@ -115,8 +115,8 @@ def test_preview_is_drawn_and_named(quick, capsys):
 
 def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, capsys, monkeypatch):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    from torch_geometric_tactile.commands import simulate as simulate_command
     from torch_geometric_tactile.io import read_recording
-    from torch_geometric_tactile.visualization import simulate_command
 
     out, run = quick
     assert run() == 0

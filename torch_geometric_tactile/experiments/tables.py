@@ -103,7 +103,7 @@ class PublishedTable:
 
 @cache
 def _content() -> dict[str, dict[str, Any]]:
-    path = files("torch_geometric_tactile.training") / "published.yaml"
+    path = files("torch_geometric_tactile.experiments") / "published.yaml"
     content: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))["tables"]
     return content
 

@@ -1,0 +1,1 @@
+r"""The verbs of the command line, one file each."""

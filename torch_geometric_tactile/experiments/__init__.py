@@ -1,0 +1,1 @@
+r"""Experiments as values, and what runs them. Needs the extra ``train``."""

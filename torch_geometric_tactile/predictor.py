@@ -1,0 +1,1 @@
+r"""Layout, fitted transforms and model in one file."""
