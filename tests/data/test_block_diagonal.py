@@ -181,9 +181,8 @@ def test_to_batch_by_hand():
     assert batch.edge_weight.tolist() == pytest.approx([0.1, 0.2, 0.3, 0.1, 0.2, 0.3])
     assert batch.batch.tolist() == [0, 0, 0, 1, 1, 1]
     assert batch.ptr.tolist() == [0, 3, 6]
-    assert (
-        repr(batch) == "DataBatch(x=[6, 1], edge_index=[2, 6], edge_weight=[6], batch=[6], ptr=[3])"
-    )
+    sizes = "x=[6, 1], edge_index=[2, 6], edge_weight=[6], batch=[6], ptr=[3]"
+    assert repr(batch) == f"DataBatch({sizes})"
 
 
 def test_to_batch_of_no_samples():

@@ -217,7 +217,9 @@ def verdict(name):
 
 
 def page_rows():
-    return dict(re.findall(r"^\| `(\w+)` \| (\w+)", PAGE.read_text(), flags=re.MULTILINE))
+    return dict(
+        re.findall(r"^\| `(\w+)` \| (works|raises|wrong) \|$", PAGE.read_text(), flags=re.MULTILINE)
+    )
 
 
 @pytest.mark.parametrize("name", CONVOLUTIONS)

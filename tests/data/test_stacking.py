@@ -132,33 +132,25 @@ def test_from_data_list_rejects(second, message):
         StaticData.from_data_list([sample(0), second])
 
 
-def test_from_data_list_rejects_other_text_and_rows():
-    with pytest.raises(ValueError, match="sample 1 must have the same 'note'"):
-        StaticData.from_data_list([sample(note="dry"), sample(note="wet")])
-    with pytest.raises(
-        ValueError,
-        match=r"'bias' must have a first dimension of size 1 .* \(2,\)\); name it in 'node'",
-    ):
-        StaticData.from_data_list([sample(bias=torch.ones(2)), sample(bias=torch.ones(2))])
-    with pytest.raises(ValueError, match="sample 1 must have the same 'bias'"):
-        StaticData.from_data_list(
-            [sample(bias=torch.ones(2)), sample(bias=torch.zeros(2))],
-            node=["bias"],
-            shared=["bias"],
-        )
-    with pytest.raises(ValueError, match="sample 1 must have the same 'parts'"):
-        StaticData.from_data_list(
-            [sample(parts=[torch.ones(2)]), sample(parts=[torch.zeros(2)])], shared=["parts"]
-        )
-    with pytest.raises(ValueError, match=r"'pos' must have 2 dimensions in a sample .* \(2,\)"):
-        StaticData.from_data_list([sample(pos=torch.ones(2)), sample(pos=torch.zeros(2))])
-    with pytest.raises(ValueError, match="'edge_attr' must be named in 'edge' if it differs"):
-        StaticData.from_data_list(
-            [sample(edge_attr=torch.ones(2)), sample(edge_attr=torch.zeros(2))]
-        )
-    several = [sample(gain=torch.ones(1)), sample(gain=torch.zeros(1))]
-    with pytest.raises(ValueError, match="sample 1 must have the same 'gain'"):
-        StaticData.from_data_list(several, shared=["gain"])
+SAME = "sample 1 must have the same '{}' as sample 0"
+
+
+@pytest.mark.parametrize(
+    ("key", "first", "second", "declared", "message"),
+    [
+        ("note", "dry", "wet", [], SAME),
+        ("gain", torch.ones(1), torch.zeros(1), ["shared"], SAME),
+        ("bias", torch.ones(2), torch.zeros(2), ["node", "shared"], SAME),
+        ("parts", [torch.ones(2)], [torch.zeros(2)], ["shared"], SAME),
+        ("bias", torch.ones(2), torch.ones(2), [], r"'{}' must have a first .* \(2,\)\); name it"),
+        ("pos", torch.ones(2), torch.zeros(2), [], "'{}' must have 2 dimensions in a sample"),
+        ("edge_attr", torch.ones(2), torch.zeros(2), [], "'{}' must be named in 'edge' if it"),
+    ],
+)
+def test_from_data_list_rejects_other_values(key, first, second, declared, message):
+    samples = [sample(**{key: first}), sample(**{key: second})]
+    with pytest.raises(ValueError, match=message.format(key)):
+        StaticData.from_data_list(samples, **{argument: [key] for argument in declared})
 
 
 def test_from_data_list_rejects_x_without_features():
@@ -259,7 +251,7 @@ class Heights(BaseTransform):
 
 
 def test_apply_transform_needs_new_attributes_declared():
-    with pytest.raises(ValueError, match="'height' .* name it in 'node' or 'edge'"):
+    with pytest.raises(ValueError, match=r"'height' .* name it in 'node' or 'edge'"):
         apply_transform(Heights(), square())
     data = square().declare(node=["height"])  # before it is there
     out = apply_transform(Heights(), data)

@@ -166,7 +166,8 @@ class _EdgeCache:
         if edges.is_inference():  # has no version
             return edges
         entry = _Entry(edge_index.clone(), num_nodes, num_samples, edges, edges._version)
-        entries, size = [], 0
+        entries: list[_Entry] = []
+        size = 0
         for kept in (entry, *self.entries):
             size += kept.edges.numel() * kept.edges.element_size()
             if size <= _BYTES_CACHED and len(entries) < _NUM_CACHED:
