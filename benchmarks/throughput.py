@@ -369,9 +369,7 @@ def _static_data(num_frames: int) -> dict[str, float]:
 def _training_memory(name: str, batch_size: int) -> dict[str, float]:
     torch.manual_seed(0)
     segments = {"X": None, "I": "digit", "II": "patch"}
-    model = (
-        PlainGCN() if name == "plain" else TactileGCN(_LAYOUT, 8, segments=segments[name])
-    )
+    model = PlainGCN() if name == "plain" else TactileGCN(_LAYOUT, 8, segments=segments[name])
     dataset = Frames(batch_size)
     dataset.data.x.sub_(30_000).div_(100)
     small = Frames(16)

@@ -229,3 +229,14 @@ def test_grasp_gcn_bad_shape(size):
 def test_grasp_gcn_bad_number_of_nodes():
     with pytest.raises(ValueError, match=r"'x' must have 24 nodes \(got 48\)"):
         GraspGCN()(torch.zeros(5, 48, 3), EDGE_INDEX)
+
+
+def test_grasp_gcn_weights_are_no_edge_features():
+    weight = torch.ones(EDGE_INDEX.size(1))
+    with pytest.raises(ValueError, match=r"give weights of edges as 'edge_weight' \(got shape \("):
+        GraspGCN()(readings(5, 24, 3), EDGE_INDEX, weight)
+
+
+def test_grasp_gcn_needs_edges():
+    with pytest.raises(ValueError, match=r"'edge_index' must be given \(got None\)"):
+        GraspGCN()(readings(5, 24, 3))

@@ -178,3 +178,42 @@ def test_hub_missing(monkeypatch, tmp_path):
     for call in (GraspGCN(6, hidden_channels=4).save_pretrained, GraspGCN.from_pretrained):
         with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[hub\]"'):
             call(tmp_path)
+
+
+def test_hub_folder_of_an_older_version(hub, tmp_path):
+    # `huggingface_hub` itself would leave out what it does not know, and make another model.
+    MODELS["gcn"]().save_pretrained(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    config["num_nodes"] = config.pop("layout")
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(ValueError, match=r"TactileGCN has no argument 'num_nodes', only \[.*older"):
+        TactileGCN.from_pretrained(tmp_path)
+    MODELS["gcn"]().save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match=r"TactileGCN has no argument 'depth', only \["):
+        TactileGCN.from_pretrained(tmp_path, depth=3)
+
+
+def test_hub_unknown_argument_of_a_subclass(hub, tmp_path):
+    class Wide(TactileGCN):
+        def __init__(self, *args, scale=2, **kwargs):
+            super().__init__(*args, **kwargs)
+
+    Wide(layout=6, **NARROW, **SMALL).save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match=r"Wide has no argument 'num_nodes', only \[.*'scale'"):
+        Wide.from_pretrained(tmp_path, num_nodes=6)
+
+
+def test_hub_layout_file(hub, tmp_path):
+    # The file is of this machine only: its contents are saved.
+    for path in (tmp_path / "own.json", str(tmp_path / "own.json")):
+        LAYOUT.save(path)
+        model = TactileGCN(path, segments="patch", **SMALL).eval()
+        (tmp_path / "own.json").unlink()
+        model.save_pretrained(tmp_path / "model")
+        again = TactileGCN.from_pretrained(tmp_path / "model")
+        assert torch.equal(output(again), output(model))
+
+
+def test_hub_layout_name(hub, tmp_path):
+    TactileGCN("biotac_sp", **SMALL).save_pretrained(tmp_path)
+    assert json.loads((tmp_path / "config.json").read_text())["layout"] == "biotac_sp"

@@ -143,7 +143,10 @@ def test_model_wrong_edges(name):
             lambda: MTGCN(threads={"tactile": {"width": 3}}),
             r"a thread must have some of \['widths', 'pools', 'adjacency'\] \(got 'width' in 'ta",
         ),
-        (lambda: MTGCN(inputs=T, threads={"tactile": {"widths": (4,)}}), r"'pools' must have a size for"),
+        (
+            lambda: MTGCN(inputs=T, threads={"tactile": {"widths": (4,)}}),
+            r"'pools' must have a size for",
+        ),
         (lambda: MTGCN(), r"'num_edges' must be given"),
         (
             lambda: MTGCN(inputs=T, threads={"tactile": {"adjacency": "denser"}}),

@@ -138,9 +138,7 @@ def test_mt_cnn_paper_size(num_joints):
 def test_tactile_gcn_of_segments_paper_size(segments, number, inputs, num_joints):
     # The head of one is that of all: small here, and counted below.
     small = {"head_widths": (2,), "head_pools": (1,)}
-    model = TactileGCN(
-        LAYOUT, 8, segments=segments, inputs=inputs, num_joints=num_joints, **small
-    )
+    model = TactileGCN(LAYOUT, 8, segments=segments, inputs=inputs, num_joints=num_joints, **small)
     width = sum(WIDTH[name] for name in inputs)
     assert model.thread.in_channels == width
     assert model.head.in_channels == 2688 + num_joints

@@ -7,7 +7,11 @@ from torch import Tensor
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
+from torch_geometric_tactile.nn.models.tactile_model import (
+    TactileModel,
+    check_no_edges,
+    side_by_side,
+)
 from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -88,8 +92,7 @@ def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:
     Raises:
         ValueError: If there is no map, or an input is on edges.
     """
-    if "edge" in inputs:
-        raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {inputs})")
+    check_no_edges(inputs)
     if layout.image_map is None:
         raise ValueError(f"'layout' must have an image_map (got none in '{layout.name}')")
     return layout.image_map

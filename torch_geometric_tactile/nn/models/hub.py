@@ -164,7 +164,7 @@ class TactileHubMixin(PyGModelHubMixin):
             raise ValueError(
                 f"{cls.__name__} has no argument '{unknown[0]}', only {sorted(known)}: if "
                 f"'{model_id}' was saved by an older version of this package, make the model with "
-                "today's arguments, train it again and save it"
+                "today's arguments and load its 'model.pth' into it"
             )
         if isinstance(arguments.get("layout"), dict):
             arguments["layout"] = TaxelLayout.from_dict(arguments["layout"])

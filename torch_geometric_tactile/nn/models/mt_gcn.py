@@ -133,7 +133,7 @@ def checked_edges(
     Raises:
         ValueError: If they are no edges, or join other taxels.
     """
-    edge_index = torch.as_tensor(edges, dtype=torch.long)
+    edge_index = torch.as_tensor(edges, dtype=torch.long, device="cpu")  # to be checked
     if edge_index.dim() != 2 or edge_index.size(0) != 2:
         raise ValueError(
             f"the adjacency of '{name}' must have shape (2, num_edges) "

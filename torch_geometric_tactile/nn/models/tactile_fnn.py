@@ -6,7 +6,10 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
+from torch_geometric_tactile.nn.models.tactile_model import (
+    TactileModel,
+    side_by_side,
+)
 from torch_geometric_tactile.nn.models.taxels import LayoutLike
 
 
@@ -54,8 +57,7 @@ class TactileFNN(TactileModel):
         super().__init__(
             layout, out_channels, inputs=inputs, num_joints=num_joints, channels=channels
         )
-        if "edge" in self.inputs:
-            raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {self.inputs})")
+        check_no_edges(self.inputs)
         self.add_head(sum(self.channels[name] for name in self.inputs), widths, pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:

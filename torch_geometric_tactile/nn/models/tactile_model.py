@@ -302,3 +302,16 @@ def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
     """
     values = list(parts.values())
     return values[0] if len(values) == 1 else torch.cat(values, dim=-1)
+
+
+def check_no_edges(inputs: Sequence[str]) -> None:
+    r"""Checks the inputs of a model without a graph.
+
+    Args:
+        inputs (sequence of str): The inputs.
+
+    Raises:
+        ValueError: If one is on edges.
+    """
+    if "edge" in inputs:
+        raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {tuple(inputs)})")
