@@ -8,6 +8,7 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.tactile_model import (
     TactileModel,
+    check_no_edges,
     side_by_side,
 )
 from torch_geometric_tactile.nn.models.taxels import LayoutLike

@@ -1,15 +1,16 @@
 r"""The argument :obj:`layout` of the models."""
 
-from os import PathLike
+import os
 from pathlib import Path
 from typing import Any, Union
 
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout, stock_path
+from torch_geometric_tactile.typing import PathLike
 
 # A layout, the name of a stock layout or the path of a layout file, or the number of taxels.
-LayoutLike = Union[TaxelLayout, int, str, PathLike]
+LayoutLike = Union[TaxelLayout, int, PathLike]
 
 
 def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
@@ -54,7 +55,7 @@ def portable_layout(layout: Any) -> Any:
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, its name or its file, or the number.
     """
-    if isinstance(layout, PathLike):
+    if isinstance(layout, os.PathLike):
         return load_layout(layout, "a saved model")
     if isinstance(layout, str):
         try:
@@ -64,7 +65,7 @@ def portable_layout(layout: Any) -> Any:
     return layout
 
 
-def as_layout(layout: Union[TaxelLayout, str, PathLike]) -> TaxelLayout:
+def as_layout(layout: Union[TaxelLayout, PathLike]) -> TaxelLayout:
     r"""Returns a layout.
 
     Args:
