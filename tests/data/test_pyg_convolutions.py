@@ -217,9 +217,8 @@ def verdict(name):
 
 
 def page_rows():
-    return dict(
-        re.findall(r"^\| `(\w+)` \| (works|raises|wrong) \|$", PAGE.read_text(), flags=re.MULTILINE)
-    )
+    text = PAGE.read_text(encoding="utf-8")
+    return dict(re.findall(r"^\| `(\w+)` \| (works|raises|wrong) \|$", text, flags=re.MULTILINE))
 
 
 @pytest.mark.parametrize("name", CONVOLUTIONS)

@@ -89,6 +89,8 @@ def _join(
         moved = num_samples > 1 and int(starts[-1]) != 0
     else:
         step = sample.__inc__(key, one)
+        if step is None:  # PyG 2.6 does not say so
+            raise RuntimeError(f"Unable to infer 'num_nodes', which '{key}' needs; please set it")
         starts = step * numbers[:-1]
         moved = num_samples > 1 and step != 0
         if moved and key == "edge_index":
