@@ -152,7 +152,7 @@ def test_static_gcn_conv_many_nodes():
     ours, theirs = pair()
     x = samples(2, 1100, 3)  # above the limit of the dense form
     assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-5)
-    assert ours._kept._value is None
+    assert ours._kept.current is None
 
 
 def test_static_gcn_conv_empty_and_single():
@@ -234,12 +234,12 @@ def test_static_gcn_conv_explained():
 def test_static_gcn_conv_copies():
     conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
     expected = conv(x, edge_index)
-    assert conv._kept._value is not None
+    assert conv._kept.current is not None
     file = io.BytesIO()
     torch.save(conv, file)
     file.seek(0)
     for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
-        assert other._kept._value is None  # copies carry no edges along
+        assert other._kept.current is None  # copies carry no edges along
         assert torch.equal(other(x, edge_index), expected)
     conv.reset_parameters()
     assert not torch.allclose(conv(x, edge_index), expected)

@@ -2,7 +2,6 @@ r"""Graph convolutions in a row, with the maximum over channels between them."""
 
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor
 from torch.nn import Module, ModuleList
 from torch_geometric.nn.inits import reset
@@ -10,13 +9,11 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache
-from torch_geometric_tactile.nn.functional import pooled_gcn
+from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 WIDTHS = (14, 28, 56, 112, 112)
 POOLS = (1, 1, 2, 4, 16)
-# From this number of samples on, the layout of `nn.functional` pays.
-_MIN_SAMPLES = 8
 
 
 class GCNThread(Module):
@@ -95,7 +92,7 @@ class GCNThread(Module):
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
-        if self.fast and is_fast(x) and not any(conv.explain for conv, _ in self.layers()):
+        if self.fast and may_run_fast(x) and may_merge(self.layers()):
             kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
                 h = x.permute(1, 2, 0).contiguous()
@@ -111,21 +108,6 @@ class GCNThread(Module):
             f"{type(self).__name__}({self.in_channels}, widths={self.widths}, "
             f"pools={self.pool_sizes})"
         )
-
-
-def is_fast(x: Tensor) -> bool:
-    r"""Tells whether features are those of many samples on a processor, and no compiler looks on.
-
-    Args:
-        x (torch.Tensor): Node features.
-    """
-    return (
-        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
-        and x.dim() == 3
-        and x.size(0) >= _MIN_SAMPLES
-        and x.device.type == "cpu"
-        and x.dtype in (torch.float32, torch.float64)
-    )
 
 
 def checked_widths(

@@ -15,8 +15,8 @@ from torch_geometric_tactile.nn.conv.static_adjacency import (
     adjacency_blocks,
     dense_norm,
 )
-from torch_geometric_tactile.nn.functional import pooled_gcn
-from torch_geometric_tactile.nn.models.gcn_thread import checked_widths, is_fast
+from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
+from torch_geometric_tactile.nn.models.gcn_thread import checked_widths
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 
@@ -112,14 +112,14 @@ class SegmentedThread(Module):
         """
         layers = self.layers()
         segment = layers[0][0].segment
-        if x.dim() != 3 or x.size(1) != len(segment) or any(conv.explain for conv, _ in layers):
+        if x.dim() != 3 or x.size(1) != len(segment) or not may_merge(layers):
             for conv, pool in layers:
                 x = pool(conv(x, edge_index, edge_weight)).relu()
             return x
         if x.size(-1) != self.in_channels:
             raise ValueError(f"'x' must have {self.in_channels} features (got {x.size(-1)})")
         kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
-        if kept is not None and self.fast and is_fast(x):
+        if kept is not None and self.fast and may_run_fast(x):
             h = x.permute(1, 2, 0).contiguous()
             for conv, pool in layers:
                 h = pooled_gcn(h, kept, conv.weight, conv.bias, pool.kernel_size, segment)
