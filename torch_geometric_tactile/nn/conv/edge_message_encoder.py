@@ -156,6 +156,10 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         EdgeAttentionEncoder(4, 4, hidden_channels=16)
     """
 
+    # PyG puts a compiled form into the class of the first layer that is made, and subclasses would
+    # inherit it where they need the one that can be explained.
+    propagate = MessagePassing.propagate
+
     def __init__(
         self, edge_dim: int = 4, out_channels: int = 4, hidden_channels: int = 16, **kwargs: Any
     ) -> None:
@@ -214,6 +218,10 @@ class EdgePatchEncoder(EdgeMessageEncoder):
     """
 
     segment: Tensor
+
+    # PyG puts a compiled form into the class of the first layer that is made, and subclasses would
+    # inherit it where they need the one that can be explained.
+    propagate = MessagePassing.propagate
 
     def __init__(
         self,

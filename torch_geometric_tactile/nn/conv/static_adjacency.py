@@ -268,6 +268,8 @@ def dense_norm(
     source, target = edge_index.long()
     if norm.flow == "target_to_source":
         source, target = target, source
+    # As in PyG, where `improved` changes nothing without weights.
+    loop_weight = 2.0 if norm.improved and edge_weight is not None else 1.0
     if edge_weight is None:
         edge_weight = torch.ones(edge_index.size(1), dtype=dtype, device=edge_index.device)
     weight = edge_weight.view(-1).to(dtype)
@@ -282,8 +284,8 @@ def dense_norm(
     )
     adjacency = adjacency.view(num_nodes, num_nodes)
     if add_self_loops:
-        # Self-loops keep their weight, missing ones get one; the last place takes all other edges.
-        loop = weight.new_full((num_nodes + 1,), 2.0 if norm.improved else 1.0).scatter(
+        # Self-loops keep their weight, missing ones are added; the last place takes all other edges.
+        loop = weight.new_full((num_nodes + 1,), loop_weight).scatter(
             0, source.masked_fill(~is_loop, num_nodes), weight
         )
         adjacency = adjacency + loop[:-1].diag_embed()

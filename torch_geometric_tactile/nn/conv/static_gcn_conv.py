@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Optional
 import torch
 from torch import Tensor
 from torch_geometric import EdgeIndex
-from torch_geometric.nn import GCNConv
+from torch_geometric.nn import GCNConv, MessagePassing
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
@@ -53,7 +53,8 @@ class StaticGCNConv(GCNConv):
     Args:
         in_channels (int): Size of each input feature, or -1 to take it from the first input.
         out_channels (int): Size of each output feature.
-        improved (bool): Whether self-loops have weight two.
+        improved (bool): Whether added self-loops have weight two, if the edges have weights; as in
+            PyG, it changes nothing for edges without weights.
         cached (bool): Whether to keep the normalised edges of the first call for all further calls,
             whatever edges come in. This layer needs it for no speed.
         add_self_loops (bool, optional): Whether to add self-loops; as :obj:`normalize` if left out.
@@ -85,11 +86,25 @@ class StaticGCNConv(GCNConv):
     _cached_edge_index: Optional[tuple[Adj, OptTensor]]
     _has_own_messages: ClassVar[bool] = False
 
+    _has_own_propagate: ClassVar[bool] = False
+
+    # Its own, as in all subclasses: PyG puts a compiled form into the class of the first layer that
+    # is made, and its subclasses would inherit it where they need the one that can be explained.
+    propagate = MessagePassing.propagate
+
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls._has_own_messages = any(
-            getattr(cls, name) is not getattr(StaticGCNConv, name) for name in MESSAGE_METHODS
+        before = cls.__mro__[1 : cls.__mro__.index(StaticGCNConv)]
+        parents = [base for base in before if issubclass(base, StaticGCNConv)]
+        own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
+        cls._has_own_messages = not own.isdisjoint(MESSAGE_METHODS) or any(
+            base._has_own_messages for base in parents
         )
+        cls._has_own_propagate = "propagate" in own or any(
+            base._has_own_propagate for base in parents
+        )
+        if not cls._has_own_propagate:
+            cls.propagate = MessagePassing.propagate
 
     def __init__(
         self,
