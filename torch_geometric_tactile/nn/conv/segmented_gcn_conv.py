@@ -120,7 +120,7 @@ class SegmentedGCNConv(MessagePassing):
             return self._convolve(x, edge_index, edge_weight)
         try:
             return self._convolve(x, edge_index, edge_weight)
-        except (IndexError, RuntimeError):
+        except (IndexError, RuntimeError, ValueError):
             # Bad edges always fail on a processor: finding out why costs good ones nothing.
             check_edge_index(edge_index, x.size(-2))
             raise

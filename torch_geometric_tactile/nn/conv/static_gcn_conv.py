@@ -141,11 +141,13 @@ class StaticGCNConv(GCNConv):
         num_nodes = x.size(int(self.node_dim))
         check_edge_form(edge_index, num_nodes)
         check_edge_weight(edge_index, edge_weight)
+        if self.cached and self._cached_edge_index is None:
+            check_edge_index(edge_index, num_nodes)  # before PyG keeps them
         if is_traced():
             return self._gather(x, edge_index, edge_weight)
         try:
             return self._gather(x, edge_index, edge_weight)
-        except (IndexError, RuntimeError):
+        except (IndexError, RuntimeError, ValueError):
             # Bad edges always fail on a processor: finding out why costs good ones nothing.
             check_edge_index(edge_index, num_nodes)
             raise
