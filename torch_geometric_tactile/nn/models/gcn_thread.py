@@ -42,6 +42,7 @@ class GCNThread(Thread):
             divide its width, or :obj:`x` has other channels.
 
     Examples:
+        >>> import torch
         >>> thread = GCNThread(3)
         >>> thread
         GCNThread(3, widths=(14, 28, 56, 112, 112), pools=(1, 1, 2, 4, 16))
