@@ -51,8 +51,6 @@ def test_folder_of_trials_is_a_root(tmp_path):
     assert dataset.synthetic
     assert sorted(path.name for path in (tmp_path / "processed").iterdir()) == [
         "allegro_uskin.pt",
-        "pre_filter.pt",
-        "pre_transform.pt",
     ]
     assert not (tmp_path / "raw").exists()
 

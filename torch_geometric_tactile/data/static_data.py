@@ -6,9 +6,6 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
-from torch_geometric.transforms import Compose
-
-from torch_geometric_tactile.typing import Transform
 
 # The number of dimensions that these attributes have when all samples share them.
 _SHARED_DIM = {
@@ -277,33 +274,3 @@ class StaticData(Data):
         if first.dim() == 0:
             return torch.stack(values)
         return torch.cat(values)
-
-
-def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
-    r"""Applies a transform to many samples at once, with the result of applying it to each.
-
-    Transforms that declare :obj:`supports_static = True` see all samples in one call; any other PyG
-    transform is called sample by sample.
-
-    Args:
-        transform (callable, optional): From :class:`~torch_geometric.data.Data` to
-            :class:`~torch_geometric.data.Data`.
-        data (StaticData): The samples.
-
-    Raises:
-        ValueError: If the transform gives the samples different topologies.
-    """
-    if transform is None:
-        return data
-    if isinstance(transform, Compose):
-        for part in transform.transforms:
-            data = apply_transform(part, data)
-        return data
-    if getattr(transform, "supports_static", False):
-        out: StaticData = transform(data)
-        return out
-    if data.num_samples == 0:
-        return data
-    return StaticData.from_data_list(
-        [transform(sample) for sample in data.to_data_list()], shared=data.shared_names()
-    )

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, splits
-from torch_geometric_tactile.data.static_dataset import load_static
+from torch_geometric_tactile.data.processed_file import load_static
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
@@ -179,6 +179,12 @@ class AllegroUSkin(StaticDataset):
         self.phases = (phases,) if isinstance(phases, str) else phases and tuple(phases)
         self.stride = stride
         edge_index = self.layout.edge_index(adjacency)
+        self.pre_transform, self.pre_filter = pre_transform, pre_filter
+        chosen = ("split", "split_by", "fractions", "split_seed", "phases", "stride")
+        # Edges and labels are set after loading, unless a filter or transform has seen them.
+        self.selection_args = (
+            chosen if self._is_filtered else (*chosen, "task", "adjacency", "layout")
+        )
         super().__init__(
             default_root("AllegroUSkin") if root is None else root,
             transform,
