@@ -1,6 +1,7 @@
 r"""Transforms of many samples at once."""
 
-from collections.abc import Callable, Mapping, Sequence
+import copy
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
 import torch
@@ -161,8 +162,20 @@ def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> S
     for key in changed:
         if not (data.is_shared(key) if key in before and key != "x" else key in allowed):
             return None  # it has other results than those declared
-    kept = {key: value for key, value in before.items() if key in found}
-    return _rebuilt(data, kept | changed, rule)
+    out = _declared(copy.copy(data), rule)
+    for key in before.keys() - found.keys():
+        del out[key]
+    # The numbers of taxels and edges first, with which the others have to agree.
+    for key in sorted(changed, key=lambda key: key not in ("x", "edge_index")):
+        out[key] = changed[key]
+    return out
+
+
+def _declared(data: StaticData, rule: StaticRule) -> StaticData:
+    added = (*rule.node, *rule.edge, *rule.shared)
+    if added:
+        data.share(*added)
+    return data
 
 
 def _blank(data: StaticData) -> StaticData:
@@ -171,7 +184,7 @@ def _blank(data: StaticData) -> StaticData:
         key: value if data.is_shared(key) else value.new_zeros((1, *value.shape[1:]))
         for key, value in data.to_dict().items()
     }
-    return _rebuilt(data, values, _UNKNOWN)
+    return StaticData(**values, shared=data.shared_names())
 
 
 def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
@@ -180,11 +193,6 @@ def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
     if rule.x == "replace":
         return columns.contiguous()
     return torch.cat([x.to(after.dtype), columns], dim=-1)
-
-
-def _rebuilt(data: StaticData, values: Mapping[str, Any], rule: StaticRule) -> StaticData:
-    shared = data.shared_names().union(rule.node, rule.edge, rule.shared)
-    return StaticData(**values, shared=shared)
 
 
 def stack_samples(
