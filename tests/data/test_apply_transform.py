@@ -126,8 +126,6 @@ def test_own_positions_as_one_by_one(transform):
 
 @pytest.mark.parametrize("transform", TRANSFORMS, ids=str)
 def test_own_edge_features_as_one_by_one(transform):
-    if isinstance(transform, T.GCNNorm | T.AddRandomWalkPE):
-        pytest.skip("reads no edge features")
     assert_as_one_by_one(transform, samples(edge_attr=torch.rand(4, 13, 2)))
 
 
@@ -150,9 +148,7 @@ def test_no_sample_gets_the_edges_of_others(transform):
 
 
 def test_point_pair_features_once():
-    data = samples()
-    data = StaticData(**data.to_dict(), norm=LAYOUT.normal, shared=["norm"])
-    assert_as_one_by_one(T.PointPairFeatures(), data)
+    assert_as_one_by_one(T.PointPairFeatures(), samples(norm=LAYOUT.normal))
 
 
 def test_polar_once():

@@ -98,11 +98,11 @@ def test_cut_processed_file_says_what_to_do(toy, tmp_path, keep):
     assert len(toy(tmp_path, force_reload=True)) == len(toy(tmp_path)) == 6
 
 
-@pytest.mark.parametrize("content", [{"format": 1}, {}, [1, 2], torch.zeros(3)])
+@pytest.mark.parametrize("content", [{"format": 2}, {}, [1, 2], torch.zeros(3)])
 def test_processed_file_of_another_format_is_made_again(toy, tmp_path, caplog, content):
     path = Path(toy(tmp_path).processed_paths[0])
     torch.save(content, path)
-    with pytest.raises(OtherFormatError, match="is not in format 2; delete it"):
+    with pytest.raises(OtherFormatError, match="is not in format 3; delete it"):
         read_processed(path)
     assert len(toy(tmp_path)) == 6
     assert toy.reads == 2
@@ -123,7 +123,7 @@ def test_processed_file_of_another_format_without_raw_files(raw_toy, tmp_path):
 
 
 def test_processed_file_with_a_pickled_object_is_refused(toy, tmp_path):
-    torch.save({"format": 2, "attributes": {"x": Path("a")}}, toy(tmp_path).processed_paths[0])
+    torch.save({"format": 3, "attributes": {"x": Path("a")}}, toy(tmp_path).processed_paths[0])
     with pytest.raises(ValueError, match="cannot be read"):
         toy(tmp_path)
 
@@ -160,14 +160,17 @@ def test_save_and_load_keep_what_is_shared(tmp_path):
         pos=torch.rand(3, 3),
         bias=torch.rand(3),
         gain=torch.rand(2),
+        mask=torch.rand(2, 3),
         note="dry",
-        shared=["gain"],
+        node=["bias", "mask"],
+        shared=["bias", "gain"],
     )
     save_static(data, {"class": ["a"]}, tmp_path / "a.pt")
     loaded, names = load_static(tmp_path / "a.pt")
     assert names == {"class": ["a"]}
     for key in data.keys():  # noqa: SIM118
         assert loaded.is_shared(key) == data.is_shared(key), key
+        assert loaded.level(key) == data.level(key), key
     assert loaded.index_select(torch.tensor([0, 1, 0])).sample(0).bias.shape == (3,)
 
 

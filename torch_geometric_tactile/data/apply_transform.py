@@ -9,6 +9,7 @@ from torch import Tensor
 from torch_geometric import transforms as T
 from torch_geometric.data import Data
 
+from torch_geometric_tactile.data.levels import Schema
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.typing import Transform
 
@@ -48,7 +49,7 @@ def _columns(*names: str) -> Callable[[Any], StaticRule]:
 
 def _named_edge_attr(transform: Any) -> StaticRule:
     name = transform.attr
-    return StaticRule((*_EDGES, name), edge=() if name in _EDGES else (name,))
+    return StaticRule(("edge_index", name), edge=() if name in _EDGES else (name,))
 
 
 def _encoding(*names: str) -> Callable[[Any], StaticRule]:
@@ -143,7 +144,7 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
         return once
     if data.num_samples == 0:
         return data
-    return stack_samples([transform(sample) for sample in data.to_data_list()], data, rule)
+    return stack_like([transform(sample) for sample in data.to_data_list()], data, rule)
 
 
 def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> StaticData | None:
@@ -159,8 +160,9 @@ def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> S
         changed["x"] = _widened(data.x, changed["x"], rule)
     allowed = {"x"} if rule.x is not None else set()
     allowed.update(rule.node, rule.edge, rule.shared, _EDGES)
-    for key in changed:
-        if not (data.is_shared(key) if key in before and key != "x" else key in allowed):
+    for key, value in changed.items():
+        is_new = key == "x" or key not in before
+        if not (key in allowed or not isinstance(value, Tensor) if is_new else data.is_shared(key)):
             return None  # it has other results than those declared
     out = _declared(copy.copy(data), rule)
     for key in before.keys() - found.keys():
@@ -173,9 +175,7 @@ def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> S
 
 def _declared(data: StaticData, rule: StaticRule) -> StaticData:
     added = (*rule.node, *rule.edge, *rule.shared)
-    if added:
-        data.share(*added)
-    return data
+    return data.declare(node=rule.node, edge=rule.edge, shared=added) if added else data
 
 
 def _blank(data: StaticData) -> StaticData:
@@ -184,7 +184,7 @@ def _blank(data: StaticData) -> StaticData:
         key: value if data.is_shared(key) else value.new_zeros((1, *value.shape[1:]))
         for key, value in data.to_dict().items()
     }
-    return StaticData(**values, shared=data.shared_names())
+    return StaticData(**values, **data.schema)
 
 
 def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
@@ -195,7 +195,7 @@ def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
     return torch.cat([x.to(after.dtype), columns], dim=-1)
 
 
-def stack_samples(
+def stack_like(
     samples: Sequence[Data], like: StaticData, rule: StaticRule = _UNKNOWN
 ) -> StaticData:
     r"""Stacks samples after a transform.
@@ -208,5 +208,6 @@ def stack_samples(
     Raises:
         ValueError: If the samples have different topologies.
     """
-    shared = like.shared_names().union(rule.shared)
-    return StaticData.from_data_list(samples, shared=shared)
+    added = Schema.of(rule.node, rule.edge, rule.shared)
+    schema = Schema.of(**like.schema).update(added).to_dict()
+    return StaticData.from_data_list(samples, **schema)

@@ -1,7 +1,6 @@
 r"""Arrays of your own as samples."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 
 _COLUMNS = ("y", "group", "trial", "session", "joint", "time")
 _NAMED = {"y": "class", "group": "group", "session": "session"}
@@ -51,10 +49,11 @@ def static_data_from_arrays(
         values[key] = value if key in schema.get("shared", ()) else _as_column(key, value)
         if key in _COLUMNS:
             _check_rows(key, values[key], x.size(0))
-    edges = None if edge_index is None else _as_edges(edge_index, layout)
+    edges = None
+    if edge_index is not None:
+        edges = check_edges(as_tensor("edge_index", edge_index), layout.num_taxels)
     places = {} if {"pos", "normal"} & values.keys() else _places(layout)
-    levels = {level: keys for level, keys in schema.items() if keys}
-    return StaticData(x=x, edge_index=edges, **places, **values, **levels), found
+    return StaticData(x=x, edge_index=edges, **places, **values, **schema), found
 
 
 def _places(layout: TaxelLayout) -> dict[str, Tensor]:
@@ -150,33 +149,6 @@ def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
         raise ValueError(f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
     number = {name: i for i, name in enumerate(names)}
     return torch.tensor([number[name] for name in array.tolist()], dtype=torch.long)
-
-
-def _as_edges(edge_index: Any, layout: TaxelLayout) -> Tensor:
-    edge_index = as_tensor("edge_index", edge_index)
-    if edge_index.dim() != 2 or edge_index.size(0) != 2 or edge_index.is_floating_point():
-        raise ValueError(
-            f"'edge_index' must be integers of shape (2, num_edges) (got {edge_index.dtype} of "
-            f"shape {tuple(edge_index.shape)})"
-        )
-    edge_index = edge_index.long()
-    if edge_index.numel():
-        lowest, highest = int(edge_index.min()), int(edge_index.max())
-        if not 0 <= lowest <= highest < layout.num_taxels:
-            raise ValueError(
-                f"'edge_index' must join taxels 0 to {layout.num_taxels - 1} "
-                f"(got {lowest} to {highest})"
-            )
-    return edge_index
-
-
-def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns a layout: itself, the one of this name that comes with the package, or a file's."""
-    if isinstance(layout, TaxelLayout):
-        return layout
-    if isinstance(layout, str) and not Path(layout).is_file():
-        return stock_layout(layout)
-    return TaxelLayout.load(layout)
 
 
 def layout_of(data: StaticData) -> TaxelLayout:

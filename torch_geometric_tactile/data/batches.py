@@ -122,7 +122,7 @@ def joined(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticDat
     for i, other in enumerate(batches):
         _check_same(first, other, i)
     values: dict[str, Any] = {}
-    declared = first.shared_names()
+    declared = first.schema["shared"]
     for key, value in first.to_dict().items():
         if all(batch.is_shared(key) and _is_same(batch[key], value) for batch in batches):
             values[key] = value
@@ -130,7 +130,7 @@ def joined(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticDat
             raise ValueError(f"all batches must have the same '{key}', which their samples share")
         else:
             values[key] = _joined_rows([_rows(batch, key) for batch in batches], places, key)
-    return StaticData(**values, shared=declared)
+    return StaticData(**values, **first.schema)
 
 
 def _rows(batch: StaticData, key: str) -> Tensor:

@@ -5,9 +5,9 @@ from typing import Any, Self
 
 from torch_geometric.data import Data
 
-from torch_geometric_tactile.data.arrays import as_layout, layout_of, static_data_from_arrays
+from torch_geometric_tactile.data.arrays import layout_of, static_data_from_arrays
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 
@@ -160,10 +160,7 @@ class FromArrays:
             ValueError: If there is no sample, the samples differ in their edges, their attributes
                 or their shapes, or there is neither a layout nor one :obj:`pos`.
         """
-        schema = {"node": node, "edge": edge, "shared": shared}
-        data = StaticData.from_data_list(
-            list(data_list), **{key: tuple(value) for key, value in schema.items() if value}
-        )
+        data = StaticData.from_data_list(data_list, node=node, edge=edge, shared=shared)
         names = {"class": class_names, "group": group_names, "session": session_names}
         source = data, {key: list(value) for key, value in names.items() if value}
         layout = layout_of(data) if layout is None else as_layout(layout)

@@ -11,7 +11,7 @@ from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.typing import PathLike
 
-FORMAT = 2
+FORMAT = 3
 _MEND = "delete it or pass 'force_reload=True' to process the raw files again"
 
 
@@ -58,17 +58,13 @@ def save_static(
     content = {
         "format": FORMAT,
         "attributes": attributes,
-        "schema": _schema(data),
+        "schema": data.schema,
         "names": dict(names),
         "settings": dict(settings or {}),
         "raw_state": list(raw_state),
     }
     with atomic_path(path) as temporary:
         torch.save(content, temporary)
-
-
-def _schema(data: StaticData) -> dict[str, list[str]]:
-    return {"shared": sorted(data.shared_names())}
 
 
 def _is_view(value: Any) -> bool:

@@ -9,7 +9,7 @@ from torch.utils.data import ConcatDataset, DataLoader, Dataset, Subset
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.apply_transform import stack_samples
+from torch_geometric_tactile.data.apply_transform import stack_like
 from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.static_samples import StaticSamples
 
@@ -39,7 +39,7 @@ class StaticCollater:
         samples = [samples] if isinstance(samples, Data) else list(samples)
         if not samples:
             return static_batch(self.dataset, [])
-        return stack_samples(samples, static_batch(self.dataset, []))
+        return stack_like(samples, static_batch(self.dataset, []))
 
 
 class _Joined(Dataset):

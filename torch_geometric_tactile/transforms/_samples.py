@@ -80,9 +80,7 @@ class Samples:
         self, data: AnySamples, before: BaseTransform | None = None, max_samples: int = 8192
     ) -> None:
         self._data = without_transform(data)
-        self.num_samples = (
-            data.num_samples if isinstance(data, StaticData) else len(self._data)
-        )
+        self.num_samples = data.num_samples if isinstance(data, StaticData) else len(self._data)
         self._before = before
         self._max_samples = max_samples
         self._is_static = _is_static(self._data)
