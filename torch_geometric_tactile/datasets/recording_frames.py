@@ -1,8 +1,6 @@
 r"""The frames of recordings, for any sensor."""
 
-import hashlib
 import logging
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -11,23 +9,33 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data import Protocol, Recording, StaticData, StaticDataset
-from torch_geometric_tactile.data.static_dataset import load_static
+from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.datasets.frame_labels import frame_labels
-from torch_geometric_tactile.datasets.trial import Trial, check_together, checked_labels, make_trial
+from torch_geometric_tactile.datasets.frame_reader import SUFFIXES, FrameReader, trial_files
+from torch_geometric_tactile.datasets.selected_frames import PARTS, SelectedFrames
+from torch_geometric_tactile.datasets.trial import Trial, check_together, checked_labels
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
-_SUFFIXES = (".h5", ".hdf5", ".npz", ".csv")
-_PARTS = ("train", "val", "test")
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 _CONTENT = "content=2"  # to be raised when the processed file gets other columns
-_FRAMES_PER_BLOCK = 4096
+# Arguments, also of subclasses, that choose from the processed frames.
+_SELECTION_ARGS = (
+    "split",
+    "protocol",
+    "split_by",
+    "fractions",
+    "split_seed",
+    "fold",
+    "phases",
+    "stride",
+)
+_STORED = ("object", "property")
 _logger = logging.getLogger(__name__)
 
 
-class RecordingFrames(StaticDataset):
+class RecordingFrames(SelectedFrames):
     r"""The frames of a folder of recordings, or of recordings in memory, for any layout, any number
     of channels and any number of joints (or none). A sample is a frame.
 
@@ -126,7 +134,7 @@ class RecordingFrames(StaticDataset):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        if split is not None and split not in _PARTS:
+        if split is not None and split not in PARTS:
             raise ValueError(f"'split' must be 'train', 'val', 'test' or None (got '{split}')")
         if stride < 1:
             raise ValueError(f"'stride' must be at least 1 (got {stride})")
@@ -148,8 +156,10 @@ class RecordingFrames(StaticDataset):
         self.stride = stride
         self.pattern = pattern
         self.read_options = dict(read_options or {})
-        self._recordings = None if recordings is None else list(recordings)
+        self._recordings: list[Recording] | None = None if recordings is None else list(recordings)
         edge_index = None if adjacency is None else self.layout.edge_index(adjacency)
+        self.pre_transform, self.pre_filter = pre_transform, pre_filter
+        self.selection_args = (*_SELECTION_ARGS, *self._set_after_loading())
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         self._recordings = None
         if not self._is_filtered:
@@ -168,18 +178,22 @@ class RecordingFrames(StaticDataset):
         r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` where that has none."""
         root = Path(self.root)
         inner = root / "raw"
-        return str(root if not self._files(inner) and self._files(root) else inner)
+        return str(
+            root
+            if not trial_files(inner, self.pattern) and trial_files(root, self.pattern)
+            else inner
+        )
 
     @property
     def raw_file_names(self) -> list[str]:
         r"""The files of the trials, in order."""
-        return self._files(Path(self.raw_dir))
+        return trial_files(Path(self.raw_dir), self.pattern)
 
     @property
     def raw_paths(self) -> list[str]:
         r"""Their paths."""
         folder = Path(self.raw_dir)  # looked up once for all
-        return [str(folder / name) for name in self._files(folder)]
+        return [str(folder / name) for name in trial_files(folder, self.pattern)]
 
     @property
     def processed_dir(self) -> str:
@@ -197,58 +211,33 @@ class RecordingFrames(StaticDataset):
     def _is_filtered(self) -> bool:
         return self.pre_transform is not None or self.pre_filter is not None
 
-    def _files(self, folder: Path) -> list[str]:
-        if not folder.is_dir():
-            return []
-        found = folder.rglob("*") if "/" in self.pattern else folder.iterdir()
-        names = (
-            (path, path.relative_to(folder))
-            for path in found
-            if path.suffix.lower() in _SUFFIXES and path.is_file()
-        )
-        return sorted(
-            name.as_posix()
-            for _, name in names
-            if name.parts[0] != "processed" and not any(part.startswith(".") for part in name.parts)
-        )
+    def _set_after_loading(self) -> tuple[str, ...]:
+        # Edges and labels of known kinds, unless a filter or transform has seen them. Of a layout
+        # with several links nothing else is stored.
+        if self._is_filtered:
+            return ()
+        target = ("target", "task") if self.target in _STORED else ()
+        layout = ("layout",) if len(self.layout.link_names) > 1 else ()
+        return ("adjacency", *target, *layout)
 
     def raw_state(self) -> list[str]:
         r"""Returns the files of the trials with their sizes and times."""
-        state = [_CONTENT]
-        folder = Path(self.raw_dir)
-        for name in self._files(folder):
+        state, folder = [_CONTENT], Path(self.raw_dir)
+        for name in trial_files(folder, self.pattern):
             stat = (folder / name).stat()
             state.append(f"{name}={stat.st_size},{stat.st_mtime_ns}")
         return state
 
     def _process(self) -> None:
-        path, is_there = Path(self.processed_paths[0]), bool(self.raw_paths)
-        is_processed = path.is_file() and not self.force_reload
-        if not is_there and not is_processed:
+        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
+        if not self.raw_paths and not is_processed:
             raise FileNotFoundError(self._no_trials())
-        if is_there and is_processed:
-            try:
-                _, names = load_static(path)
-            except ValueError:
-                pass  # is reported when the file is loaded
-            else:
-                changes = _changes(names.get("raw", []), self._state())
-                if changes:
-                    _logger.warning("processing '%s' again: %s", self.raw_dir, changes)
-                    self.force_reload = True
         super()._process()
-
-    def _state(self) -> list[str]:
-        state = self.raw_state()
-        if self._is_filtered and self.adjacency is not None:
-            edges = self.layout.edge_index(self.adjacency).numpy()
-            state.append(f"edges={hashlib.sha256(edges.tobytes()).hexdigest()}")
-        return state
 
     def _no_trials(self) -> str:
         return (
             f"there are no trials in '{Path(self.root, 'raw')}' or '{self.root}': put recordings "
-            f"there, <object>_<number> with one of {', '.join(_SUFFIXES)}"
+            f"there, <object>_<number> with one of {', '.join(SUFFIXES)}"
         )
 
     def read_trial(self, path: PathLike) -> Recording:
@@ -261,17 +250,23 @@ class RecordingFrames(StaticDataset):
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all trials."""
-        state = [] if self._recordings is not None else self._state()
-        x, trials = self._read_trials()
+        folder = None
+        if self._recordings is None:
+            folder = Path(self.processed_dir)
+            folder.mkdir(parents=True, exist_ok=True)
+        needs = {*self._needs, *(["object"] if self.target == "object" else [])}
+        reader = FrameReader(
+            self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints
+        )
+        x, trials = reader.read(self._opened(), folder)
         check_together(trials)
         num_frames = torch.tensor([trial.num_frames for trial in trials])
         names, labels = frame_labels(
             trials,
             self._object_names(trials),
-            None if self.target in ("object", "property") else self.target,
+            None if self.target in _STORED else self.target,
             self._properties,
         )
-        names["raw"] = state
         data = StaticData(
             x=x,
             time=torch.from_numpy(np.concatenate([trial.time for trial in trials])),
@@ -295,24 +290,6 @@ class RecordingFrames(StaticDataset):
             return None
         return tuple(names), checked_labels(trial, names)
 
-    def _trial(self, where: str, name: str, recording: Recording) -> Trial:
-        needs = {*self._needs, *(["object"] if self.target == "object" else [])}
-        trial = make_trial(
-            recording,
-            self.layout,
-            where=where,
-            name=name,
-            pattern=self.pattern,
-            needs=sorted(needs),
-        )
-        for what, count, expected in (
-            ("channels a taxel", recording.num_channels, self.num_channels),
-            ("joint angles a frame, in 'joint'", recording.num_joints, self.num_joints),
-        ):
-            if expected not in (None, count):
-                raise ValueError(f"{where} must have {expected} {what} (got {count or 'none'})")
-        return trial
-
     def _opened(self) -> Iterator[tuple[str, str, Recording]]:
         # What to call each recording in messages, its name, and the recording.
         if self._recordings is not None:
@@ -323,38 +300,6 @@ class RecordingFrames(StaticDataset):
         for path in self.raw_paths:
             name = Path(path).relative_to(folder).with_suffix("").as_posix()
             yield f"'{path}'", name, self.read_trial(path)
-
-    def _read_trials(self) -> tuple[Tensor, list[Trial]]:
-        trials: list[Trial] = []
-        num_missing, num_channels = 0, self.num_channels
-        folder = None
-        if self._recordings is None:
-            folder = Path(self.processed_dir)
-            folder.mkdir(parents=True, exist_ok=True)
-        # The readings wait on disk, where they may be more than fits into memory.
-        with tempfile.TemporaryFile(dir=folder) as file:
-            for where, name, recording in self._opened():
-                trials.append(self._trial(where, name, recording))
-                num_channels = num_channels or recording.num_channels
-                if recording.num_channels != num_channels:
-                    raise ValueError(
-                        f"{where} must have {num_channels} channels a taxel, as {trials[0].where} "
-                        f"(got {recording.num_channels})"
-                    )
-                np.ascontiguousarray(recording.tactile).tofile(file)
-                num_missing += int(recording.missing.sum())
-            if not trials:
-                raise ValueError("'recordings' must hold at least one recording (got none)")
-            num_frames = sum(trial.num_frames for trial in trials)
-            shape = (num_frames, self.layout.num_taxels, int(num_channels or 1))
-            x = torch.from_numpy(np.memmap(file, np.float32, mode="c", shape=shape))
-        if num_missing:
-            _logger.warning(
-                "%d of %d readings of taxels are missing (NaN); see FillMissing and DropTaxels",
-                num_missing,
-                num_frames * self.layout.num_taxels,
-            )
-        return x, trials
 
     def _target(self, data: StaticData, names: Mapping[str, list[str]]) -> Tensor:
         if self.target == "object":
@@ -373,47 +318,6 @@ class RecordingFrames(StaticDataset):
             "the same names as 'label_names', in the metadata of all recordings"
         )
 
-    def _select(self) -> None:
-        kept = torch.ones(self.len(), dtype=torch.bool)
-        if self.split is not None:
-            kept &= self._in_split(self.split)
-        if self.stride > 1:
-            _, counts = self._data.trial.unique_consecutive(return_counts=True)
-            first = (counts.cumsum(0) - counts).repeat_interleave(counts)
-            kept &= (torch.arange(len(kept)) - first) % self.stride == 0
-        if self.phases is not None:
-            kept &= self._in_phases(self.phases)
-        if not kept.any():
-            raise ValueError(
-                f"split='{self.split}' with {self._held_out} and phases={self.phases} must leave "
-                f"at least one of {len(kept)} samples in {len(self._data.trial.unique())} trials "
-                "(left none)"
-            )
-        if not kept.all():
-            self._indices = kept.nonzero().view(-1).tolist()
-
-    @property
-    def _held_out(self) -> str:
-        return f"protocol='{self.protocol.describe()}'"
-
-    def _in_split(self, split: str) -> Tensor:
-        kept = torch.zeros(self.len(), dtype=torch.bool)
-        parts = self.protocol.split(self, self.split_seed, self.fold)
-        kept[parts[_PARTS.index(split)]] = True
-        return kept
-
-    def _in_phases(self, phases: Sequence[str]) -> Tensor:
-        if not self.phase_names:
-            raise ValueError(
-                f"'phases' must be None, since no recording in '{self.root}' has "
-                f"'phase_names' (got {phases})"
-            )
-        unknown = [name for name in phases if name not in self.phase_names]
-        if unknown or not phases:
-            raise ValueError(f"'phases' must be some of {self.phase_names} (got {phases})")
-        wanted = torch.tensor([self.phase_names.index(name) for name in phases])
-        return torch.isin(self._data.phase, wanted)
-
     @property
     def class_names(self) -> list[str]:
         r"""The names of the classes or labels of :obj:`y`."""
@@ -430,35 +334,3 @@ class RecordingFrames(StaticDataset):
     def property_names(self) -> list[str]:
         r"""The names of the columns of :obj:`property`; empty if a recording knows none."""
         return list(self._names["property"])
-
-    @property
-    def trial_names(self) -> list[str]:
-        r"""The names of the files behind :obj:`trial`, without their suffix."""
-        return list(self._names["trial"])
-
-    @property
-    def phase_names(self) -> list[str]:
-        r"""The names of the phases in :obj:`phase`; empty if no recording knows its phases."""
-        return list(self._names["phase"])
-
-    @property
-    def synthetic(self) -> bool:
-        r"""Whether a simulator made any of the recordings."""
-        return bool(self._names["synthetic"])
-
-    @property
-    def num_missing(self) -> int:
-        r"""How many taxels have no reading, summed over the frames of this selection."""
-        blocks = torch.as_tensor(self.indices()).split(_FRAMES_PER_BLOCK)
-        return sum(int(self._data.x[block].isnan().any(dim=-1).sum()) for block in blocks)
-
-
-def _changes(before: Sequence[str], now: Sequence[str]) -> str:
-    old, new = (dict(line.rpartition("=")[::2] for line in lines) for lines in (before, now))
-    changes = [
-        f"'{key}' was {'added' if key not in old else 'removed' if key not in new else 'changed'}"
-        for key in sorted(old.keys() | new.keys())
-        if old.get(key) != new.get(key)
-    ]
-    more = f" and {len(changes) - 3} more" if len(changes) > 3 else ""
-    return ", ".join(changes[:3]) + more
