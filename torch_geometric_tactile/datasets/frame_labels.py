@@ -50,8 +50,8 @@ def frame_labels(
     if names["phase"]:
         out["phase"] = torch.cat([trial.numbered_phase(names["phase"]) for trial in trials])
     if target is not None:
-        labels = np.concatenate([trial.target(target) for trial in trials])
-        names["class"], out["y"] = _numbered(labels.tolist())
+        labels = [label for trial in trials for label in trial.target(target).tolist()]
+        names["class"], out["y"] = _numbered(labels)
     return names, out
 
 
