@@ -147,9 +147,7 @@ class FittedTransform(BaseTransform):
         if self.attr not in samples:
             raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
         if samples.is_shared(self.attr):
-            _logger.warning(
-                "all samples share one '%s', which %r sets to zero", self.attr, self
-            )
+            _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
         center, scale = zip(
             *(self._moments(samples, (keys == value).nonzero().view(-1)) for value in values),
             strict=True,
