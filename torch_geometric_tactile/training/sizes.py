@@ -186,13 +186,13 @@ def _of_one_finger(in_channels: int, init_args: Mapping[str, Any], cls: type) ->
 
 
 def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:
+    if what.startswith("'layout'"):
+        _check_layout(what, given, sizes.layout)
+        return
     if isinstance(expected, dict):  # each input for itself: unused ones need not be given
         if isinstance(given, Mapping):
             for name in given.keys() & expected.keys():
                 _check(f"{what} for '{name}'", given[name], expected[name], sizes)
-        return
-    if what.startswith("'layout'"):
-        _check_layout(what, given, sizes.layout)
         return
     lower_bound = what.startswith(("'out_channels'", "'num_classes'")) and not sizes.all_outputs
     if given == expected or (lower_bound and given > expected):
