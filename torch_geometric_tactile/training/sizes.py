@@ -122,6 +122,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
         value = _size(name, parameter.annotation, sizes, outputs, init_args, cls)
         if value is None:
             continue
+        if name == "num_joints" and init_args.get(name) == 0:
+            continue
         if init_args.get(name) is not None:
             _check(f"'{name}' of {cls.__name__}", init_args[name], value, sizes)
         elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
