@@ -1,6 +1,5 @@
 import json
 from functools import partial
-from pathlib import Path
 
 import pytest
 import torch
@@ -19,7 +18,7 @@ from torch_geometric_tactile.training import (
     classifier_from_config,
     fill_sizes,
 )
-from torch_geometric_tactile.training.sizes import layout_from_json
+from torch_geometric_tactile.training.sizes import layout_from_text
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, KNNGraph, ZScore
 
 
@@ -89,7 +88,7 @@ def test_every_size_is_taken_from_the_data(labelled):
         "num_joints": 3,
         "channels": {"tactile": 2, "edge": 4},
     }
-    assert layout_from_json(layout["init_args"]["content"]).matches(data.layout)
+    assert layout_from_text(layout).matches(data.layout)
 
 
 def test_sizes_are_those_after_all_transforms(labelled):
@@ -143,7 +142,10 @@ def test_channels_of_one_finger():
         ({"num_taxels": 24}, r"'num_taxels' of Layered must be 4"),
         ({"out_channels": 2}, r"'out_channels' of Layered must be 3"),
         ({"num_joints": 16}, r"'num_joints' of Layered must be 3"),
-        ({"layout": "biotac"}, r"'layout' of Layered must be 'grid_2x2' with 4 taxels.*'biotac'"),
+        (
+            {"layout": "biotac"},
+            r"'layout' of Layered must be 'grid_2x2' with 4 taxels.*got .*'biotac'",
+        ),
         ({"channels": {"edge": 3}}, r"'channels' of Layered for 'edge' must be 4"),
     ],
 )
@@ -213,8 +215,22 @@ def test_filled_configuration_is_plain_data(labelled):
     assert yaml.safe_load(yaml.safe_dump(found)) == json.loads(json.dumps(found)) == found
 
 
-def test_layout_of_a_file_is_accepted(tmp_path, labelled):
-    path = tmp_path / "pad.json"
+def test_layout_may_be_a_file(tmp_path, labelled):
+    path = str(tmp_path / "pad.json")
     data = TactileDataModule(labelled("multiclass"))
     data.layout.save(path)
-    assert Path(filled(data, layout=str(path))["layout"]) == path
+    assert filled(data, layout=path)["layout"] == path
+    module = classifier_from_config(config(layout=path), data)
+    assert module.model.layout.matches(data.layout)
+    with pytest.raises((ValueError, OSError), match=r"nowhere\.json"):
+        filled(data, layout="nowhere.json")
+
+
+class Strict(torch.nn.Module):
+    def __init__(self, layout: TaxelLayout):
+        super().__init__()
+
+
+def test_layout_that_no_configuration_can_hold(labelled):
+    with pytest.raises(ValueError, match=r"'layout' of Strict must accept text.*TaxelLayout \| str"):
+        filled(TactileDataModule(labelled("multiclass")), "Strict")

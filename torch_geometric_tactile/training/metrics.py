@@ -60,8 +60,8 @@ def classification_metrics(
       only): the part of the samples for which one label is right, and the mean over the labels;
     * :obj:`f1`: the mean F1 score of the classes or labels (macro), without those that are neither
       in :obj:`y` nor predicted; NaN if none is left;
-    * :obj:`f1_positive` (two classes only): the F1 score of class 1; NaN if it is neither in
-      :obj:`y` nor predicted;
+    * :obj:`f1_positive` (two classes only): the F1 score of class 1; zero if it is neither in
+      :obj:`y` nor predicted, as in scikit-learn;
     * :obj:`auroc`: the mean area under the ROC curve of each class against the rest, or of each
       label, without those that no sample or every sample has, since there is nothing to rank;
       NaN if none is left, or a score is NaN.
@@ -192,7 +192,7 @@ def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
     # True positives, false positives and false negatives of each class.
     scores = {"f1": macro_f1(*counts)}
     if task == "multiclass" and len(counts[0]) == 2:
-        scores["f1_positive"] = macro_f1(*(count[1:] for count in counts))
+        scores["f1_positive"] = macro_f1(*(count[1:] for count in counts)).nan_to_num()
     return scores
 
 

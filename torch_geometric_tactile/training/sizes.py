@@ -6,8 +6,10 @@ import json
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
+from jsonargparse.typing import register_type
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
@@ -134,14 +136,33 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     return filled
 
 
-def layout_from_json(content: str) -> TaxelLayout:
-    r"""Builds a layout from text: the way in which a configuration holds one that does not come
-    with the package.
+def layout_from_text(text: str) -> TaxelLayout:
+    r"""Returns the layout that a configuration names: one that comes with the package, a layout
+    file, or the content of such a file.
 
     Args:
-        content (str): :meth:`TaxelLayout.to_dict` as JSON.
+        text (str): Name, path, or JSON.
+
+    Raises:
+        ValueError: If it is neither.
     """
-    return TaxelLayout.from_dict(json.loads(content))
+    if text.lstrip().startswith("{"):
+        return TaxelLayout.from_dict(json.loads(text))
+    return TaxelLayout.load(text) if Path(text).is_file() else stock_layout(text)
+
+
+def layout_to_text(layout: TaxelLayout) -> str:
+    r"""Returns the shortest text that :func:`layout_from_text` reads anywhere: the name of a layout
+    that comes with the package, or else its whole content as JSON.
+
+    Args:
+        layout (TaxelLayout): The layout.
+    """
+    return layout.name if _is_stock(layout) else json.dumps(layout.to_dict())
+
+
+# Wherever a class of a configuration asks for a layout, a name or a path may be given.
+register_type(TaxelLayout, layout_to_text, layout_from_text)
 
 
 def _size(
@@ -154,7 +175,7 @@ def _size(
 ) -> Any:
     # The value of an argument; None for one that is no size, or that the data does not have.
     if name == "layout":
-        return _stored_layout(sizes.layout, annotation)
+        return _stored_layout(sizes.layout, annotation, cls)
     if name == "channels":
         return sizes.channels if _accepts(annotation, dict, Mapping) else sizes.in_channels
     if name == "in_channels":
@@ -207,36 +228,35 @@ def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:
 
 
 def _check_layout(what: str, given: Any, layout: TaxelLayout) -> None:
-    size = given if isinstance(given, int) else None
-    if isinstance(given, TaxelLayout):
-        size = layout.num_taxels if given.matches(layout) else given.num_taxels
-        if size == layout.num_taxels and not given.matches(layout):
-            size = -1
-    elif isinstance(given, str):
-        # A path is read by the model; the name of another sensor is found here.
-        try:
-            other = stock_layout(given)
-        except ValueError:
-            return
-        size = layout.num_taxels if other.matches(layout) else -1
-    if size not in (None, layout.num_taxels):
+    if isinstance(given, int):
+        same = given == layout.num_taxels
+    else:
+        if isinstance(given, str):
+            given = layout_from_text(given)
+        same = not isinstance(given, TaxelLayout) or given.matches(layout)
+    if not same:
         raise ValueError(
             f"{what} must be '{layout.name}' with {layout.num_taxels} taxels, as in the data (got "
             f"{given!r}); leave it out to take it from there"
         )
 
 
-def _stored_layout(layout: TaxelLayout, annotation: Any) -> Any:
-    try:
-        is_stock = stock_layout(layout.name).matches(layout)
-    except ValueError:
-        is_stock = False
-    if is_stock and _accepts(annotation, str):
-        return layout.name
-    if _accepts(annotation, TaxelLayout):
-        text = json.dumps(layout.to_dict(), separators=(",", ":"))
-        return {"class_path": f"{__name__}.layout_from_json", "init_args": {"content": text}}
+def _stored_layout(layout: TaxelLayout, annotation: Any, cls: type) -> str | int | None:
+    if annotation is TaxelLayout:  # a dataclass, which jsonargparse reads field by field
+        raise ValueError(
+            f"'layout' of {cls.__name__} must accept text, to be stored in a configuration (got "
+            "only TaxelLayout): annotate it TaxelLayout | str, and call as_layout on it"
+        )
+    if _accepts(annotation, TaxelLayout) or (_accepts(annotation, str) and _is_stock(layout)):
+        return layout_to_text(layout)
     return layout.num_taxels if _accepts(annotation, int) else None
+
+
+def _is_stock(layout: TaxelLayout) -> bool:
+    try:
+        return stock_layout(layout.name).matches(layout)
+    except ValueError:
+        return False
 
 
 def _accepts(annotation: Any, *kinds: type) -> bool:
