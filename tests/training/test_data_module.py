@@ -4,7 +4,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.data import Split
+from torch_geometric_tactile.data import Protocol, Split
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import TactileDataModule
@@ -97,6 +97,37 @@ def test_example_has_the_shapes_of_a_batch_but_no_scaling(labelled):
     data.setup()
     assert data.peek(data.part("train"), 60).x.mean(0).abs().max() < 1e-5  # scaled
     assert len(data.peek(data.part("test"), 2).x) == 0
+
+
+@pytest.mark.parametrize("fold", [0, 2])
+def test_protocol_says_what_is_held_out(fold):
+    dataset = fake()
+    protocol = Protocol("group", folds=3, val=0.2)
+    data = TactileDataModule(dataset, split=protocol, seed=4, fold=fold)
+    data.setup()
+    loaders = (data.val_dataloader(), data.test_dataloader())
+    held_out = [torch.cat([batch.trial for batch in loader]) for loader in loaders]
+    expected = protocol.split(dataset, 4, fold)
+    assert held_out[0].equal(expected.val)
+    assert held_out[1].equal(expected.test)
+
+
+def test_given_parts_are_those_of_two_data_sets():
+    both = TactileDataModule(fake("all"), split=Protocol("given"), transform=SessionZScore())
+    two = TactileDataModule(fake(), fake("test"), val=0.0, transform=SessionZScore())
+    for data in (both, two):
+        data.setup()
+    for a, b in zip(both.test_dataloader(), two.test_dataloader(), strict=True):
+        assert a.x.equal(b.x)
+        assert a.group.equal(b.group)
+
+
+def test_protocol_leaves_no_other_fraction():
+    with pytest.raises(ValueError, match=r"'val' must be left out with a protocol \(got 0.2\)"):
+        TactileDataModule(fake(), split=Protocol("trial"), val=0.2)
+    message = r"'test_dataset' must be left out .* test part \(got '3 folds by object'\)"
+    with pytest.raises(ValueError, match=message):
+        TactileDataModule(fake(), fake("test"), split=Protocol("group", folds=3))
 
 
 def test_groups_are_not_torn_apart():

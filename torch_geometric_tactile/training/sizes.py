@@ -6,13 +6,12 @@ import json
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self, Union, get_args, get_origin, get_type_hints
 
 from jsonargparse.typing import register_type
 from torch import Tensor
 
-from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
 from torch_geometric_tactile.training.checks import check_labels, num_outputs
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import Task, check_task
@@ -148,7 +147,7 @@ def layout_from_text(text: str) -> TaxelLayout:
     """
     if text.lstrip().startswith("{"):
         return TaxelLayout.from_dict(json.loads(text))
-    return TaxelLayout.load(text) if Path(text).is_file() else stock_layout(text)
+    return as_layout(text)
 
 
 def layout_to_text(layout: TaxelLayout) -> str:
