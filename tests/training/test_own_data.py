@@ -110,6 +110,7 @@ def test_own_data_set_layout_and_model_are_trained_tested_and_loaded(folder, mon
     assert accuracy > 0.6
     assert "val/f1 " in table
     assert "test/" not in table
+    assert "serialize" not in done.stderr
     last = "runs/my/version_0/checkpoints/last.ckpt"
     assert f"Last checkpoint: {last}" in table
     (command,) = (line for line in table.splitlines() if line.startswith("  tactile test"))

@@ -232,7 +232,5 @@ class Strict(torch.nn.Module):
 
 
 def test_layout_that_no_configuration_can_hold(labelled):
-    with pytest.raises(
-        ValueError, match=r"'layout' of Strict must accept text.*TaxelLayout \| str"
-    ):
+    with pytest.raises(ValueError, match=r"'layout' of Strict must accept text.*Layout \| str"):
         filled(TactileDataModule(labelled("multiclass")), "Strict")

@@ -53,7 +53,8 @@ class TactileCLI(LightningCLI):
             parser_kwargs={"prog": "tactile"},
             trainer_defaults={
                 "log_every_n_steps": 10,
-                "plugins": [AtomicCheckpointIO()],
+                # By name, such that the configuration that a run keeps can be read again.
+                "plugins": [{"class_path": f"{AtomicCheckpointIO.__module__}.AtomicCheckpointIO"}],
                 "callbacks": [ModelCheckpoint(save_last=True), PredictionWriter()],
                 "logger": [
                     {
