@@ -1,5 +1,6 @@
 r"""From joint angles to the places of links and taxels."""
 
+import dataclasses
 import json
 import math
 import warnings
@@ -195,6 +196,31 @@ class HandKinematics:
         """
         return cls.load(stock_path("chains", "allegro_right"))
 
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the chain as numbers, strings, lists and dictionaries; limits that a joint does
+        not have are left out.
+        """
+        return {"name": self.name, "joints": [_joint_to_dict(joint) for joint in self.joints]}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        r"""Builds a chain from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): :obj:`"joints"`, a list of the arguments of :class:`Joint`, and, if
+                wanted, :obj:`"name"`.
+
+        Raises:
+            ValueError: If there are no joints, or an argument is missing or unknown.
+        """
+        if not isinstance(content, Mapping) or "joints" not in content:
+            raise ValueError("it must be a JSON object with the key 'joints'")
+        try:
+            joints = [Joint(**joint) for joint in content["joints"]]
+        except TypeError as error:
+            raise ValueError(f"'joints' must be a list of the arguments of Joint: {error}") from error
+        return cls(joints, name=content.get("name", "hand"))
+
     @classmethod
     def load(cls, path: PathLike) -> Self:
         r"""Reads a chain from a JSON table, as :obj:`stock_path("chains", "allegro_right")` is one.
@@ -209,10 +235,9 @@ class HandKinematics:
         """
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
-            if not isinstance(content, dict) or "joints" not in content:
-                raise ValueError("it must be a JSON object with the key 'joints'")
-            joints = [Joint(**joint) for joint in content["joints"]]
-            return cls(joints, name=content.get("name", Path(path).stem))
+            if isinstance(content, dict):
+                content.setdefault("name", Path(path).stem)
+            return cls.from_dict(content)
         except (ValueError, TypeError) as error:
             raise ValueError(f"'{path}' is not a table of joints: {error}") from error
 
@@ -476,6 +501,14 @@ def _turns(joint: Joint) -> Tensor:
         still = torch.linalg.matrix_exp(angle * _cross_matrix(axis)) @ still
     cross = _cross_matrix(joint.axis or (0.0, 0.0, 0.0))
     return torch.stack([still, still @ cross, still @ cross @ cross])
+
+
+def _joint_to_dict(joint: Joint) -> dict[str, Any]:
+    content = dataclasses.asdict(joint)
+    for key in ("lower", "upper"):
+        if math.isinf(content[key]):  # no number in JSON
+            del content[key]
+    return {key: list(v) if isinstance(v, tuple) else v for key, v in content.items()}
 
 
 def _still(joint: Joint) -> Joint:
