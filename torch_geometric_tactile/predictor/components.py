@@ -8,7 +8,7 @@ import copy
 import inspect
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import transforms
 from torch_geometric_tactile.nn import models
+from torch_geometric_tactile.predictor.preparation import flat
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform
 
@@ -65,6 +66,19 @@ def model_classes() -> dict[str, type]:
 
 class NotPlainError(ValueError):
     r"""A value that cannot be written as plain data."""
+
+
+class MissingOwnError(ValueError):
+    r"""A model or transform of the user's own that must be given and was not.
+
+    Args:
+        text (str): The message.
+        argument (str): What must be given: :obj:`"model"` or :obj:`"transforms"`.
+    """
+
+    def __init__(self, text: str, argument: str) -> None:
+        super().__init__(text)
+        self.argument = argument
 
 
 class Describer:
@@ -180,7 +194,7 @@ class Builder:
     Args:
         layout (TaxelLayout): The layout of the sensor.
         tensors (Mapping of str to torch.Tensor): The tensors.
-        own (sequence, optional): The user's own transforms, in their order.
+        own (sequence, optional): Transforms with the user's own among them.
     """
 
     def __init__(
@@ -188,7 +202,7 @@ class Builder:
     ) -> None:
         self.layout = layout
         self.tensors = tensors
-        self._own: Iterator[Any] = iter(own or ())
+        self._own = [part for transform in own or () for part in flat(transform)]
 
     def transform(self, described: Any) -> Any:
         r"""Returns a transform, with its state.
@@ -201,13 +215,7 @@ class Builder:
         """
         state = None if "state" not in described else self.value(described["state"])
         if "own" in described:
-            transform = next(self._own, None)
-            if transform is None:
-                raise ValueError(
-                    f"'transforms' must give the transform of your own {described['text']} again, "
-                    "in the order of those that the file lists (got none)"
-                )
-            _check_own("transforms", transform, described)
+            transform = self._given(described)
             transform = copy.deepcopy(transform)  # its state is that of the file from now on
         else:
             classes = transform_classes()
@@ -234,27 +242,27 @@ class Builder:
                 raise ValueError(f"'model' must be a {name} (got {type(given).__name__})")
             return copy.deepcopy(given)
         if "own" in described:
-            raise ValueError(
+            raise MissingOwnError(
                 f"'model' must be given: the file has the weights of a {described['own']}, which "
-                "is not built by name"
+                "is not built by name",
+                "model",
             )
-        most = _ROOM + 4 * sum(value.numel() * value.element_size() for value in self.tensors.values())
+        most = _ROOM + 4 * sum(
+            value.numel() * value.element_size() for value in self.tensors.values()
+        )
         with torch.random.fork_rng(devices=[]), _AllocationLimit(most):
             model: Module = self._object(described, model_classes(), "model")
         return model
 
-    def check_used(self) -> None:
-        r"""Checks that all transforms of the user's own were used.
-
-        Raises:
-            ValueError: If there are more than the file lists.
-        """
-        left = next(self._own, None)
-        if left is not None:
-            raise ValueError(
-                f"'transforms' must give only the transforms of your own in the file (got also "
-                f"{left!r})"
-            )
+    def _given(self, described: Mapping[str, Any]) -> Any:
+        for i, transform in enumerate(self._own):
+            if all(described.get(key) == value for key, value in _own(transform).items()):
+                return self._own.pop(i)
+        raise MissingOwnError(
+            f"'transforms' must hold the transform of your own '{described.get('text')}', which is "
+            f"not built by name (got {[_own(transform)['text'] for transform in self._own]})",
+            "transforms",
+        )
 
     def _object(self, described: Any, classes: Mapping[str, type], what: str) -> Any:
         name = described.get("class")
@@ -364,14 +372,6 @@ def _own(value: Any) -> dict[str, Any]:
     return {"own": kind, "text": repr(value) if is_told else kind}
 
 
-def _check_own(argument: str, given: Any, described: Mapping[str, Any]) -> None:
-    found = _own(given)
-    if any(found[key] != described[key] for key in found):
-        raise ValueError(
-            f"'{argument}' must give '{described['text']}' as in the file (got '{found['text']}')"
-        )
-
-
 def _check_state(transform: FittedTransform, state: Any) -> None:
     if state == {}:  # of one that was not fitted
         return
@@ -387,7 +387,9 @@ def _check_state(transform: FittedTransform, state: Any) -> None:
         raise ValueError(f"the state of {transform!r} must be a centre and a scale for each key")
 
 
-def _equal(a: Any, a_tensors: Mapping[str, Tensor], b: Any, b_tensors: Mapping[str, Tensor]) -> bool:
+def _equal(
+    a: Any, a_tensors: Mapping[str, Tensor], b: Any, b_tensors: Mapping[str, Tensor]
+) -> bool:
     # Descriptions with the numbers of their tensors in place of the tensors' names.
     def text(value: Any, tensors: Mapping[str, Tensor]) -> str:
         def filled(item: Any) -> Any:
@@ -412,9 +414,7 @@ class _AllocationLimit(TorchFunctionMode):
         self.most = most
         self.used = 0
 
-    def __torch_function__(
-        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
-    ) -> Any:
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         out = func(*args, **(kwargs or {}))
         if isinstance(out, Tensor) and func in _FACTORIES:
             self.used += out.numel() * out.element_size()
@@ -426,4 +426,12 @@ class _AllocationLimit(TorchFunctionMode):
         return out
 
 
-_FACTORIES = (torch.empty, torch.zeros, torch.ones, torch.rand, torch.randn, torch.full, torch.arange)
+_FACTORIES = (
+    torch.empty,
+    torch.zeros,
+    torch.ones,
+    torch.rand,
+    torch.randn,
+    torch.full,
+    torch.arange,
+)

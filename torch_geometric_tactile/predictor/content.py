@@ -10,8 +10,13 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile import __version__
-from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.predictor.components import Builder, Describer, load_weights
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.predictor.components import (
+    Builder,
+    Describer,
+    MissingOwnError,
+    load_weights,
+)
 from torch_geometric_tactile.predictor.preparation import Preparation
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -68,6 +73,25 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return header, describer.tensors
 
 
+def checkpoint_entry(
+    model: Module, dataset: StaticDataset, transform: Transform | None, task: str
+) -> dict[str, Any]:
+    r"""Returns what a checkpoint must hold beside its weights to be read as a predictor, as plain
+    data and tensors.
+
+    Args:
+        model (torch.nn.Module): The model.
+        dataset (StaticDataset): The data set that it is trained on.
+        transform (callable, optional): What comes after the data set's own transform, fitted.
+        task (str): What the model does.
+    """
+    names = tuple(dataset.class_names)
+    content = Content(Preparation.of_dataset(dataset, transform), model, names, task)
+    header, tensors = describe(content)
+    # Copies: a view would drag its whole storage into the checkpoint.
+    return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
+
+
 def build(
     header: Mapping[str, Any],
     tensors: Mapping[str, Tensor],
@@ -82,7 +106,7 @@ def build(
         tensors (Mapping of str to torch.Tensor): The tensors that it returned.
         weights (Mapping of str to torch.Tensor): The state of the model.
         model (torch.nn.Module, optional): The model, if it is the user's own.
-        transforms (sequence of callable, optional): The user's own transforms, in their order.
+        transforms (sequence of callable, optional): Transforms with the user's own among them.
 
     Raises:
         ValueError: If a part is missing or does not fit.
@@ -96,16 +120,13 @@ def build(
         raise ValueError(f"its task must be one of {list(TASKS)} (got {header.get('task')!r})")
     layout = TaxelLayout.from_dict(header["layout"])
     builder = Builder(layout, {**tensors, **weights}, transforms)
-    shared = StaticData(
-        x=torch.zeros(1, layout.num_taxels, 0), shared=header["schema"]["shared"]
-    )
+    shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), shared=header["schema"]["shared"])
     for key, value in builder.value(header["shared"]).items():
         shared[key] = value
     parts = [
         None if header[key] is None else builder.transform(header[key])
         for key in ("pre_transform", "transform")
     ]
-    builder.check_used()
     sizes = header["num_channels"], header["num_joints"]
     preparation = Preparation(layout, shared, *parts, *sizes)
     preparation.session = header["session"]
@@ -143,7 +164,7 @@ def load(
     Args:
         path (str or PathLike): The file.
         model (torch.nn.Module, optional): The model, if it is the user's own.
-        transforms (sequence of callable, optional): The user's own transforms.
+        transforms (sequence of callable, optional): Transforms with the user's own among them.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -177,7 +198,7 @@ def load_checkpoint(
     Args:
         path (str or PathLike): The checkpoint.
         model (torch.nn.Module, optional): The model, if it is the user's own.
-        transforms (sequence of callable, optional): The user's own transforms.
+        transforms (sequence of callable, optional): Transforms with the user's own among them.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -220,6 +241,8 @@ class _explained:  # noqa: N801
         pass
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, MissingOwnError):
+            raise MissingOwnError(f"{self.text}: {error}", error.argument) from error
         if isinstance(error, Exception) and not isinstance(error, OSError):
             text = str(error) if isinstance(error, ValueError) else f"{kind.__name__}: {error}"
             raise ValueError(f"{self.text}: {text}") from error

@@ -174,8 +174,8 @@ class Predictor:
             model (torch.nn.Module, optional): A model of your own, of the class and sizes of the
                 one that was saved; its weights are those of the file.
             transforms (sequence of callable, optional): Transforms of your own among those that
-                were saved, in their order and with the same :obj:`repr`; what they were fitted to
-                is taken from the file.
+                were saved, with the same class and :obj:`repr`; what they were fitted to is taken
+                from the file. Others are ignored.
 
         Raises:
             FileNotFoundError: If there is no such file.
@@ -275,9 +275,7 @@ class Predictor:
             ValueError: If it has other taxels, channels or joints.
         """
         recording.check(self.layout)
-        parts = [
-            self(one.tactile, one.joint) for one in _chunks(recording, batch_size)
-        ]
+        parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
         return torch.cat(parts)
 
     def prepare(
@@ -366,9 +364,7 @@ class Predictor:
             return [[names[i] for i in (row > 0.5).nonzero().view(-1).tolist()] for row in rows]
         missing = rows.isnan().any(dim=1).tolist()
         best = rows.argmax(dim=1).tolist() if len(rows) else []
-        return [
-            [] if is_nan else [names[i]] for i, is_nan in zip(best, missing, strict=True)
-        ]
+        return [[] if is_nan else [names[i]] for i, is_nan in zip(best, missing, strict=True)]
 
     def __repr__(self) -> str:
         return (

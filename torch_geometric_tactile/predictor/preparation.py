@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 from torch import Tensor
-from torch_geometric.transforms import BaseTransform, Compose
+from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
@@ -93,9 +93,7 @@ class Preparation:
         stored.transform = None
         sample = stored.batch([0])
         # What was computed from the layout once is there to be taken; the rest is not.
-        rest = [
-            part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)
-        ]
+        rest = [part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)]
         for part in rest:
             for key in _accessed(part, _WRITES) or ():
                 if key in sample and key != "x" and not sample.is_shared(key):
@@ -158,9 +156,14 @@ class Preparation:
         given = tuple(joint.shape)
         if joint.dim() == 1:
             joint = joint.expand(num_frames, -1)
-        if joint.dim() != 2 or len(joint) != num_frames or self.num_joints not in (
-            None,
-            joint.size(1),
+        if (
+            joint.dim() != 2
+            or len(joint) != num_frames
+            or self.num_joints
+            not in (
+                None,
+                joint.size(1),
+            )
         ):
             raise ValueError(
                 f"'joint' must have shape ({self.num_joints or 'num_joints'},) or ({num_frames}, "
@@ -288,9 +291,7 @@ def _only_shared(data: StaticData) -> StaticData:
     return out
 
 
-def _tensor(
-    name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None
-) -> Tensor:
+def _tensor(name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None) -> Tensor:
     try:
         if isinstance(value, np.ndarray) and not value.flags.writeable:
             value = value.copy()  # PyTorch has no tensors that cannot be written

@@ -11,12 +11,11 @@ from torch.nn import Module
 
 from torch_geometric_tactile import analysis
 from torch_geometric_tactile.analysis.roc import MACRO
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.models import MTGCN
+from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.sensors import HandKinematics
-from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.module import TactileClassifier
 from torch_geometric_tactile.visualization import (
     plot_confusion,
     plot_embedding,
@@ -29,6 +28,7 @@ from torch_geometric_tactile.visualization import (
 
 _NUM_UNTRAINED = 3
 _NUM_STEPS = 8
+_BATCH_SIZE = 128
 _PLACES: tuple[tuple[Literal["tsne", "umap"], int], ...] = (("tsne", 2), ("tsne", 3), ("umap", 2))
 _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
@@ -51,30 +51,30 @@ class Subject:
     r"""What is analysed.
 
     Args:
-        classifier (TactileClassifier): The classifier, in evaluation mode.
-        data (TactileDataModule): Its data, set up.
-        batch (StaticData): The frames that are embedded and explained.
+        predictor (Predictor): The predictor.
+        samples (StaticDataset): The samples, before the predictor's transforms.
+        index (torch.Tensor): Indices of those that are embedded and explained.
         out (Path): Folder of the pictures.
         seed (int): Seed of embeddings and of untrained models.
     """
 
     def __init__(
         self,
-        classifier: TactileClassifier,
-        data: TactileDataModule,
-        batch: StaticData,
+        predictor: Predictor,
+        samples: StaticDataset,
+        index: Tensor,
         out: Path,
         seed: int,
     ) -> None:
-        self.classifier = classifier
-        self.model: Module = classifier.model
-        self.data = data
-        self.batch = batch
+        self.predictor = predictor
+        self.model: Module = predictor.model
+        self.samples = samples
+        self.batch = predictor.prepare_samples(samples.batch(index))
         self.out = out
         self.seed = seed
-        self.layout = data.layout
-        names = data.class_names or [str(i) for i in range(data.num_classes)]
-        self.names = [name.replace("_", " ") for name in names]
+        self.layout = predictor.layout
+        self.logits, self.y = self._logits()
+        self.names = [name.replace("_", " ") for name in predictor.names(self.logits.size(1))]
 
     def sections(self) -> Iterator[Section]:
         r"""Returns all sections that the model and the layout allow, and what was left out."""
@@ -99,13 +99,10 @@ class Subject:
 
     def scores(self) -> Section:
         r"""Counts errors on the whole test part."""
-        with torch.no_grad():
-            batches = [(self.classifier(b), b.y) for b in self.data.test_dataloader()]
-        logits, y = (torch.cat(part) for part in zip(*batches, strict=True))
-        # Not probabilities, of which the surest are all one.
-        is_multilabel = self.classifier.task == "multilabel"
+        logits, y = self.logits, self.y
+        # Not probabilities: those of sure predictions all round to one.
+        is_multilabel = self.predictor.task == "multilabel"
         score = logits.double() if is_multilabel else logits.double().log_softmax(dim=-1)
-        y = y.long()
         curves = analysis.roc_curves(y, score, self.names)
         if is_multilabel:
             prediction = (logits > 0).long()
@@ -264,6 +261,15 @@ class Subject:
             ]
         )
         return Section("Attribution", text, ("attribution.png", "occlusion.png"))
+
+    def _logits(self) -> tuple[Tensor, Tensor]:
+        parts, y = [], []
+        for index in torch.arange(len(self.samples)).split(_BATCH_SIZE):
+            data = self.predictor.prepare_samples(self.samples.batch(index))
+            with torch.no_grad():
+                parts.append(self.predictor.logits(data))
+            y.append(data.y)
+        return torch.cat(parts), torch.cat(y).long()
 
     def _features(self, model: Module) -> Tensor:
         names = getattr(model, "modalities", ())

@@ -218,7 +218,9 @@ class HandKinematics:
         try:
             joints = [Joint(**joint) for joint in content["joints"]]
         except TypeError as error:
-            raise ValueError(f"'joints' must be a list of the arguments of Joint: {error}") from error
+            raise ValueError(
+                f"'joints' must be a list of the arguments of Joint: {error}"
+            ) from error
         return cls(joints, name=content.get("name", "hand"))
 
     @classmethod
