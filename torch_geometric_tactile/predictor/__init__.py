@@ -1,6 +1,6 @@
 r"""A model with all that its readings go through, in one file; without the extra ``train``."""
 
-from torch_geometric_tactile.predictor.components import MissingOwnError
+from torch_geometric_tactile.predictor.builder import MissingOwnError
 from torch_geometric_tactile.predictor.content import checkpoint_entry, is_checkpoint
 from torch_geometric_tactile.predictor.predictor import Predictor
 

@@ -11,12 +11,8 @@ from torch.nn import Module
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.predictor.components import (
-    Builder,
-    Describer,
-    MissingOwnError,
-    load_weights,
-)
+from torch_geometric_tactile.predictor.builder import Builder, MissingOwnError, load_weights
+from torch_geometric_tactile.predictor.describer import Describer
 from torch_geometric_tactile.predictor.preparation import Preparation
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -53,7 +49,7 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
     preparation, model = content.preparation, content.model
     describer = Describer(preparation.layout)
     shared = preparation.shared
-    attributes = {key: shared[key] for key in shared.keys() if key != "x"}
+    attributes = {key: shared[key] for key in list(shared.keys()) if key != "x"}
     header = {
         "format": _FORMAT,
         "package": __version__,
@@ -127,8 +123,8 @@ def build(
         None if header[key] is None else builder.transform(header[key])
         for key in ("pre_transform", "transform")
     ]
-    sizes = header["num_channels"], header["num_joints"]
-    preparation = Preparation(layout, shared, *parts, *sizes)
+    num_channels, num_joints = header["num_channels"], header["num_joints"]
+    preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
     preparation.session = header["session"]
     built = builder.model(header["model"], model)
     load_weights(built, weights)

@@ -26,8 +26,9 @@ _SOURCES = {
 
 
 class Predictor:
-    r"""A trained model with all that a reading goes through before it: the layout of the sensor, the
-    fitted transforms and the names of the classes. It takes readings as the sensor gives them.
+    r"""A trained model with all that a reading goes through before it, the layout of the sensor
+    and the fitted transforms, and with the names of its classes. It takes readings as the sensor
+    gives them.
 
     Model and transforms are copied, and the model is always in evaluation mode. Whatever depends
     on the layout only, such as a nearest-neighbour graph, is computed once.
@@ -166,8 +167,8 @@ class Predictor:
         model: Module | None = None,
         transforms: Sequence[Transform] | None = None,
     ) -> Self:
-        r"""Reads a predictor from a file of :meth:`save`. Only models and transforms of this package
-        (and some of PyG's) are built by their names; nothing in the file runs.
+        r"""Reads a predictor from a file of :meth:`save`. Only models and transforms of this
+        package (and some of PyG's) are built by their names; nothing in the file runs.
 
         Args:
             path (str or PathLike): The file.
@@ -185,8 +186,8 @@ class Predictor:
         return cls._of(content.load(path, model, transforms))
 
     def save(self, path: PathLike) -> None:
-        r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. It is
-        written whole or not at all.
+        r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. The
+        file is written whole or not at all.
 
         Args:
             path (str or PathLike): The file.

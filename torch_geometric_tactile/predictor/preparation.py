@@ -11,6 +11,7 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.predictor.classes import flat
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 from torch_geometric_tactile.typing import Transform
@@ -227,19 +228,6 @@ class Preparation:
         self._constant = self._constant.to(device)
 
 
-def flat(transform: Transform | None) -> list[Any]:
-    r"""Returns the parts of a transform in their order.
-
-    Args:
-        transform (callable, optional): A transform or PyG's :class:`Compose` of transforms.
-    """
-    if transform is None:
-        return []
-    if isinstance(transform, Compose):
-        return [part for inner in transform.transforms for part in flat(inner)]
-    return [transform]
-
-
 def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
     r"""Applies those of some transforms whose result is the same for all frames, and returns what
     frames share then, and the other transforms.
@@ -282,7 +270,7 @@ def _is_settled(part: Any, sample: StaticData) -> bool:
 
 def _only_shared(data: StaticData) -> StaticData:
     # One empty frame with what all share.
-    names = [key for key in data.keys() if key != "x" and data.is_shared(key)]
+    names = [key for key in list(data.keys()) if key != "x" and data.is_shared(key)]
     num_taxels = data.num_nodes
     out = StaticData(x=torch.zeros(1, num_taxels, 0), shared=data.shared)
     for key in names:

@@ -1,12 +1,12 @@
-r"""Named tensors and texts in one file, in the format of safetensors: eight bytes with the length of
-a JSON header, the header, and the numbers. Nothing in such a file can run.
+r"""Named tensors and texts in one file, in the format of safetensors: eight bytes with the length
+of a JSON header, the header, and the numbers. Nothing in such a file can run.
 """
 
 import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import torch
 from torch import Tensor
@@ -128,5 +128,5 @@ def _tensor(name: str, entry: Any, data: bytearray) -> Tensor:
     return raw.clone().view(dtype).view(shape)
 
 
-def _are_sizes(value: Any) -> bool:
+def _are_sizes(value: Any) -> TypeGuard[list[int]]:
     return isinstance(value, list) and all(type(item) is int and item >= 0 for item in value)
