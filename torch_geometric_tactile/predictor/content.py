@@ -49,7 +49,7 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
     preparation, model = content.preparation, content.model
     describer = Describer(preparation.layout)
     shared = preparation.shared
-    attributes = {key: shared[key] for key in list(shared.keys()) if key != "x"}
+    attributes = {key: shared[key] for key in shared.to_dict() if key != "x"}
     header = {
         "format": _FORMAT,
         "package": __version__,
@@ -60,7 +60,7 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
         "num_joints": preparation.num_joints,
         "session": preparation.session,
         "shared": describer.value(attributes),
-        "schema": {"shared": sorted(shared.shared_names())},
+        "schema": shared.schema,
         "model": describer.model(model),
     }
     for key in ("pre_transform", "transform"):
@@ -116,7 +116,7 @@ def build(
         raise ValueError(f"its task must be one of {list(TASKS)} (got {header.get('task')!r})")
     layout = TaxelLayout.from_dict(header["layout"])
     builder = Builder(layout, {**tensors, **weights}, transforms)
-    shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), shared=header["schema"]["shared"])
+    shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), **header["schema"])
     for key, value in builder.value(header["shared"]).items():
         shared[key] = value
     parts = [

@@ -269,12 +269,11 @@ def _is_settled(part: Any, sample: StaticData) -> bool:
 
 
 def _only_shared(data: StaticData) -> StaticData:
-    # One empty frame with what all share.
-    names = [key for key in list(data.keys()) if key != "x" and data.is_shared(key)]
-    num_taxels = data.num_nodes
-    out = StaticData(x=torch.zeros(1, num_taxels, 0), shared=data.shared)
-    for key in names:
-        if isinstance(data[key], Tensor):
+    # One empty frame with what all share; edges first, by which their features are checked.
+    out = StaticData(x=torch.zeros(1, data.num_nodes, 0), **data.schema)
+    keys = [key for key, value in data.to_dict().items() if isinstance(value, Tensor)]
+    for key in sorted(keys, key=lambda key: key != "edge_index"):
+        if key != "x" and data.is_shared(key):
             out[key] = data[key]
     return out
 
