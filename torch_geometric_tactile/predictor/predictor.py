@@ -4,6 +4,7 @@ import copy
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import Module
@@ -234,8 +235,8 @@ class Predictor:
         """
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
-        is_single = reading.ndim == 2 if hasattr(reading, "ndim") else len(out) == 1
-        return out[0] if is_single else out
+        num_dims = reading.ndim if hasattr(reading, "ndim") else np.ndim(reading)
+        return out[0] if num_dims == 2 else out
 
     def adapt(
         self,

@@ -7,7 +7,13 @@ from typing import Any, Self
 import numpy as np
 import torch
 from torch import Tensor
-from torch_geometric.transforms import Compose
+from torch_geometric.transforms import (
+    AddSelfLoops,
+    Cartesian,
+    Compose,
+    Distance,
+    ToUndirected,
+)
 
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
@@ -18,29 +24,27 @@ from torch_geometric_tactile.typing import Transform
 
 ArrayLike = Tensor | np.ndarray | Sequence[Any]
 
-# Which attributes these transforms read and write. Where all that is read is the same for every
-# frame, the result is computed once. A transform that is not listed is applied to every frame, and
-# so is everything after it.
 _EDGES = ("edge_index", "edge_attr", "edge_weight")
-_READS: dict[type, tuple[str, ...]] = {
-    T.AbsoluteMorphology: ("pos",),
-    T.GeometricEdgeAttr: ("pos", "edge_index", "edge_attr"),
-    T.KNNGraph: ("pos", *_EDGES),
-    T.TaxelPose: ("x", "joint"),
-    T.TopologicalSegmentation: (*_EDGES, "edge_is_within"),
-    T.DropPatches: ("x", "dropped"),
-    T.DropTaxels: ("x", "dropped"),
-    T.FillMissing: ("x", "missing"),
-}
-_WRITES: dict[type, tuple[str, ...]] = {
-    T.AbsoluteMorphology: ("absolute",),
-    T.GeometricEdgeAttr: ("edge_attr",),
-    T.KNNGraph: _EDGES,
-    T.TaxelPose: ("pos", "normal"),
-    T.TopologicalSegmentation: (*_EDGES, "segment_batch", "edge_is_within"),
-    T.DropPatches: ("x", "dropped"),
-    T.DropTaxels: ("x", "dropped"),
-    T.FillMissing: ("x", "missing"),
+_GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
+# Which attributes these transforms read and write. If all that a transform reads is the same for
+# every frame, its result is computed once. A transform that is not listed is applied to every
+# frame, and so is everything after it.
+_ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    T.AbsoluteMorphology: (("pos",), ("absolute",)),
+    T.DropPatches: (("x", "dropped"), ("x", "dropped")),
+    T.DropTaxels: (("x", "dropped"), ("x", "dropped")),
+    T.FillMissing: (("x", "missing"), ("x", "missing")),
+    T.GeometricEdgeAttr: _GEOMETRY,
+    T.KNNGraph: (("pos", *_EDGES), _EDGES),
+    T.TaxelPose: (("x", "joint"), ("pos", "normal")),
+    T.TopologicalSegmentation: (
+        (*_EDGES, "edge_is_within"),
+        (*_EDGES, "segment_batch", "edge_is_within"),
+    ),
+    Cartesian: _GEOMETRY,
+    Distance: _GEOMETRY,
+    AddSelfLoops: (_EDGES, _EDGES),
+    ToUndirected: (_EDGES, _EDGES),
 }
 
 
@@ -78,7 +82,7 @@ class Preparation:
         parts = [*flat(self.pre_transform), *flat(self.transform)]
         self.fitted = fitted_parts(Compose(parts))
         self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
-        reads = {name for part in parts for name in _accessed(part, _READS) or ()}
+        reads = {name for part in parts for name in _access(part)[0] or ()}
         self.needs_joint = "joint" in reads
         self._constant, self._parts = settle(self.shared, parts)
 
@@ -96,7 +100,7 @@ class Preparation:
         # What was computed from the layout once is there to be taken; the rest is not.
         rest = [part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)]
         for part in rest:
-            for key in _accessed(part, _WRITES) or ():
+            for key in _access(part)[1] or ():
                 if key in sample and key != "x" and not sample.is_shared(key):
                     del sample[key]
         joint = sample.joint if "joint" in sample else None
@@ -239,7 +243,7 @@ def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[A
     rest: list[Any] = []
     changing, used = {"x", "joint"}, set[str]()  # what differs, and what later parts may not change
     for i, part in enumerate(parts):
-        reads, writes = _accessed(part, _READS), _accessed(part, _WRITES)
+        reads, writes = _access(part)
         if reads is None or writes is None:
             return shared, [*rest, *parts[i:]]
         if changing.isdisjoint((*reads, *writes)) and used.isdisjoint(writes):
@@ -251,18 +255,19 @@ def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[A
     return shared, rest
 
 
-def _accessed(part: Any, table: dict[type, tuple[str, ...]]) -> tuple[str, ...] | None:
+def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+    # The attributes that a transform reads and writes, where they are known.
     if isinstance(part, FittedTransform):
-        return (part.attr,) if part.key is None else (part.attr, part.key, "x")
-    names = table.get(type(part))
-    if names is not None and isinstance(part, T.AbsoluteMorphology) and part.cat:
-        names = (*names, "x")
-    return names
+        return (part.attr, *((part.key, "x") if part.key else ())), (part.attr,)
+    reads, writes = _ACCESS.get(type(part), (None, None))
+    if isinstance(part, T.AbsoluteMorphology) and part.cat:
+        return ("pos", "x"), ("x",)
+    return reads, writes
 
 
 def _is_settled(part: Any, sample: StaticData) -> bool:
     # Whether its results are among what the samples of a data set share.
-    writes = _accessed(part, _WRITES)
+    _, writes = _access(part)
     if writes is None or "x" in writes:
         return False
     return all(key not in sample or sample.is_shared(key) for key in writes)
@@ -270,7 +275,8 @@ def _is_settled(part: Any, sample: StaticData) -> bool:
 
 def _only_shared(data: StaticData) -> StaticData:
     # One empty frame with what all share; edges first, by which their features are checked.
-    out = StaticData(x=torch.zeros(1, data.num_nodes, 0), **data.schema)
+    schema: dict[str, Any] = data.schema
+    out = StaticData(x=torch.zeros(1, data.num_nodes, 0), **schema)
     keys = [key for key, value in data.to_dict().items() if isinstance(value, Tensor)]
     for key in sorted(keys, key=lambda key: key != "edge_index"):
         if key != "x" and data.is_shared(key):
