@@ -303,7 +303,13 @@ def test_a_shared_attribute_of_ones_own_is_kept():
 
 def test_bad_input_is_named():
     predictor = Predictor(Sum(), LAYOUT, num_channels=1, num_joints=2)
-    for bad in (readings(4), readings(3, 1), readings(2, 3, 1), readings(4, 2), readings(1, 1, 4, 1)):
+    for bad in (
+        readings(4),
+        readings(3, 1),
+        readings(2, 3, 1),
+        readings(4, 2),
+        readings(1, 1, 4, 1),
+    ):
         shape = str(tuple(bad.shape)).replace("(", r"\(").replace(")", r"\)")
         with pytest.raises(ValueError, match=rf"'reading' must have shape \(4, 1\).*got {shape}"):
             predictor(bad)

@@ -24,7 +24,6 @@ _PYG_TRANSFORMS = (
     "NormalizeFeatures",
     "NormalizeScale",
     "OneHotDegree",
-    "Polar",
     "RemoveDuplicatedEdges",
     "RemoveSelfLoops",
     "Spherical",
