@@ -1,4 +1,5 @@
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -99,8 +100,6 @@ def test_mistakes_are_one_line(folder, capsys):
         error = capsys.readouterr().err
         assert error.startswith("tactile: error: ")
         assert len(error.splitlines()) == 2  # and where it came from
-        import re
-
         assert re.search(text, error)
     assert not (folder / "predictions.csv").exists()
 

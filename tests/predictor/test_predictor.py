@@ -271,9 +271,8 @@ def test_from_dataset_takes_its_transforms_once(toy):
     torch.testing.assert_close(predictor.prepare(raw).x, expected.x)
     torch.testing.assert_close(predictor.prepare_samples(dataset.data).x, expected.x)
     assert predictor.prepare(raw).edge_index.equal(dataset.data.edge_index)
-    assert predictor.preparation.pre_transform.transforms == [pre.transforms[0]] or (
-        repr(predictor.preparation.pre_transform) == "Compose([\n  Double()\n])"
-    )
+    (rest,) = predictor.preparation.pre_transform.transforms
+    assert isinstance(rest, Double)
 
 
 def test_a_shared_attribute_of_ones_own_is_kept():
@@ -303,13 +302,8 @@ def test_a_shared_attribute_of_ones_own_is_kept():
 
 def test_bad_input_is_named():
     predictor = Predictor(Sum(), LAYOUT, num_channels=1, num_joints=2)
-    for bad in (
-        readings(4),
-        readings(3, 1),
-        readings(2, 3, 1),
-        readings(4, 2),
-        readings(1, 1, 4, 1),
-    ):
+    for size in ((4,), (3, 1), (2, 3, 1), (4, 2), (1, 1, 4, 1)):
+        bad = readings(*size)
         shape = str(tuple(bad.shape)).replace("(", r"\(").replace(")", r"\)")
         with pytest.raises(ValueError, match=rf"'reading' must have shape \(4, 1\).*got {shape}"):
             predictor(bad)

@@ -126,7 +126,7 @@ def through_text(transform, own=None):
 
 def equal(a, b):
     assert a.keys() == b.keys()
-    for key in a.keys():
+    for key in list(a.keys()):
         torch.testing.assert_close(a[key], b[key], rtol=0, atol=0, equal_nan=True)
 
 
@@ -222,7 +222,7 @@ def test_models_are_built_again(name, tmp_path):
     predictor.save(tmp_path / "a.predictor")
     own = None
     if name in OWN:
-        with pytest.raises(MissingOwnError, match="'model' must be given.*TactileGCN"):
+        with pytest.raises(MissingOwnError, match=r"'model' must be given.*TactileGCN"):
             Predictor.load(tmp_path / "a.predictor")
         own = MODELS[name]()
     state = torch.get_rng_state()
