@@ -94,20 +94,7 @@ class TactileModel(Module, TactileHubMixin):
         if "edge" not in self.inputs:
             return
         width = self.channels["edge"]
-        if isinstance(encoder, Module):
-            self.encoder = encoder
-        elif encoder == "message":
-            self.encoder = EdgeMessageEncoder(width, width)
-        elif encoder == "attention":
-            self.encoder = EdgeAttentionEncoder(width, width)
-        elif encoder == "dense":
-            if num_edges is None:
-                raise ValueError("'num_edges' must be given for the dense encoder (got None)")
-            self.encoder = EdgeFeatureEncoder(self.num_nodes, num_edges, width, width)
-        else:
-            raise ValueError(
-                f"'encoder' must be 'dense', 'message', 'attention' or a module (got {encoder!r})"
-            )
+        self.encoder = make_encoder(encoder, self.num_nodes, num_edges, width)
 
     def add_head(self, in_channels: int, widths: Sequence[int], pools: Sequence[int]) -> None:
         r"""Adds the fully connected layers.
@@ -292,6 +279,35 @@ class TactileModel(Module, TactileHubMixin):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.extra_repr()})"
+
+
+def make_encoder(
+    encoder: Union[str, Module], num_nodes: int, num_edges: Optional[int], width: int
+) -> Module:
+    r"""Returns an encoder of edge features.
+
+    Args:
+        encoder (str or torch.nn.Module): Its name, or the encoder itself.
+        num_nodes (int): Number of taxels :math:`N`.
+        num_edges (int, optional): Number of edges, for :obj:`"dense"`.
+        width (int): Features of each edge and, encoded, of each taxel.
+
+    Raises:
+        ValueError: If the name is unknown, or the number of edges is missing.
+    """
+    if isinstance(encoder, Module):
+        return encoder
+    if encoder == "message":
+        return EdgeMessageEncoder(width, width)
+    if encoder == "attention":
+        return EdgeAttentionEncoder(width, width)
+    if encoder != "dense":
+        raise ValueError(
+            f"'encoder' must be 'dense', 'message', 'attention' or a module (got {encoder!r})"
+        )
+    if num_edges is None:
+        raise ValueError("'num_edges' must be given for the dense encoder (got None)")
+    return EdgeFeatureEncoder(num_nodes, num_edges, width, width)
 
 
 def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
