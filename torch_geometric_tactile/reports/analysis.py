@@ -1,4 +1,4 @@
-r"""What a model has learnt, as numbers, pictures and a page."""
+r"""The page of an analysis: what a model has learnt, in numbers and pictures."""
 
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def analyze(
         samples (StaticDataset): The samples, without the transform of their data set, which the
             predictor has.
         out (str or PathLike): Folder of page and pictures.
-        facts (dict, optional): What to say first on the page.
+        facts (dict, optional): Lines at the top of the page.
         frames (int): How many of the samples, evenly spaced, are embedded and explained.
         seed (int): Seed of embeddings and of untrained models.
 

@@ -1,4 +1,4 @@
-r"""The parts of the page of an analysis: each measures, draws and says how to read it."""
+r"""The sections of the page of an analysis: numbers, pictures and how to read them."""
 
 import copy
 from collections.abc import Iterator
@@ -48,7 +48,7 @@ class Section(NamedTuple):
 
 
 class Subject:
-    r"""What is analysed.
+    r"""The predictor and the samples that are analysed.
 
     Args:
         predictor (Predictor): The predictor.
@@ -77,7 +77,7 @@ class Subject:
         self.names = [name.replace("_", " ") for name in predictor.names(self.logits.size(1))]
 
     def sections(self) -> Iterator[Section]:
-        r"""Returns all sections that the model and the layout allow, and what was left out."""
+        r"""Yields the sections that model and layout allow, and names those left out."""
         yield self.scores()
         links = set(HandKinematics.allegro().link_names)
         if not links.issuperset(self.layout.link_names):
@@ -121,7 +121,7 @@ class Subject:
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
     def encoder(self, encoder: EdgeFeatureEncoder) -> Section:
-        r"""Draws the map of the edge encoder, and measures what it tells apart.
+        r"""Draws the map of the edge encoder, and measures which edges it separates.
 
         Args:
             encoder (EdgeFeatureEncoder): The encoder.
@@ -152,7 +152,7 @@ class Subject:
                 f"absolute weights ({share:.0%} of their variance), larger for larger weights. "
                 "How far it tells edges apart (AUC: 0.5 is not at all, 1 is larger for all, 0 is "
                 "smaller for all), against encoders with random weights, and against the size of "
-                "what comes into the encoder from each edge (mean absolute edge feature, scaled "
+                "the input of the encoder from each edge (mean absolute edge feature, scaled "
                 "as the model sees it), which "
                 "decides how far training can move its weights:",
                 "",
@@ -160,7 +160,7 @@ class Subject:
                 "|---|---|---|---|---|",
                 *rows,
                 "",
-                f"{constant} edges have features that are zero in every frame looked at; training "
+                f"{constant} edges have features that are zero in each of these frames; training "
                 "cannot move their weights.",
             ]
         )
@@ -216,7 +216,7 @@ class Subject:
         return Section("Node features", text, tuple(pictures))
 
     def attribution(self) -> Section:
-        r"""Draws which taxels and patches count for each class or label."""
+        r"""Draws how much taxels and patches contribute to each class or label."""
         y = self.batch.y.long()
         patch = self.layout.segments("patch")
         scores, drops, agreement, lines = {}, {}, [], []
@@ -236,7 +236,7 @@ class Subject:
             lines.append(f"| {name} | {int(chosen.sum())} | {best} | {agreement[-1]:.2f} |")
             scores[name], drops[name] = score, drop[patch]
         if not scores:
-            return Section("Attribution", "No class has two frames among those looked at.")
+            return Section("Attribution", "No class has two of the frames.")
         columns = 3 if len(scores) in (3, 5, 6) else 4
         for file, values, label in (
             ("attribution.png", scores, "attribution (logit)"),
@@ -252,8 +252,8 @@ class Subject:
             [
                 "Over the frames that have a class or label: which readings raise its logit "
                 "(integrated gradients from the zero of the scaled readings, mean over frames), "
-                "and how far the logit drops when a patch's readings give way to their mean over "
-                "all frames looked at. Correlation: of both over the patches.",
+                "and how far the logit drops when a patch's readings are replaced by their mean "
+                "over these frames. Correlation: of both over the patches.",
                 "",
                 "| class or label | frames | largest drops | correlation |",
                 "|---|---|---|---|",
