@@ -12,6 +12,8 @@ from torch_geometric.data import Data
 from torchmetrics import MeanAbsoluteError, Metric, MetricCollection
 from torchmetrics.classification import MulticlassAccuracy, MultilabelExactMatch
 
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.predictor import checkpoint_entry
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training.checks import check_data, num_outputs
 from torch_geometric_tactile.training.data_module import TactileDataModule
@@ -270,9 +272,16 @@ class TactileModule(L.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": self.lr_scheduler(optimizer)}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        r"""Puts the layout into the checkpoint."""
+        r"""Puts into the checkpoint the layout, and what
+        :class:`~torch_geometric_tactile.predictor.Predictor` needs beside the weights.
+        """
         if self.layout is not None:
             checkpoint["layout"] = self.layout.to_dict()
+        data = self._datamodule()
+        dataset = getattr(data, "dataset", None)
+        if isinstance(dataset, StaticDataset):
+            transform = getattr(data, "transform", None)
+            checkpoint["predictor"] = checkpoint_entry(self.model, dataset, transform, self.task)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Takes the layout from the checkpoint, or compares it with that of the data."""
