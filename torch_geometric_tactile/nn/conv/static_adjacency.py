@@ -284,7 +284,7 @@ def dense_norm(
     )
     adjacency = adjacency.view(num_nodes, num_nodes)
     if add_self_loops:
-        # Self-loops keep their weight, missing ones are added; the last place takes all other edges.
+        # Self-loops keep their weight, missing ones are added; the last place takes the rest.
         loop = weight.new_full((num_nodes + 1,), loop_weight).scatter(
             0, source.masked_fill(~is_loop, num_nodes), weight
         )
