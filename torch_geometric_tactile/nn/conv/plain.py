@@ -5,7 +5,7 @@ the messages: each has to see what it was attached for. Layers and models ask he
 or reorder operations.
 """
 
-from typing import Optional
+from typing import Any
 
 from torch.nn import Module
 from torch.nn.modules import module as torch_module
@@ -47,7 +47,7 @@ def any_global_hook() -> bool:
     )
 
 
-def is_plain_linear(lin: Optional[Module]) -> bool:
+def is_plain_linear(lin: Module) -> bool:
     r"""Tells whether a module is PyG's linear map and nothing else, so that products may change
     their order around it.
 
@@ -64,7 +64,7 @@ def sums_messages(conv: MessagePassing) -> bool:
         conv (MessagePassing): The layer.
     """
     own = conv.__dict__
-    aggr_module = conv.aggr_module
+    aggr_module: Any = conv.aggr_module
     return (
         not any(map(own.get, _MESSAGE_HOOKS))
         and _PATCHED.isdisjoint(own)

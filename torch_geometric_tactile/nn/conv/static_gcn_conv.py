@@ -137,7 +137,7 @@ class StaticGCNConv(GCNConv):
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_weight)  # PyG refuses, or knows the type
-        lin = self._modules["lin"]
+        lin: Any = self._modules["lin"]  # not self.lin, which takes longer to look up
         plain = is_plain_linear(lin)
         _check_x(x, lin.in_channels if plain else None)
         if self._is_dense(x, edge_index):
@@ -166,7 +166,7 @@ class StaticGCNConv(GCNConv):
             and not self.cached
             and self._norm() == GCN_NORM
             and not is_hooked(self)
-            and is_plain_linear(self._modules["lin"])
+            and is_plain_linear(self.lin)
             and sums_messages(self)
         )
 
