@@ -88,6 +88,7 @@ class BioTacSP(StaticDataset):
     """
 
     url = "https://raw.githubusercontent.com/3dperceptionlab/biotacsp-stability-set-v2/master"
+    selection_args = ("split", "palm")
 
     def __init__(
         self,
@@ -124,6 +125,16 @@ class BioTacSP(StaticDataset):
         if len(wanted) < len(self.session_names):
             kept = torch.isin(self._data.session, torch.tensor(wanted))
             self._data = self._data.index_select(kept)
+
+    @property
+    def part(self) -> torch.Tensor:
+        r"""The published part of each sample of this selection :math:`(S,)`: 0 to train and 2 to
+        test on, for :class:`Protocol("given") <torch_geometric_tactile.data.Protocol>`.
+        """
+        is_test = torch.tensor([name.endswith("_test") for name in self.session_names])
+        session = self.column("session")
+        assert session is not None
+        return 2 * is_test[session].long()
 
     @property
     def raw_file_names(self) -> list[str]:

@@ -1,0 +1,193 @@
+import copy
+import pickle
+
+import pytest
+import torch
+from small_models import (
+    EDGE_INDEX,
+    EDGE_MODELS,
+    GRAPH_MODELS,
+    HEAD,
+    MODELS,
+    NARROW,
+    assert_close,
+    block_diagonal,
+    gradients,
+    inputs,
+    loop,
+    samples,
+    small_model,
+)
+
+from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache
+from torch_geometric_tactile.nn.models import GCNThread, SegmentedThread, TactileGCN
+from torch_geometric_tactile.testing import assert_static_equals_batched
+
+
+def threads(model):
+    return [m for m in model.modules() if isinstance(m, GCNThread | SegmentedThread)]
+
+
+def caches(model):
+    found = [getattr(m, "_kept", None) for m in model.modules()]
+    return [kept for kept in found if isinstance(kept, AdjacencyCache)]
+
+
+@pytest.mark.parametrize("batch_size", [3, 10])
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("name", MODELS)
+def test_model_static_equals_batch_and_loop(name, shared, batch_size):
+    model = small_model(name, torch.double)
+    given = inputs(model, batch_size, torch.double, shared)
+    static = gradients(model, given)
+    assert static["out"].shape == (batch_size, 3)
+    assert all(value.abs().max() > 0 for value in static.values())
+    assert_close(gradients(model, given, block_diagonal), static)
+    assert_close(gradients(model, given, loop), static)
+
+
+@pytest.mark.parametrize("name", GRAPH_MODELS)
+def test_model_law(name):
+    model = small_model(name)
+    given = inputs(model, 1)
+    others = {k: v for k, v in given.items() if k not in ("x", "edge_index", "edge_attr")}
+
+    class Repeated(torch.nn.Module):
+        # The law gives readings, edges and edge features only: the same of all else for all.
+        def forward(self, x, edge_index, edge_attr=None):
+            size = x.size(0) if x.dim() == 3 else x.size(0) // 11
+            rest = {k: v.expand(size, *v.shape[1:]) for k, v in others.items()}
+            return model(x, edge_index, edge_attr, **rest)
+
+    assert_static_equals_batched(
+        Repeated(), samples(4, 11, 3), EDGE_INDEX, given.get("edge_attr", [None])[0]
+    )
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_model_empty_and_single(name):
+    model = small_model(name)
+    given = inputs(model, 5)
+    none = {k: v if k == "edge_index" else v[:0] for k, v in given.items()}
+    assert model(**none).shape == (0, 3)
+    flat = {k: v if k == "joint" else v.flatten(0, 1) for k, v in none.items() if k != "edge_index"}
+    assert model(edge_index=EDGE_INDEX[:, :0], **flat).shape == (0, 3)
+    one = {k: v if k == "edge_index" else v[:1] for k, v in given.items()}
+    assert torch.allclose(model(**one), model(**given)[:1], atol=1e-6)
+    assert torch.allclose(model(**loop(one)[0]), model(**given)[:1], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_model_samples_do_not_mix(name):
+    model = small_model(name)
+    given = inputs(model, 9)
+    given = {k: v if k == "edge_index" else v.requires_grad_() for k, v in given.items()}
+    model(**given)[4].sum().backward()
+    for key, value in given.items():
+        if key != "edge_index":
+            rows = value.grad.flatten(1).abs().amax(dim=1)
+            assert rows[4] > 0, key
+            assert rows.sum() == rows[4], key
+
+
+@pytest.mark.parametrize("name", EDGE_MODELS)
+def test_model_sees_edge_features(name):
+    model = small_model(name, torch.double)
+    for batch_size in (2, 9):
+        given = inputs(model, batch_size, torch.double)
+        changed = {**given, "edge_attr": given["edge_attr"].clone()}
+        changed["edge_attr"][1] += 1
+        out, other = model(**given), model(**changed)
+        assert torch.equal(out[0], other[0])
+        assert not torch.allclose(out[1], other[1])
+
+
+@pytest.mark.parametrize("dtype", [torch.float, torch.double])
+@pytest.mark.parametrize("name", GRAPH_MODELS)
+def test_model_fast_equals_slow(name, dtype):
+    model = small_model(name, dtype)
+    slow = small_model(name, dtype, fast=False)
+    assert [thread.fast for thread in threads(model)] == [True] * len(threads(model))
+    assert [thread.fast for thread in threads(slow)] == [False] * len(threads(model)) != []
+    given = inputs(model, 10, dtype)
+    rtol, atol = (1e-4, 1e-5) if dtype == torch.float else (1e-9, 1e-11)
+    assert_close(gradients(model, given), gradients(slow, given), rtol, atol)
+
+
+@pytest.mark.parametrize("name", ["gcn", "mt_gcn", "patches"])
+def test_model_second_derivative(name):
+    def twice(model):
+        given = inputs(model, 9, torch.double)
+        x = given.pop("x").requires_grad_()
+        out = model(x, **given).square().sum()
+        (grad,) = torch.autograd.grad(out, x, create_graph=True)
+        grad.square().sum().backward()
+        return x.grad
+
+    assert twice(small_model(name, torch.double, fast=False)).abs().max() > 0
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        twice(small_model(name, torch.double))
+
+
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("name", GRAPH_MODELS)
+def test_model_trains_after_validation(name, fast, mode):
+    model = small_model(name, torch.double, fast=fast)
+    sizes = (10, 2, 1)
+    expected = [gradients(model, inputs(model, size, torch.double)) for size in sizes]
+    for first in sizes:
+        fresh = copy.deepcopy(model)
+        with mode():
+            fresh(**inputs(fresh, first, torch.double))
+        for size, grads in zip(sizes, expected, strict=True):
+            assert_close(gradients(fresh, inputs(fresh, size, torch.double)), grads)
+
+
+@pytest.mark.parametrize("name", GRAPH_MODELS)
+def test_model_copies_carry_no_cache(name):
+    model = small_model(name)
+    given = inputs(model, 10)
+    expected = model(**given)
+    model(**inputs(model, 2))
+    assert any(cache.current is not None for cache in caches(model))
+    for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
+        assert all(cache.current is None for cache in caches(other))
+        assert torch.equal(other(**given), expected)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_model_shares_positions(name):
+    # Positions of the layout, the same for all samples (N, F).
+    model = small_model(name)
+    given = inputs(model, 3)
+    for key in ("absolute", "pos"):
+        if key in given:
+            given[key] = given[key][:1].expand_as(given[key])
+            once = {**given, key: given[key][0]}
+            assert torch.equal(model(**once), model(**given))
+
+
+@pytest.mark.parametrize("batch_size", [2, 10])
+@pytest.mark.parametrize("name", MODELS)
+def test_model_autocast(name, batch_size):
+    model = small_model(name)
+    given = inputs(model, batch_size)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        out = model(**given)
+        out.float().square().sum().backward()
+        again = model(**given)
+    again.float().square().sum().backward()
+    assert torch.allclose(out.float(), model(**given), atol=0.05)
+    assert all(p.grad.isfinite().all() for p in model.parameters())
+
+
+@pytest.mark.parametrize("form", [dict, block_diagonal])
+def test_model_without_readings(form):
+    # The readings only tell how many samples there are.
+    model = TactileGCN(11, 3, inputs=("position",), **NARROW, **HEAD)
+    given = inputs(model, 9)
+    out = model(**form(given))
+    assert torch.allclose(out, model(**form({**given, "x": given["x"] + 1})))
+    assert torch.allclose(out[3], model(**loop(given)[3])[0], atol=1e-6)
+    assert not torch.allclose(out, model(**form({**given, "pos": given["pos"] + 1})))

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+import torch
+
+from torch_geometric_tactile.nn.models import MTGCN, TactileGCN
+from torch_geometric_tactile.sensors import allegro_uskin, grid
+
+LAYOUT = grid(3, 4, pitch=0.004)
+SMALL = {"head_widths": (6,), "head_pools": (2,)}
+NARROW = {"widths": (4, 8), "pools": (1, 2)}
+
+
+def inputs(batch_size, num_nodes, **sizes):
+    draw = torch.Generator().manual_seed(batch_size)
+    sizes = {"x": (num_nodes, 3), **sizes}
+    return {k: torch.randn(batch_size, *size, generator=draw) for k, size in sizes.items()}
+
+
+def assert_onnx_equals(model, path, edge_index, *sizes, **other_sizes):
+    """The exported file gives the model's numbers, for batches of other sizes as well."""
+    for name in ("onnx", "onnxscript"):
+        pytest.importorskip(name)
+    runtime = pytest.importorskip("onnxruntime")
+    model = model.eval()
+    example = {"edge_index": edge_index, **inputs(3, *sizes, **other_sizes)}
+    shapes = {name: {0: "batch"} for name in example} | {"edge_index": None}
+    torch.onnx.export(
+        model,
+        (),
+        path,
+        kwargs=example,
+        dynamo=True,
+        opset_version=18,
+        dynamic_shapes=shapes,
+        verbose=False,
+    )
+    session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    for batch_size in (1, 3, 10):
+        given = {"edge_index": edge_index, **inputs(batch_size, *sizes, **other_sizes)}
+        feed = {node.name: given[node.name].numpy() for node in session.get_inputs()}
+        assert feed.keys() == given.keys()
+        with torch.no_grad():
+            expected = model(**given).numpy()
+        (out,) = session.run(None, feed)
+        assert out.shape == expected.shape
+        assert np.abs(out - expected).max() < 1e-5
+
+
+def test_onnx_tactile_gcn(tmp_path):
+    model = TactileGCN(12, 3, **NARROW, **SMALL)
+    assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
+
+
+def test_onnx_mt_gcn(tmp_path):
+    edge_index = LAYOUT.edge_index("original")
+    num_edges = edge_index.size(1)
+    threads = {"tactile": NARROW, "edge": NARROW}
+    model = MTGCN(12, 3, threads=threads, num_edges=num_edges, num_joints=2, **SMALL)
+    path = tmp_path / "model.onnx"
+    assert_onnx_equals(model, path, edge_index, 12, edge_attr=(num_edges, 4), joint=(2,))
+
+
+def test_onnx_tactile_gcn_of_segments(tmp_path):
+    layout = allegro_uskin()
+    model = TactileGCN(layout, segments="patch", widths=(4, 8), pools=(1, 4), **SMALL)
+    assert_onnx_equals(model, tmp_path / "model.onnx", layout.edge_index("original"), 384)

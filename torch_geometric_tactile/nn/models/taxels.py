@@ -1,0 +1,60 @@
+r"""The argument :obj:`layout` of the models."""
+
+import os
+from typing import Any, Union
+
+import torch
+
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
+from torch_geometric_tactile.typing import PathLike
+
+# A layout, the name of a stock layout or the path of a layout file, or the number of taxels.
+LayoutLike = Union[TaxelLayout, int, PathLike]
+
+
+def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
+    r"""Returns the layout of a model that needs more than the number of taxels.
+
+    Args:
+        layout (TaxelLayout, int, str or PathLike): The layout, its name or its file.
+        purpose (str): What it is needed for, for the message.
+
+    Raises:
+        ValueError: If it is a number, or no layout has this name.
+    """
+    if isinstance(layout, int):
+        raise ValueError(
+            f"'layout' must be a layout, the name of one or its file for {purpose} (got the number "
+            f"of taxels {layout})"
+        )
+    with torch.device("cpu"):  # on the meta device, a file would lose its numbers
+        return as_layout(layout)
+
+
+def count_taxels(layout: LayoutLike) -> int:
+    r"""Returns the number of taxels :math:`N`.
+
+    Args:
+        layout (TaxelLayout, int, str or PathLike): The layout, its name or its file, or the number.
+
+    Raises:
+        ValueError: If the number is below one, or no layout has this name.
+    """
+    if not isinstance(layout, int):
+        return load_layout(layout, "its number of taxels").num_taxels
+    if layout < 1:
+        raise ValueError(f"'layout' must have at least 1 taxel (got {layout})")
+    return layout
+
+
+def portable_layout(layout: Any) -> Any:
+    r"""Returns the contents of a layout file, which need not exist elsewhere, and anything else as
+    it is.
+
+    Args:
+        layout (TaxelLayout, int, str or PathLike): The layout, its name or its file, or the number.
+    """
+    is_file = isinstance(layout, os.PathLike) or (
+        isinstance(layout, str) and layout not in stock_names()
+    )
+    return load_layout(layout, "a saved model") if is_file else layout
