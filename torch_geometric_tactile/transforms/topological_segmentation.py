@@ -36,7 +36,8 @@ class TopologicalSegmentation(BaseTransform):
             layout, or a whole number for each taxel :math:`(N,)`. Segments are numbered from zero
             without gaps, in ascending order.
         layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
-            that comes with the package, or a layout file; needed for :obj:`"digit"` and :obj:`"patch"`.
+            that comes with the package, or a layout file; needed for :obj:`"digit"` and
+            :obj:`"patch"`.
         drop (bool): Whether to drop the edges between segments, with their :obj:`edge_attr` and
             :obj:`edge_weight`. Otherwise all edges stay, and :obj:`edge_is_within` tells which do
             not leave their segment.
