@@ -84,7 +84,7 @@ def as_tensor(name: str, value: Any) -> Tensor:
         array = array.astype(np.int64)  # which torch can index and compare
     if not array.flags.writeable or not array.dtype.isnative:
         array = array.astype(array.dtype.newbyteorder("="))
-    return torch.from_numpy(np.ascontiguousarray(array))
+    return torch.from_numpy(np.ascontiguousarray(array).reshape(array.shape))
 
 
 def _is_ragged(value: Any) -> bool:

@@ -3,6 +3,7 @@ r"""Data sets of arrays and lists of your own."""
 from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
+from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data.arrays import layout_of, static_data_from_arrays
@@ -74,8 +75,8 @@ class FromArrays:
             edge_index (array-like, optional): The edges of every sample
                 :math:`(2, |\mathcal{E}|)`.
             adjacency (str, optional): Name of the adjacency of the layout that has the edges. If
-                both are left out, that of the layout if it has exactly one; otherwise there are no
-                edges, which a :obj:`pre_transform` such as
+                both are left out, it is :obj:`"original"`, or the only one of the layout; without
+                such there are no edges, which a :obj:`pre_transform` such as
                 :class:`~torch_geometric_tactile.transforms.KNNGraph` may add.
             class_names (sequence of str): The names of the classes of :obj:`y`, in their order.
             group_names (sequence of str): The names of the groups (usually, objects).
@@ -109,8 +110,8 @@ class FromArrays:
         layout = as_layout(layout)
         if edge_index is not None and adjacency is not None:
             raise ValueError("only one of 'edge_index' and 'adjacency' may be given (got both)")
-        if edge_index is None and (adjacency is not None or len(layout.adjacency) == 1):
-            edge_index = layout.edge_index(adjacency or next(iter(layout.adjacency)))
+        if edge_index is None:
+            edge_index = _edges(layout, adjacency)
         columns = {"group": group, "trial": trial, "session": session, "joint": joint, "time": time}
         source = static_data_from_arrays(
             x,
@@ -165,3 +166,12 @@ class FromArrays:
         source = data, {key: list(value) for key, value in names.items() if value}
         layout = layout_of(data) if layout is None else as_layout(layout)
         return cls._of(source, layout, transform, pre_transform, pre_filter)
+
+
+def _edges(layout: TaxelLayout, adjacency: str | None) -> Tensor | None:
+    if adjacency is None:
+        names = list(layout.adjacency)
+        if "original" not in names and len(names) != 1:
+            return None
+        adjacency = "original" if "original" in names else names[0]
+    return layout.edge_index(adjacency)
