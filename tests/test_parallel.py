@@ -77,6 +77,20 @@ def test_closing_stops_the_work():
     assert list(results) == []
 
 
+def test_workers_compute_with_one_thread(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    assert set(run_parallel(os.getenv, ["OMP_NUM_THREADS"] * 4, 2)) == {"1"}
+
+
+def test_one_job_is_done_here():
+    assert {process for process, _ in run_parallel(process_and_square, range(3))} == {os.getpid()}
+
+
+def test_fewer_jobs_than_one():
+    with pytest.raises(ValueError, match=r"'jobs' must be at least 1 \(got 0\)"):
+        list(run_parallel(process_and_square, range(3), 0))
+
+
 def test_memory_is_kept_by_processes_started_inside_only(monkeypatch):
     first, second = KEPT_MEMORY
     monkeypatch.setenv(first, "7")
