@@ -24,7 +24,14 @@ EXTRAS = {
 }
 NEEDS_EXTRA = tuple(
     f"torch_geometric_tactile.{room}"
-    for room in ("training", "experiments", "reports", "commands.table")
+    for room in (
+        "training",
+        "experiments",
+        "reports.analysis",
+        "reports.grasp",
+        "reports.simulation",
+        "reports.table",
+    )
 )
 
 installed = sorted(name for name in EXTRAS if importlib.util.find_spec(name))

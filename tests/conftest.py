@@ -20,6 +20,19 @@ BTS3_HEADER = [
     *(f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)),
 ]
 
+# Fixtures of the whole session that take seconds: the tests that share one run in one process.
+SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report", "bts3_root")
+
+
+def pytest_collection_modifyitems(items):
+    """Runs slow tests first, so that processes side by side end together."""
+    for item in items:
+        for name in SHARED_FIXTURES:
+            if name in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.xdist_group(name))
+                break
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
 
 @pytest.fixture(autouse=True)
 def private_cache(monkeypatch, tmp_path_factory):

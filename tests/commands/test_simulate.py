@@ -2,7 +2,8 @@ import sys
 
 import pytest
 
-from torch_geometric_tactile.cli import _OBJECT_SETS, _PRESETS, build_parser, main
+from torch_geometric_tactile.cli import build_parser, main
+from torch_geometric_tactile.commands.simulate import _OBJECT_SETS, _PRESETS
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
@@ -115,8 +116,8 @@ def test_preview_is_drawn_and_named(quick, capsys):
 
 def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, capsys, monkeypatch):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
-    from torch_geometric_tactile.commands import simulate as simulate_command
     from torch_geometric_tactile.io import read_recording
+    from torch_geometric_tactile.reports import simulation
 
     out, run = quick
     assert run() == 0
@@ -128,10 +129,10 @@ def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, ca
         drawn.append(path)
         return read_recording(path)
 
-    monkeypatch.setattr(simulate_command, "read_recording", read)
-    monkeypatch.setattr(simulate_command, "plot_grasp_film", lambda *args: None)
-    monkeypatch.setattr(simulate_command, "plot_grasp_forces", lambda *args: None)
-    monkeypatch.setattr(simulate_command, "save_figure", lambda *args: None)
+    monkeypatch.setattr(simulation, "read_recording", read)
+    monkeypatch.setattr(simulation, "plot_grasp_film", lambda *args: None)
+    monkeypatch.setattr(simulation, "plot_grasp_forces", lambda *args: None)
+    monkeypatch.setattr(simulation, "save_figure", lambda *args: None)
     assert run("--preview") == 1
     assert drawn == [out / "plastic_tube_001.h5"]
 

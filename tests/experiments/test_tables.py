@@ -4,7 +4,8 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.cli import _BACKENDS, _TABLES, main
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.commands.table import _BACKENDS, _TABLES
 from torch_geometric_tactile.experiments.tables import load_table, table_names
 from torch_geometric_tactile.parallel import BACKENDS
 from torch_geometric_tactile.training.config import expand_template

@@ -1,1 +1,21 @@
-r"""The verbs of the command line, one file each."""
+r"""The verbs of the command line, one file each.
+
+A verb is a module with :obj:`HELP`, :obj:`DESCRIPTION`, :obj:`EXAMPLES`, :obj:`add_arguments` and
+:obj:`run`; one whose arguments another parser reads has :obj:`HELP` and :obj:`run_raw`. Modules are
+imported to print the help of all verbs, so that heavy packages are imported in functions only.
+"""
+
+VERBS = (
+    "demo",
+    "inspect",
+    "convert",
+    "simulate",
+    "analyze",
+    "table",
+    "fit",
+    "validate",
+    "test",
+    "predict",
+)
+
+__all__ = ["VERBS"]

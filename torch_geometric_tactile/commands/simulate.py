@@ -1,143 +1,116 @@
-r"""What the command ``tactile simulate`` does: a run with a progress bar, and pictures of it."""
+r"""``tactile simulate``: grasps of a simulated hand."""
 
-import time
-from collections.abc import Iterable
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
-from pathlib import Path
-from typing import NamedTuple
+import argparse
+import sys
 
-from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.sensors import HandKinematics, stock_layout
-from torch_geometric_tactile.sim import OBJECT_SETS, PRESETS, TrialReport, simulate
-from torch_geometric_tactile.typing import PathLike
-from torch_geometric_tactile.visualization.figure import new_figure, save_figure
-from torch_geometric_tactile.visualization.grasp_film import plot_grasp_film, plot_grasp_forces
+from torch_geometric_tactile.commands.arguments import not_negative, positive
 
+# The names in `sim`, which is too heavy to import for them.
+_OBJECT_SETS = ("paper8", "control8", "twenty")
+_HANDS = ("allegro_uskin", "allegro_uskin_240")
+_PRESETS = ("full", "ci")
 
-class SimulatedRun(NamedTuple):
-    r"""A finished run: the reports of its trials, how many seconds it took, and its folder."""
+HELP = "simulate grasps with an Allegro hand of 384 taxels, and write recordings"
+DESCRIPTION = """\
+Simulates an Allegro hand covered with 384 magnetic taxels that grasps, lifts and holds
+objects of different mass, softness and friction, and writes one HDF5 recording a trial:
+readings, joint angles, the object's properties and, apart, the true forces and poses.
+Needs the extra 'sim'.
+"""
+EXAMPLES = """\
+examples:
+  tactile simulate --out grasps                          80 trials of 17 s of eight objects
+  tactile simulate --out small --preset ci --preview     24 short and coarse trials in a minute
+  tactile simulate --out control --objects control8      objects of one shape and size
 
-    reports: list[TrialReport]
-    seconds: float
-    out: Path
-
-    @property
-    def given_up(self) -> list[TrialReport]:
-        r"""The trials in which no attempt lifted and held the object."""
-        return [report for report in self.reports if report.path is None]
-
-    def describe(self) -> str:
-        r"""Returns the run in one line."""
-        kept = sum(report.kept for report in self.reports)
-        attempts = sum(report.attempts for report in self.reports)
-        rate = (len(self.reports) - len(self.given_up)) / max(attempts, 1)
-        return (
-            f"{len(self.reports)} trials ({kept} kept from before), {attempts} attempts, "
-            f"{100 * rate:.0f} % of them successful, {self.seconds:.0f} s; "
-            f"simulated data, not measured, in '{self.out}'"
-        )
-
-    def describe_given_up(self) -> str:
-        r"""Returns what was given up in one line."""
-        names = sorted(f"{report.object_name} {report.trial}" for report in self.given_up)
-        attempts = self.given_up[0].attempts
-        return f"{len(names)} trials given up after {attempts} attempts each: {', '.join(names)}"
+Finished trials are kept: the same command goes on where a run was stopped, and with
+--preview draws the pictures of a finished one. The same seed gives the same recordings,
+whatever --jobs is. Masses, frictions and the skin are plausible, not measured.
+"""
 
 
-def run_simulation(
-    out: PathLike,
-    objects: str = "paper8",
-    trials: int | None = None,
-    seed: int = 0,
-    jobs: int = 1,
-    preset: str = "full",
-    max_attempts: int = 10,
-    hand: str | None = None,
-) -> SimulatedRun:
-    r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the arguments of the verb.
 
     Args:
-        out (str or PathLike): Folder of the recordings.
-        objects (str): Name of the object set.
-        trials (int, optional): Trials of each object; the preset's if left out.
-        seed (int): Seed.
-        jobs (int): Processes.
-        preset (str): Name of the preset.
-        max_attempts (int): Attempts at a trial before it is given up.
-        hand (str, optional): Name of the hand; that of the objects' paper if left out.
-
-    Raises:
-        ImportError: If MuJoCo, h5py or joblib is missing.
-        KeyboardInterrupt: On Ctrl-C; the message tells how many trials are finished.
-        OSError: If a process was killed, or a file cannot be written.
-        ValueError: If an argument is wrong, or the folder holds other recordings.
+        parser (argparse.ArgumentParser): The parser of the verb.
     """
-    from tqdm import tqdm
+    parser.add_argument(
+        "--out", metavar="DIR", required=True, help="folder of the recordings, made if missing"
+    )
+    parser.add_argument(
+        "--objects",
+        choices=_OBJECT_SETS,
+        default="paper8",
+        help="which objects: eight of different shapes, every combination of light or heavy, hard "
+        "or soft, slippery or not (paper8, the default); the same combinations in one shape and "
+        "size (control8); five shapes in four sizes (twenty)",
+    )
+    parser.add_argument(
+        "--hand",
+        choices=_HANDS,
+        help="384 taxels, or 240 with none on the palm (default: the second for the objects "
+        "twenty, else the first)",
+    )
+    parser.add_argument(
+        "--trials",
+        metavar="N",
+        type=positive,
+        help="trials of each object (default: 10, or 3 with the preset ci)",
+    )
+    parser.add_argument(
+        "--seed", type=not_negative, default=0, help="decides all randomness (default: 0)"
+    )
+    parser.add_argument(
+        "--jobs", metavar="N", type=positive, default=2, help="processes (default: 2)"
+    )
+    parser.add_argument(
+        "--preset",
+        choices=_PRESETS,
+        default="full",
+        help="trials of 17 s with 100 frames a second (full, the default), or of 5 s with 50, "
+        "coarser and about ten times as fast (ci)",
+    )
+    parser.add_argument(
+        "--max-attempts",
+        metavar="N",
+        type=positive,
+        default=10,
+        help="grasps tried until the object is lifted and held, before a trial is given up "
+        "(default: 10)",
+    )
+    parser.add_argument(
+        "--preview",
+        action="store_true",
+        help="draw the first trial of the first object to DIR/preview: preview_film.png and "
+        "preview_forces.png",
+    )
 
-    start = time.monotonic()
-    running = simulate(out, objects, trials, seed, jobs, preset, max_attempts, hand=hand)
-    total = len(OBJECT_SETS[objects]()) * (trials or PRESETS[preset].trials)
-    reports: list[TrialReport] = []
-    attempts = 0
-    try:
-        # Without a terminal there is no bar, and with Ctrl-C none stays.
-        with (
-            tqdm(total=total, desc="Simulate", unit="trial", disable=None, leave=False) as bar,
-            closing(running),
-        ):
-            for report in running:
-                reports.append(report)
-                attempts += report.attempts
-                bar.set_postfix_str(f"{attempts} attempts", refresh=False)
-                bar.update()
-    except KeyboardInterrupt:
-        finished = len(list(Path(out).glob("*.h5")))
-        raise KeyboardInterrupt(f"stopped; {finished} finished trials are kept") from None
-    except BrokenProcessPool as error:
-        raise OSError(
-            "a process of the simulation was killed, for want of memory perhaps: run the same "
-            "command with fewer jobs (finished trials are kept)"
-        ) from error
-    return SimulatedRun(reports, time.monotonic() - start, Path(out))
 
-
-def check_preview() -> None:
-    r"""Tells before a long run whether its pictures can be drawn.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-    """
-    new_figure(1.0, 1.0)
-
-
-def draw_preview(run: SimulatedRun, objects: str) -> list[Path]:
-    r"""Draws the first trial of the first object, as a film and as forces, to the folder
-    :obj:`preview` below the recordings, and returns the files.
+def run(arguments: argparse.Namespace) -> int:
+    r"""Runs the verb and returns the exit status.
 
     Args:
-        run (SimulatedRun): The run.
-        objects (str): Name of the object set.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-        ValueError: If no trial succeeded.
+        arguments (argparse.Namespace): The arguments.
     """
-    first = _first_trial(run.reports, [item.name for item in OBJECT_SETS[objects]()])
-    if first is None:
-        raise ValueError("a preview must have a trial to show (got none that succeeded)")
-    recording, hand = read_recording(first), HandKinematics.allegro()
-    layout = stock_layout(recording.meta["sensor"])
-    pictures = {
-        run.out / "preview" / "preview_film.png": plot_grasp_film,
-        run.out / "preview" / "preview_forces.png": plot_grasp_forces,
-    }
-    for path, plot in pictures.items():
-        save_figure(plot(recording, layout, hand), path)
-    return list(pictures)
+    from torch_geometric_tactile.reports import simulation
 
-
-def _first_trial(reports: Iterable[TrialReport], names: list[str]) -> Path | None:
-    done = [report for report in reports if report.path is not None]
-    done.sort(key=lambda report: (names.index(report.object_name), report.trial))
-    return done[0].path if done else None
+    if arguments.preview:
+        simulation.check_preview()
+    finished = simulation.run_simulation(
+        arguments.out,
+        objects=arguments.objects,
+        trials=arguments.trials,
+        seed=arguments.seed,
+        jobs=arguments.jobs,
+        preset=arguments.preset,
+        max_attempts=arguments.max_attempts,
+        hand=arguments.hand,
+    )
+    print(finished.describe(), flush=True)
+    if finished.given_up:
+        print(f"tactile: error: {finished.describe_given_up()}", file=sys.stderr, flush=True)
+    if arguments.preview and len(finished.given_up) < len(finished.reports):
+        for path in simulation.draw_preview(finished, arguments.objects):
+            print(f"drew {path}")
+    return 1 if finished.given_up else 0

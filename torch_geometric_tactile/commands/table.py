@@ -1,31 +1,188 @@
-r"""What the command ``tactile table`` does: runs with a progress bar, and the table of them."""
+r"""``tactile table``: the models of a table of the papers, beside its published numbers."""
 
-from collections.abc import Sequence
-from pathlib import Path
+import argparse
+import sys
+from typing import TYPE_CHECKING
 
-from tabulate import tabulate
-from tqdm import tqdm
+from torch_geometric_tactile.commands.arguments import positive
 
-from torch_geometric_tactile.experiments.experiment import Experiment
-from torch_geometric_tactile.experiments.plan import Settings, TableRun, run_table
-from torch_geometric_tactile.experiments.tables import load_table
-from torch_geometric_tactile.parallel import Backend
-from torch_geometric_tactile.reports.table import write_table
-from torch_geometric_tactile.typing import PathLike
-from torch_geometric_tactile.visualization.figure import new_figure
+if TYPE_CHECKING:
+    from torch_geometric_tactile.experiments.experiment import Experiment
 
+# The names in `experiments`, which is too heavy to import for them.
+_TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4")
+_BACKENDS = ("loky", "dask", "ray")
 _HEADERS = {"accuracy": "accuracy (%)", "spread": "±", "auc": "ROC", "memory": "memory (MB)"}
 
+HELP = "train the models of a table of the papers, and write it beside the published numbers"
+DESCRIPTION = """\
+Trains and tests the models of a table of the papers on recordings of an Allegro hand with 384
+taxels, by trial and by frame, and writes the table beside the published numbers: DIR/NAME.md,
+NAME.csv and NAME.png. Needs the extras 'train' and 'viz'.
 
-def list_table(name: str) -> str:
-    r"""Returns the experiments of a table, with the numbers that the paper prints.
+tables:
+  p1-table2   object properties by inputs: 36 GCNs, CNNs and FNNs, with and without joint angles
+  p1-table3   object properties by adjacency: the best of them on four graphs
+  p2-table2   objects by segmentation of the hand: 18 GCNs (and their ROC values, Table III)
+  p2-table4   memory that training these 18 takes
+"""
+EXAMPLES = """\
+examples:
+  tactile simulate --out sim --jobs 2                    recordings to train on, if you have none
+  tactile table p2-table2 --list                         the experiments and the published numbers
+  tactile table p2-table2 --root sim --stride 200 --epochs 1 --seeds 1
+                                                         a first look, in minutes
+  tactile table p1-table2 --root sim --stride 20 --epochs 30 --jobs 2
+  tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
+                                                         only some models; the table has the rest
+                                                         where it was trained before
+  tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
+
+Each run (a model, a seed, a split) is a file in DIR/runs when it is finished. The same command
+goes on where it was stopped or killed. Tables of one DIR share their runs. Nothing is chosen by
+the test part: the number of epochs is fixed, and the model is tested once, at the end.
+One experiment alone: tactile fit --config p1_table2/mt_gcn_te_joint
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the arguments of the verb.
 
     Args:
-        name (str): Name of the table.
-
-    Raises:
-        ValueError: If there is no such table.
+        parser (argparse.ArgumentParser): The parser of the verb.
     """
+    parser.add_argument("name", metavar="TABLE", choices=_TABLES, help=", ".join(_TABLES))
+    parser.add_argument(
+        "--list", action="store_true", help="print the experiments with their published numbers"
+    )
+    parser.add_argument(
+        "--root",
+        metavar="DIR",
+        help="folder of the recordings; by default $TACTILE_DATA/AllegroUSkin, or a folder in the "
+        "user's cache",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", default="tables", help="folder of table and runs (default: tables)"
+    )
+    parser.add_argument(
+        "--seeds",
+        metavar="N",
+        type=positive,
+        default=5,
+        help="runs of each experiment; a seed decides split and training (default: 5)",
+    )
+    parser.add_argument(
+        "--epochs", metavar="N", type=positive, help="epochs, instead of the configurations' 50"
+    )
+    parser.add_argument(
+        "--stride",
+        metavar="N",
+        type=positive,
+        default=1,
+        help="use every N-th frame of each trial (default: 1, all)",
+    )
+    parser.add_argument(
+        "--phases",
+        metavar="PHASE",
+        nargs="+",
+        help="use only frames in these phases of the grasp, such as: squeeze lift hold",
+    )
+    parser.add_argument(
+        "--split-by",
+        nargs="+",
+        choices=("trial", "frame"),
+        default=("trial", "frame"),
+        help="hold out whole trials, or random frames of all trials (default: both, one after the "
+        "other, never mixed)",
+    )
+    parser.add_argument(
+        "--only", metavar="GLOB", nargs="+", help="train only experiments with such names"
+    )
+    parser.add_argument(
+        "--no-train", action="store_true", help="train nothing: the table of the finished runs"
+    )
+    parser.add_argument(
+        "--jobs", metavar="N", type=positive, default=1, help="runs at a time (default: 1)"
+    )
+    parser.add_argument(
+        "--threads", metavar="N", type=positive, default=1, help="threads of a run (default: 1)"
+    )
+    parser.add_argument(
+        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
+    )
+    parser.add_argument(
+        "--backend",
+        choices=_BACKENDS,
+        default="loky",
+        help="what starts the runs: processes of this machine (loky, the default), or Dask or Ray, "
+        "which know many machines; they are extras of the same names",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a running cluster of Dask or Ray; by default one of --jobs processes is started here",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    r"""Runs the verb and returns the exit status.
+
+    Args:
+        arguments (argparse.Namespace): The arguments.
+    """
+    if arguments.list:
+        print(_listed(arguments.name))
+        return 0
+    from tqdm import tqdm
+
+    from torch_geometric_tactile.experiments.plan import Settings, run_table
+    from torch_geometric_tactile.reports.table import write_table
+    from torch_geometric_tactile.visualization.figure import new_figure
+
+    new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
+    settings = Settings(
+        arguments.seeds,
+        arguments.epochs,
+        arguments.stride,
+        arguments.phases,
+        arguments.split_by,
+        arguments.accelerator,
+        arguments.threads,
+    )
+    # Without a terminal there is no bar, and with Ctrl-C none stays.
+    with tqdm(desc=arguments.name, unit="run", disable=None, leave=False) as bar:
+
+        def show(experiment: "Experiment", ended: int, all_runs: int) -> None:
+            bar.total = all_runs
+            bar.set_postfix_str(experiment.label, refresh=False)
+            bar.update(ended - bar.n)
+
+        finished = run_table(
+            arguments.name,
+            arguments.root,
+            arguments.out,
+            settings,
+            arguments.only,
+            arguments.jobs,
+            arguments.backend,
+            arguments.scheduler,
+            not arguments.no_train,
+            on_progress=show,
+        )
+    paths = write_table(finished, arguments.out)
+    print(finished.describe(), flush=True)
+    for path in paths:
+        print(f"wrote {path}", flush=True)
+    for name, reason in finished.failed.items():
+        print(f"tactile: error: {name}: {reason}", file=sys.stderr)
+    return 1 if finished.failed else 0
+
+
+def _listed(name: str) -> str:
+    from tabulate import tabulate
+
+    from torch_geometric_tactile.experiments.tables import load_table
+
     table = load_table(name)
     keys = [key for key in _HEADERS if any(key in cell.published for cell in table.cells)]
     rows = [
@@ -39,63 +196,3 @@ def list_table(name: str) -> str:
         f"hand with private recordings:\n\n{tabulate(rows, headers)}\n\n"
         f"One of them alone: tactile fit --config {table.template}/{table.cells[0].experiment}"
     )
-
-
-def make_table(
-    name: str,
-    root: PathLike | None,
-    out: PathLike,
-    seeds: int,
-    epochs: int | None,
-    stride: int,
-    phases: Sequence[str] | None,
-    split_by: Sequence[str],
-    accelerator: str,
-    threads: int,
-    only: Sequence[str] | None,
-    jobs: int,
-    backend: Backend,
-    scheduler: str | None,
-    train: bool,
-) -> tuple[TableRun, list[Path]]:
-    r"""Runs the experiments of a table with a progress bar on the terminal, writes the table, and
-    returns what was run and the files.
-
-    Args:
-        name (str): Name of the table.
-        root (str or PathLike, optional): Folder of the recordings.
-        out (str or PathLike): Folder of the results.
-        seeds (int): Runs of each experiment.
-        epochs (int, optional): Epochs, instead of those of the configurations.
-        stride (int): Only every :obj:`stride`-th frame.
-        phases (sequence of str, optional): Only frames in these phases.
-        split_by (sequence of str): :obj:`"trial"`, :obj:`"frame"` or both.
-        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
-        threads (int): Threads of a run.
-        only (sequence of str, optional): Train only experiments with names like these patterns.
-        jobs (int): Runs at a time.
-        backend (str): :obj:`"loky"`, :obj:`"dask"` or :obj:`"ray"`.
-        scheduler (str, optional): Address of a running cluster.
-        train (bool): Whether to train what is missing.
-
-    Raises:
-        FileNotFoundError: If there are no recordings.
-        ImportError: If matplotlib or the package of the backend is missing.
-        KeyboardInterrupt: On Ctrl-C; the message tells how many runs are kept.
-        OSError: If a process was killed, or a file cannot be written.
-        ValueError: If an argument is wrong.
-    """
-    new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
-    settings = Settings(seeds, epochs, stride, phases, split_by, accelerator, threads)
-    # Without a terminal there is no bar, and with Ctrl-C none stays.
-    with tqdm(desc=name, unit="run", disable=None, leave=False) as bar:
-
-        def show(experiment: Experiment, ended: int, all_runs: int) -> None:
-            bar.total = all_runs
-            bar.set_postfix_str(experiment.label, refresh=False)
-            bar.update(ended - bar.n)
-
-        run = run_table(
-            name, root, out, settings, only, jobs, backend, scheduler, train, on_progress=show
-        )
-    return run, write_table(run, out)

@@ -1,4 +1,4 @@
-r"""What stands in a recording's file, as text and as a picture."""
+r"""A recording as text and as a picture."""
 
 import json
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_recording, recording_format, write_recording
+from torch_geometric_tactile.io import read_recording, recording_format
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
@@ -96,25 +96,6 @@ def draw_recording(recording: Recording, path: PathLike) -> None:
         ValueError: If there is no frame, or the suffix is another.
     """
     save_figure(plot_recording(recording), path)
-
-
-def convert_file(source: PathLike, target: PathLike, forces: bool = False) -> Recording:
-    r"""Writes a recording's file in the format of another suffix, and returns the recording.
-
-    Args:
-        source (str or PathLike): The file to read.
-        target (str or PathLike): The file to write.
-        forces (bool): Whether to read forces in newtons from XELA's formats.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ImportError: If a format needs an extra that is missing.
-        ValueError: If the file cannot be read, holds no forces where they are wanted, or the other
-            format cannot hold the readings.
-    """
-    recording = read_recording(source, **({"forces": True} if forces else {}))
-    write_recording(recording, target)
-    return recording
 
 
 def _range(values: np.ndarray, unit: str) -> str:

@@ -1,0 +1,144 @@
+r"""Simulated grasps: a run with a progress bar, its summary and its pictures."""
+
+import time
+from collections.abc import Iterable
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from pathlib import Path
+from typing import NamedTuple
+
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.sensors import HandKinematics, stock_layout
+from torch_geometric_tactile.sim import OBJECT_SETS, PRESETS, TrialReport, simulate
+from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+from torch_geometric_tactile.visualization.grasp_film import plot_grasp_film, plot_grasp_forces
+
+
+class SimulatedRun(NamedTuple):
+    r"""A finished run: the reports of its trials, how many seconds it took, and its folder."""
+
+    reports: list[TrialReport]
+    seconds: float
+    out: Path
+
+    @property
+    def given_up(self) -> list[TrialReport]:
+        r"""The trials in which no attempt lifted and held the object."""
+        return [report for report in self.reports if report.path is None]
+
+    def describe(self) -> str:
+        r"""Returns the run in one line."""
+        kept = sum(report.kept for report in self.reports)
+        attempts = sum(report.attempts for report in self.reports)
+        rate = (len(self.reports) - len(self.given_up)) / max(attempts, 1)
+        return (
+            f"{len(self.reports)} trials ({kept} kept from before), {attempts} attempts, "
+            f"{100 * rate:.0f} % of them successful, {self.seconds:.0f} s; "
+            f"simulated data, not measured, in '{self.out}'"
+        )
+
+    def describe_given_up(self) -> str:
+        r"""Returns what was given up in one line."""
+        names = sorted(f"{report.object_name} {report.trial}" for report in self.given_up)
+        attempts = self.given_up[0].attempts
+        return f"{len(names)} trials given up after {attempts} attempts each: {', '.join(names)}"
+
+
+def run_simulation(
+    out: PathLike,
+    *,
+    objects: str = "paper8",
+    trials: int | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    preset: str = "full",
+    max_attempts: int = 10,
+    hand: str | None = None,
+) -> SimulatedRun:
+    r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
+
+    Args:
+        out (str or PathLike): Folder of the recordings.
+        objects (str): Name of the object set.
+        trials (int, optional): Trials of each object; the preset's if left out.
+        seed (int): Seed.
+        jobs (int): Processes.
+        preset (str): Name of the preset.
+        max_attempts (int): Attempts at a trial before it is given up.
+        hand (str, optional): Name of the hand; that of the objects' paper if left out.
+
+    Raises:
+        ImportError: If MuJoCo, h5py or joblib is missing.
+        KeyboardInterrupt: On Ctrl-C; the message tells how many trials are finished.
+        OSError: If a process was killed, or a file cannot be written.
+        ValueError: If an argument is wrong, or the folder holds other recordings.
+    """
+    from tqdm import tqdm
+
+    start = time.monotonic()
+    running = simulate(out, objects, trials, seed, jobs, preset, max_attempts, hand=hand)
+    total = len(OBJECT_SETS[objects]()) * (trials or PRESETS[preset].trials)
+    reports: list[TrialReport] = []
+    attempts = 0
+    try:
+        # Without a terminal there is no bar, and with Ctrl-C none stays.
+        with (
+            tqdm(total=total, desc="Simulate", unit="trial", disable=None, leave=False) as bar,
+            closing(running),
+        ):
+            for report in running:
+                reports.append(report)
+                attempts += report.attempts
+                bar.set_postfix_str(f"{attempts} attempts", refresh=False)
+                bar.update()
+    except KeyboardInterrupt:
+        finished = len(list(Path(out).glob("*.h5")))
+        raise KeyboardInterrupt(f"stopped; {finished} finished trials are kept") from None
+    except BrokenProcessPool as error:
+        raise OSError(
+            "a process of the simulation was killed, for want of memory perhaps: run the same "
+            "command with fewer jobs (finished trials are kept)"
+        ) from error
+    return SimulatedRun(reports, time.monotonic() - start, Path(out))
+
+
+def check_preview() -> None:
+    r"""Tells before a long run whether its pictures can be drawn.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+    """
+    new_figure(1.0, 1.0)
+
+
+def draw_preview(run: SimulatedRun, objects: str) -> list[Path]:
+    r"""Draws the first trial of the first object, as a film and as forces, to the folder
+    :obj:`preview` below the recordings, and returns the files.
+
+    Args:
+        run (SimulatedRun): The run.
+        objects (str): Name of the object set.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If no trial succeeded.
+    """
+    first = _first_trial(run.reports, [item.name for item in OBJECT_SETS[objects]()])
+    if first is None:
+        raise ValueError("a preview must have a trial to show (got none that succeeded)")
+    recording, hand = read_recording(first), HandKinematics.allegro()
+    layout = stock_layout(recording.meta["sensor"])
+    pictures = {
+        run.out / "preview" / "preview_film.png": plot_grasp_film,
+        run.out / "preview" / "preview_forces.png": plot_grasp_forces,
+    }
+    for path, plot in pictures.items():
+        save_figure(plot(recording, layout, hand), path)
+    return list(pictures)
+
+
+def _first_trial(reports: Iterable[TrialReport], names: list[str]) -> Path | None:
+    done = [report for report in reports if report.path is not None]
+    done.sort(key=lambda report: (names.index(report.object_name), report.trial))
+    return done[0].path if done else None
