@@ -116,14 +116,14 @@ def test_leave_one_group_out_needs_two(toy, kept, groups):
 @pytest.mark.parametrize("by", ["frame", "trial", "group"])
 def test_k_fold_tests_every_sample_once(by):
     data = trials()
-    folds = splits.k_fold(data, k=5, by=by, seed=1)
+    folds = splits.k_fold(data, folds=5, by=by, seed=1)
     assert len(folds) == 5
     assert_parts([fold.test for fold in folds], 100)
     for fold in folds:
         assert len(fold.test) == 20
         assert_parts(fold, 100)
         assert_disjoint_units(data, by, fold)
-    again, other = (splits.k_fold(data, k=5, by=by, seed=seed) for seed in (1, 2))
+    again, other = (splits.k_fold(data, folds=5, by=by, seed=seed) for seed in (1, 2))
     assert all(a.test.equal(b.test) for a, b in zip(folds, again, strict=True))
     assert not all(a.test.equal(b.test) for a, b in zip(folds, other, strict=True))
 
@@ -131,10 +131,10 @@ def test_k_fold_tests_every_sample_once(by):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"by": "object"}, r"'by' must be 'frame', 'trial' or 'group' \(got 'object'\)"),
-        ({"k": 1}, r"'k' must be between 2 and the 20 trials there are \(got 1\)"),
-        ({"k": 6, "by": "group"}, r"'k' must be between 2 and the 5 groups .* \(got 6\)"),
-        ({"k": 101, "by": "frame"}, r"'k' must be between 2 and the 100 frames .* \(got 101\)"),
+        ({"by": "object"}, r"'by' must be 'frame', 'trial', 'group' or 'given' \(got 'object'\)"),
+        ({"folds": 1}, r"'folds' must be at least 2 \(got 1\)"),
+        ({"folds": 6, "by": "group"}, r"'folds' must be between 2 and the 5 groups .* \(got 6\)"),
+        ({"folds": 101, "by": "frame"}, r"'folds' .* 2 and the 100 frames .* \(got 101\)"),
     ],
 )
 def test_k_fold_rejects(arguments, message):

@@ -3,7 +3,7 @@ import pytest
 import torch
 from torch_geometric.data import Data
 
-from torch_geometric_tactile.data import splits
+from torch_geometric_tactile.data import Protocol, splits
 from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.transforms import KNNGraph
 
@@ -85,3 +85,14 @@ def test_recordings_leave_one_object_out(bts3_root):
     folds = list(splits.leave_one_group_out(dataset))
     assert len(folds) == 10
     assert sum(len(fold.test) for fold in folds) == 1149
+
+
+def test_given_parts_are_the_published_splits(bts3_root):
+    whole = BioTacSP(bts3_root, split="all")
+    parts = Protocol("given").split(whole)
+    assert len(parts.val) == 0
+    for name, index in (("train", parts.train), ("test", parts.test)):
+        published = BioTacSP(bts3_root, split=name).data
+        assert whole.data.index_select(index).x.equal(published.x)
+    side = BioTacSP(bts3_root, split="all", palm="side")
+    assert Protocol("given").split(side).test.equal((side.data.session == 4).nonzero().view(-1))

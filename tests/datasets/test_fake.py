@@ -2,6 +2,7 @@ import pytest
 import torch
 from torch_geometric.data import Data
 
+from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.sensors import biotac, grid
 from torch_geometric_tactile.transforms import KNNGraph
@@ -39,6 +40,17 @@ def test_fake_test_split_has_other_groups_and_sessions(train_size, test_size):
         assert not numbers[0] & numbers[1]
         assert getattr(train, names) == getattr(test, names)
         assert max(numbers[0] | numbers[1]) < len(getattr(train, names))
+
+
+def test_fake_all_is_train_and_test():
+    whole, train, test = (FakeTactileDataset(30, split) for split in ("all", "train", "test"))
+    parts = Protocol("given").split(whole)
+    assert [len(part) for part in parts] == [30, 0, 30]
+    assert Protocol("given").split(whole[20:40]).test.tolist() == list(range(10, 20))
+    for key in ("x", "y", "group", "session"):
+        assert whole.data[key][parts.train].equal(train.data[key])
+        assert whole.data[key][parts.test].equal(test.data[key])
+    assert whole.data.trial.tolist() == list(range(60))
 
 
 def test_fake_splits_and_seeds_share_no_reading():
@@ -82,7 +94,7 @@ def test_fake_takes_layout_and_transforms():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"split": "val"}, r"'split' must be 'train' or 'test' \(got 'val'\)"),
+        ({"split": "val"}, r"'split' must be 'train', 'test' or 'all' \(got 'val'\)"),
         ({"num_samples": 0}, r"'num_samples' must be at least 1 \(got 0\)"),
         ({"num_objects": 0}, r"'num_objects' must be at least 1 \(got 0\)"),
         ({"num_fingers": 0}, r"'num_fingers' must be at least 1 \(got 0\)"),

@@ -4,7 +4,7 @@ from torch_geometric.transforms import Compose
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.data import Split
+from torch_geometric_tactile.data import Protocol, Split
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import TactileDataModule
@@ -47,6 +47,37 @@ def test_transforms_are_fitted_one_after_the_other_and_the_callers_stay_unfitted
     data.setup()
     assert transform.transforms[0].center is None
     assert data.transform.transforms[1].center.abs().max() < 1e-2
+
+
+@pytest.mark.parametrize("fold", [0, 2])
+def test_protocol_says_what_is_held_out(fold):
+    dataset = fake()
+    protocol = Protocol("group", folds=3, val=0.2)
+    data = TactileDataModule(dataset, split=protocol, seed=4, fold=fold)
+    data.setup()
+    loaders = (data.val_dataloader(), data.test_dataloader())
+    held_out = [torch.cat([batch.trial for batch in loader]) for loader in loaders]
+    expected = protocol.split(dataset, 4, fold)
+    assert held_out[0].equal(expected.val)
+    assert held_out[1].equal(expected.test)
+
+
+def test_given_parts_are_those_of_two_data_sets():
+    both = TactileDataModule(fake("all"), split=Protocol("given"), transform=SessionZScore())
+    two = TactileDataModule(fake(), fake("test"), val=0.0, transform=SessionZScore())
+    for data in (both, two):
+        data.setup()
+    for a, b in zip(both.test_dataloader(), two.test_dataloader(), strict=True):
+        assert a.x.equal(b.x)
+        assert a.group.equal(b.group)
+
+
+def test_protocol_leaves_no_other_fraction():
+    with pytest.raises(ValueError, match=r"'val' must be left out with a protocol \(got 0.2\)"):
+        TactileDataModule(fake(), split=Protocol("trial"), val=0.2)
+    message = r"'test_dataset' must be left out .* test part \(got '3 folds by object'\)"
+    with pytest.raises(ValueError, match=message):
+        TactileDataModule(fake(), fake("test"), split=Protocol("group", folds=3))
 
 
 def test_groups_are_not_torn_apart():

@@ -1,13 +1,15 @@
 r"""Recordings as data: one topology, many samples."""
 
 from torch_geometric_tactile.data import splits
+from torch_geometric_tactile.data.protocol import Protocol, Split
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.data.splits import Fold, Split
+from torch_geometric_tactile.data.splits import Fold
 from torch_geometric_tactile.data.static_data import StaticData, apply_transform
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 __all__ = [
     "Fold",
+    "Protocol",
     "Recording",
     "Split",
     "StaticData",

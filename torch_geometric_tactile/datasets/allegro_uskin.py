@@ -4,7 +4,6 @@ import hashlib
 import logging
 import re
 import tempfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -13,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, splits
+from torch_geometric_tactile.data import Protocol, Recording, StaticData, StaticDataset
 from torch_geometric_tactile.data.static_dataset import load_static
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.io import read_recording
@@ -351,24 +350,24 @@ class AllegroUSkin(StaticDataset):
             self._indices = kept.nonzero().view(-1).tolist()
 
     def _in_split(self, split: str) -> Tensor:
+        kept = torch.zeros(self.len(), dtype=torch.bool)
+        try:
+            parts = self.protocol.split(self, self.split_seed)
+        except ValueError as error:
+            if self.split_by == "frame":
+                raise
+            raise ValueError(
+                f"{error}: record more, or choose split_by='frame' or split=None"
+            ) from error
+        kept[parts[_PARTS.index(split)]] = True
+        return kept
+
+    @property
+    def protocol(self) -> Protocol:
+        r"""How the samples are split: trials of each object by themselves, or frames."""
         _, val, test = self.fractions
-        part = _PARTS.index(split)
-        if self.split_by == "frame":
-            kept = torch.zeros(self.len(), dtype=torch.bool)
-            kept[splits.by_frame(self._data, val, test, self.split_seed)[part]] = True
-            return kept
-        trial, counts = self._data.trial.unique_consecutive(return_counts=True)
-        group = self._data.group[counts.cumsum(0) - counts].numpy()
-        part_of = np.zeros(len(trial), dtype=int)
-        for i in np.unique(group):
-            name, mine = self.group_names[i], np.flatnonzero(group == i)
-            num_val, num_test = _num_held_out(len(mine), val, test, name)
-            # By name, so that other objects in the folder do not change the split of this one.
-            rng = np.random.default_rng([self.split_seed, zlib.crc32(name.encode())])
-            order = rng.permutation(mine)
-            part_of[order[:num_test]] = _PARTS.index("test")
-            part_of[order[num_test : num_test + num_val]] = _PARTS.index("val")
-        return torch.from_numpy(part_of == part).repeat_interleave(counts)
+        stratify = "group" if self.split_by == "trial" else None
+        return Protocol(self.split_by, val=val, test=test, stratify=stratify)
 
     def _in_phases(self, phases: Sequence[str]) -> Tensor:
         if not self.phase_names:
@@ -467,21 +466,6 @@ def _checked_fractions(fractions: Any) -> tuple[float, float, float]:
             f"to 1 (got {fractions})"
         )
     return train, val, test
-
-
-def _num_held_out(num_trials: int, val: float, test: float, name: str) -> tuple[int, int]:
-    num_val, num_test = (max(1, round(part * num_trials)) if part else 0 for part in (val, test))
-    while num_val + num_test >= num_trials and num_val + num_test > 0:
-        if num_val > num_test or (num_val and num_test == 1):
-            num_val -= 1
-        elif num_test > 1:
-            num_test -= 1
-        else:
-            raise ValueError(
-                f"object '{name}' must have at least 2 trials to train and to test on (got "
-                f"{num_trials}): record more, or choose split_by='frame' or split=None"
-            )
-    return num_val, num_test
 
 
 def _checked_trial(path: Path, recording: Recording, layout: TaxelLayout) -> _Trial:

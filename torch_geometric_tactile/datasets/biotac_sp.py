@@ -126,6 +126,16 @@ class BioTacSP(StaticDataset):
             self._data = self._data.index_select(kept)
 
     @property
+    def part(self) -> torch.Tensor:
+        r"""The published part of each sample of this selection :math:`(S,)`: 0 to train and 2 to
+        test on, for :class:`Protocol("given") <torch_geometric_tactile.data.Protocol>`.
+        """
+        is_test = torch.tensor([name.endswith("_test") for name in self.session_names])
+        session = self.column("session")
+        assert session is not None
+        return 2 * is_test[session].long()
+
+    @property
     def raw_file_names(self) -> list[str]:
         r"""The six CSV files."""
         return list(_SHA256)

@@ -1,8 +1,9 @@
-r"""A generated stand-in for grasp data sets."""
+r"""Generated grasps in place of a grasp data set."""
 
 from typing import Literal
 
 import torch
+from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
@@ -20,8 +21,9 @@ class FakeTactileDataset(StaticDataset):
     a measurement. The test split has other objects and other sessions than the training split.
 
     Args:
-        num_samples (int): Number of grasps, rounded up to the same number for every object.
-        split (str): :obj:`"train"` or :obj:`"test"`.
+        num_samples (int): Number of grasps of each split, rounded up to the same number for every
+            object.
+        split (str): :obj:`"train"`, :obj:`"test"` or :obj:`"all"`.
         layout (TaxelLayout, optional): The fingertip; a BioTac SP if left out.
         num_objects (int): Number of objects.
         num_fingers (int): Number of fingers.
@@ -44,7 +46,7 @@ class FakeTactileDataset(StaticDataset):
     def __init__(
         self,
         num_samples: int = 1000,
-        split: Literal["train", "test"] = "train",
+        split: Literal["train", "test", "all"] = "train",
         layout: TaxelLayout | None = None,
         num_objects: int = 10,
         num_fingers: int = 3,
@@ -53,8 +55,8 @@ class FakeTactileDataset(StaticDataset):
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
     ) -> None:
-        if split not in ("train", "test"):
-            raise ValueError(f"'split' must be 'train' or 'test' (got '{split}')")
+        if split not in ("train", "test", "all"):
+            raise ValueError(f"'split' must be 'train', 'test' or 'all' (got '{split}')")
         for name, number in (("num_samples", num_samples), ("num_objects", num_objects)):
             if number < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {number})")
@@ -66,9 +68,37 @@ class FakeTactileDataset(StaticDataset):
         self.seed = seed
         super().__init__(None, transform, pre_transform, pre_filter)
 
+    @property
+    def part(self) -> Tensor:
+        r"""The part of each sample of this selection :math:`(S,)`: 0 to train and 2 to test on, for
+        :class:`Protocol("given") <torch_geometric_tactile.data.Protocol>`.
+        """
+        session = self.column("session")
+        assert session is not None
+        return 2 * (session >= len(_SESSIONS)).long()
+
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Generates the samples."""
-        offset = 0 if self.split == "train" else 1
+        offsets = {"train": (0,), "test": (1,), "all": (0, 1)}[self.split]
+        parts = [self._generate(offset) for offset in offsets]
+        x, y, group, session = (torch.cat(values) for values in zip(*parts, strict=True))
+        data = StaticData(
+            x=x,
+            y=y,
+            pos=self.layout.pos,
+            normal=self.layout.normal,
+            trial=torch.arange(len(y)),
+            group=group,
+            session=session,
+        )
+        names = {
+            "class": ["stable", "slip"],
+            "group": [f"object_{i}" for i in range(2 * self.num_objects)],
+            "session": [*_SESSIONS, *(f"{name}_test" for name in _SESSIONS)],
+        }
+        return data, names
+
+    def _generate(self, offset: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         objects = min(self.num_objects, self.num_samples)
         grasps = simulate_grasps(
             self.layout,
@@ -79,18 +109,9 @@ class FakeTactileDataset(StaticDataset):
             seed=2 * self.seed + offset,
             pose_seed=self.seed,  # the test sessions have the poses of the training sessions
         )
-        data = StaticData(
-            x=torch.from_numpy(grasps.reading),
-            y=torch.from_numpy(grasps.slipped),
-            pos=self.layout.pos,
-            normal=self.layout.normal,
-            trial=torch.arange(len(grasps.slipped)),
-            group=torch.from_numpy(grasps.group) + offset * self.num_objects,
-            session=torch.from_numpy(grasps.session) + offset * len(_SESSIONS),
+        return (
+            torch.from_numpy(grasps.reading),
+            torch.from_numpy(grasps.slipped),
+            torch.from_numpy(grasps.group) + offset * self.num_objects,
+            torch.from_numpy(grasps.session) + offset * len(_SESSIONS),
         )
-        names = {
-            "class": ["stable", "slip"],
-            "group": [f"object_{i}" for i in range(2 * self.num_objects)],
-            "session": [*_SESSIONS, *(f"{name}_test" for name in _SESSIONS)],
-        }
-        return data, names

@@ -6,12 +6,12 @@ from typing import Any, Literal
 import lightning as L
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile.data import Split, StaticDataset, splits
+from torch_geometric_tactile.data import Protocol, Split, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import fit_parts, fitted_parts
 
-_SPLITS = {"frame": splits.by_frame, "trial": splits.by_trial, "group": splits.by_group}
+_SPLITS = ("frame", "trial", "group")
 
 
 class TactileDataModule(L.LightningDataModule):
@@ -29,8 +29,10 @@ class TactileDataModule(L.LightningDataModule):
         dataset (StaticDataset): What to train on.
         test_dataset (StaticDataset, optional): What to test and predict on; if left out, a part of
             :obj:`dataset`.
-        split (str or Split): What is never torn apart: :obj:`"trial"`, :obj:`"group"` (objects),
-            or :obj:`"frame"` (nothing); or the indices themselves.
+        split (str, Protocol or Split): What is never torn apart: :obj:`"trial"`, :obj:`"group"`
+            (objects), or :obj:`"frame"` (nothing), held out in the parts :obj:`val` and
+            :obj:`test`; or a :class:`~torch_geometric_tactile.data.Protocol`, with :obj:`val` and
+            :obj:`test` of its own; or the indices themselves.
         val (float, optional): The part of :obj:`dataset` for validation: a tenth if left out, and
             nothing with a :obj:`val_dataset`.
         test (float): The part of :obj:`dataset` for the test.
@@ -42,6 +44,7 @@ class TactileDataModule(L.LightningDataModule):
         seed (int): Which of the random splits.
         val_dataset (StaticDataset, optional): What to validate on; if left out, a part of
             :obj:`dataset`.
+        fold (int): Which fold of a protocol with folds is tested on.
 
     Raises:
         ValueError: If :obj:`split` is unknown, parts of :obj:`dataset` are kept for what
@@ -53,7 +56,7 @@ class TactileDataModule(L.LightningDataModule):
         self,
         dataset: StaticDataset,
         test_dataset: StaticDataset | None = None,
-        split: Literal["frame", "trial", "group"] | Split = "trial",
+        split: Literal["frame", "trial", "group"] | Protocol | Split = "trial",
         val: float | None = None,
         test: float = 0.0,
         transform: BaseTransform | None = None,
@@ -61,11 +64,22 @@ class TactileDataModule(L.LightningDataModule):
         num_workers: int = 0,
         seed: int = 0,
         val_dataset: StaticDataset | None = None,
+        fold: int = 0,
     ) -> None:
         super().__init__()
         if isinstance(split, str) and split not in _SPLITS:
             raise ValueError(f"'split' must be one of {list(_SPLITS)} (got '{split}')")
-        if val is None:
+        if isinstance(split, Protocol):
+            for name, part in (("val", val), ("test", test)):
+                if part:
+                    raise ValueError(f"'{name}' must be left out with a protocol (got {part})")
+            if split.has_test and test_dataset is not None:
+                raise ValueError(
+                    "'test_dataset' must be left out where the protocol holds out a test part "
+                    f"(got '{split.describe()}')"
+                )
+            val = split.val or 0.0
+        elif val is None:
             val = 0.1 if val_dataset is None else 0.0
         for name, part, other in (("val", val, val_dataset), ("test", test, test_dataset)):
             if other is None:
@@ -87,6 +101,7 @@ class TactileDataModule(L.LightningDataModule):
         self.batch_size = batch_size
         self.num_workers = num_workers
         self.seed = seed
+        self.fold = fold
         self._parts: dict[str, StaticDataset] = {}
 
     @property
@@ -137,7 +152,9 @@ class TactileDataModule(L.LightningDataModule):
             parts = {"train": self.dataset, "val": nothing, "test": nothing}
         else:
             if isinstance(split, str):
-                split = _SPLITS[split](self.dataset, self.val, self.test, self.seed)
+                split = Protocol(split, val=self.val, test=self.test)
+            if isinstance(split, Protocol):
+                split = split.split(self.dataset, self.seed, self.fold)
             names = ("train", "val", "test")
             parts = {name: self.dataset[getattr(split, name)] for name in names}
         given = {"val": self.val_dataset, "test": self.test_dataset}

@@ -1,0 +1,394 @@
+r"""The splitting vocabulary: what is held out of a data set, as a value.
+
+A split by frame puts frames of one trial on both sides and recognises the trial; a split by trial
+does not; a split by group (by object) asks for what was never touched before.
+"""
+
+import warnings
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, asdict, dataclass, fields
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.data.static_dataset import StaticDataset
+
+Unit = Literal["frame", "trial", "group"]
+Samples = StaticDataset | StaticData
+_UNITS = ("frame", "trial", "group")
+_NAMED = {"y": "class_names", "group": "group_names", "session": "session_names"}
+_TRAIN, _VAL, _TEST = range(3)
+
+
+class Split(NamedTuple):
+    r"""Indices into a data set, sorted: :obj:`train`, :obj:`val` and :obj:`test`."""
+
+    train: Tensor
+    val: Tensor
+    test: Tensor
+
+
+@dataclass(frozen=True)
+class Protocol:
+    r"""What is held out of a data set to validate and to test on. A frozen value, equal to another
+    with the same arguments; which of the random splits is drawn is the :obj:`seed` of
+    :meth:`split`.
+
+    * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`;
+    * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn;
+    * ``Protocol("group", leave_one_out=True)`` tests on each group (object) in turn;
+    * ``Protocol("given")`` takes the parts that the data set brings: its :obj:`part` :math:`(S,)`,
+      an attribute of the samples or a property of the data set, is 0 for training, 1 for
+      validation and 2 for the test.
+
+    With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, every part
+    has its share of every class:
+
+    * *Fractions* are drawn class by class, each with at least one unit to train and one to test
+      on, and from three units on one to validate on. The draw of a class depends on the seed and
+      on its name only, so that other classes in the data set do not change it. A class with one
+      unit raises a :class:`ValueError`, as does a trial or group with several classes.
+    * *Folds* are those of scikit-learn's :class:`~sklearn.model_selection.StratifiedKFold` over the
+      units, or of :class:`~sklearn.model_selection.StratifiedGroupKFold` where a unit has several
+      classes. A class with fewer units than folds cannot be in all of them: a :class:`UserWarning`
+      names it.
+
+    Args:
+        by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"` or :obj:`"group"`;
+            or :obj:`"given"`.
+        val (float, optional): The part of the units held out for validation; of those that are not
+            tested on, where there are folds. If left out, 0.1 with fractions and 0 otherwise.
+        test (float, optional): The part of the units held out for the test, with fractions; 0.2 if
+            left out.
+        folds (int, optional): Number of random folds.
+        leave_one_out (bool): Whether each unit is a fold.
+        stratify (str, optional): The attribute whose classes every part has its share of.
+
+    Raises:
+        ValueError: If :obj:`by` is unknown, a fraction is not within 0 and 1, there are fewer than
+            two folds, or an argument does not go with the others.
+
+    Examples:
+        >>> data = StaticData(x=torch.zeros(10, 1, 1), y=torch.arange(10) % 2)
+        >>> [len(part) for part in Protocol("frame").split(data)]
+        [7, 1, 2]
+        >>> protocol = Protocol("frame", folds=5, stratify="y")
+        >>> protocol.describe()
+        '5 folds by frame, stratified by y'
+        >>> [data.y[protocol.split(data, fold=fold).test].tolist() for fold in range(2)]
+        [[0, 1], [0, 1]]
+    """
+
+    by: Literal["frame", "trial", "group", "given"] = "trial"
+    _: KW_ONLY
+    val: float | None = None
+    test: float | None = None
+    folds: int | None = None
+    leave_one_out: bool = False
+    stratify: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.by not in (*_UNITS, "given"):
+            raise ValueError(f"'by' must be 'frame', 'trial', 'group' or 'given' (got '{self.by}')")
+        if self.by == "given":
+            for field in fields(self)[1:]:
+                if getattr(self, field.name) != field.default:
+                    raise ValueError(
+                        f"'{field.name}' must be left out where the parts are given (got "
+                        f"{getattr(self, field.name)})"
+                    )
+            return
+        if self.folds is not None and self.folds < 2:
+            raise ValueError(f"'folds' must be at least 2 (got {self.folds})")
+        if self.folds is not None and self.leave_one_out:
+            raise ValueError(f"'folds' must be None with 'leave_one_out' (got {self.folds})")
+        if self.stratify is not None and self.leave_one_out:
+            raise ValueError(f"'stratify' must be None with 'leave_one_out' (got {self.stratify})")
+        if self.test is not None and self._has_folds:
+            raise ValueError(f"'test' must be None where a fold is tested on (got {self.test})")
+        val = (0.0 if self._has_folds else 0.1) if self.val is None else self.val
+        test = (0.0 if self._has_folds else 0.2) if self.test is None else self.test
+        for name, part in (("val", val), ("test", test), ("val + test", val + test)):
+            if not 0 <= part < 1:
+                raise ValueError(f"'{name}' must be at least 0 and below 1 (got {part})")
+        object.__setattr__(self, "val", float(val))
+        object.__setattr__(self, "test", None if self._has_folds else float(test))
+
+    @property
+    def _has_folds(self) -> bool:
+        return self.leave_one_out or self.folds is not None
+
+    @property
+    def has_test(self) -> bool:
+        r"""Whether :meth:`split` holds out a test part."""
+        return self.by == "given" or self._has_folds or bool(self.test)
+
+    def num_folds(self, dataset: Samples) -> int:
+        r"""Returns the number of splits that test on different samples: 1 without folds.
+
+        Args:
+            dataset (StaticDataset or StaticData): The samples.
+
+        Raises:
+            ValueError: If each of fewer than two units is to be left out, or the samples do not
+                have the attribute that they are split by.
+        """
+        if not self.leave_one_out:
+            return self.folds or 1
+        units = _column(dataset, self.by)
+        count = len(np.unique(units))
+        if count < 2:
+            raise ValueError(
+                f"'dataset' must have at least 2 {self.by}s to leave one out (got {count})"
+            )
+        return count
+
+    def split(self, dataset: Samples, seed: int = 0, fold: int = 0) -> Split:
+        r"""Returns the indices of the samples to train, validate and test on.
+
+        Args:
+            dataset (StaticDataset or StaticData): The samples.
+            seed (int): Which of the random splits.
+            fold (int): Which of the :meth:`num_folds` folds is tested on.
+
+        Raises:
+            ValueError: If there is no such fold, the samples do not have an attribute that they
+                are split or stratified by, there are fewer units than folds, a part above 0 would
+                be empty, or the classes do not allow to stratify.
+        """
+        num_folds = self.num_folds(dataset)
+        if not 0 <= fold < num_folds:
+            raise ValueError(f"'fold' must be between 0 and {num_folds - 1} (got {fold})")
+        if self.by == "given":
+            return _split_of(_given_parts(dataset))
+        names, unit = np.unique(_column(dataset, self.by), return_inverse=True)
+        units = np.arange(len(names))
+        classes = None if self.stratify is None else _Classes(dataset, self.stratify, unit, self.by)
+        part = np.full(len(names), _TRAIN)
+        seeds: list[int] = [seed]
+        if self._has_folds:
+            if self.leave_one_out:
+                held_out = units[fold : fold + 1]
+            else:
+                held_out = self._fold(unit, len(names), classes, seed, fold)
+            part[held_out] = _TEST
+            units = np.setdiff1d(units, held_out)
+            seeds = [seed, fold]
+        if self.val or not self._has_folds:
+            if classes is None:
+                val, test = self._draw(units, seeds)
+            else:
+                val, test = self._draw_by_class(units, classes, seeds)
+            part[val], part[test] = _VAL, _TEST
+        return _split_of(part[unit])
+
+    def _fold(
+        self, unit: np.ndarray, count: int, classes: "_Classes | None", seed: int, fold: int
+    ) -> np.ndarray:
+        # Imported here, since it takes as long as everything else together.
+        from sklearn.model_selection import (
+            GroupKFold,
+            KFold,
+            StratifiedGroupKFold,
+            StratifiedKFold,
+        )
+
+        assert self.folds is not None
+        if self.folds > count:
+            raise ValueError(
+                f"'folds' must be between 2 and the {count} {self.by}s there are (got {self.folds})"
+            )
+        drawn = {"n_splits": self.folds, "shuffle": True, "random_state": seed}
+        if classes is None:
+            kind = KFold if self.by == "frame" else GroupKFold
+            parts = kind(**drawn).split(unit, groups=None if self.by == "frame" else unit)
+            return np.unique(unit[list(parts)[fold][1]])
+        classes.check_folds(self.folds)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "The least populated class")  # ours names it
+            if classes.of_unit is not None:
+                parts = StratifiedKFold(**drawn).split(classes.of_unit, classes.of_unit)
+                return list(parts)[fold][1]
+            parts = StratifiedGroupKFold(**drawn).split(unit, classes.of_sample, groups=unit)
+            return np.unique(unit[list(parts)[fold][1]])
+
+    def _draw(self, units: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        val, test, count = self.val or 0.0, self.test or 0.0, len(units)
+        num_val, num_test = round(val * count), round(test * count)
+        for name, part, num in (("val", val, num_val), ("test", test, num_test)):
+            if part > 0 and num == 0:
+                raise ValueError(f"'{name}' of {part} leaves nothing of {count} {self.by}s")
+        if num_val + num_test >= count:
+            raise ValueError(f"'val' and 'test' leave nothing of {count} {self.by}s to train on")
+        order = np.random.default_rng(seeds).permutation(units)
+        return order[num_test : num_test + num_val], order[:num_test]
+
+    def _draw_by_class(
+        self, units: np.ndarray, classes: "_Classes", seeds: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        val, test = [], []
+        for i, name in classes.require_units():
+            mine = units[classes.of_unit[units] == i]  # type: ignore[index]  # required above
+            num_val, num_test = self._num_held_out(len(mine), f"{classes.what} '{name}'")
+            # By name, so that other classes in the data set do not change the draw of this one.
+            rng = np.random.default_rng([*seeds, zlib.crc32(name.encode())])
+            order = rng.permutation(mine)
+            test.append(order[:num_test])
+            val.append(order[num_test : num_test + num_val])
+        return np.concatenate(val), np.concatenate(test)
+
+    def _num_held_out(self, count: int, what: str) -> tuple[int, int]:
+        parts = (self.val or 0.0, self.test or 0.0)
+        num_val, num_test = (max(1, round(part * count)) if part else 0 for part in parts)
+        while num_val + num_test >= count and num_val + num_test > 0:
+            if num_val > num_test or (num_val and num_test == 1):
+                num_val -= 1
+            elif num_test > 1:
+                num_test -= 1
+            else:
+                raise ValueError(
+                    f"{what} must have at least 2 {self.by}s to train and to test on (got {count})"
+                )
+        return num_val, num_test
+
+    def describe(self) -> str:
+        r"""Returns the protocol in words, for captions.
+
+        Examples:
+            >>> Protocol("group", folds=5).describe()
+            '5 folds by object'
+            >>> Protocol("trial", val=0, test=0.3, stratify="group").describe()
+            'by trial, 30 % for the test, stratified by group'
+        """
+        if self.by == "given":
+            return "the given parts"
+        by = "object" if self.by == "group" else self.by
+        if self.leave_one_out:
+            text = f"leave one {by} out"
+        elif self.folds is not None:
+            text = f"{self.folds} folds by {by}"
+        else:
+            text = f"by {by}"
+        if self.val:
+            text += f", {100 * self.val:g} % for validation"
+        if self.test:
+            text += f", {100 * self.test:g} % for the test"
+        return text if self.stratify is None else f"{text}, stratified by {self.stratify}"
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments as JSON values: equal protocols have equal ones."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        r"""Builds a protocol from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): The arguments.
+
+        Raises:
+            ValueError: If a key is no argument, or the arguments are wrong.
+        """
+        known = [field.name for field in fields(cls)]
+        unknown = [key for key in content if key not in known]
+        if unknown:
+            raise ValueError(f"a protocol must have keys of {known} (got '{unknown[0]}')")
+        return cls(**content)
+
+
+class _Classes:
+    """What is stratified by: the class of each unit, or of each sample where units are mixed."""
+
+    def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
+        value = _column(dataset, key, f"stratified by '{key}'")
+        if not np.array_equal(value, np.round(value)):
+            raise ValueError(f"'{key}' must hold integers to be stratified by (got {value.dtype})")
+        found, of_sample = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
+        self.of_sample = of_sample.reshape(-1)
+        self.names = _class_names(dataset, key, found)
+        self.what = {"y": "class", "group": "object"}.get(key, key)
+        self.key, self.by = key, by
+        _, first = np.unique(unit, return_index=True)
+        self._one = self.of_sample[first]
+        mixed = np.flatnonzero(self._one[unit] != self.of_sample)
+        self.of_unit = None if len(mixed) else self._one
+        pairs = np.unique(np.stack([self.of_sample, unit]), axis=1)
+        self.num_units = np.bincount(pairs[0], minlength=len(found))
+
+    def require_units(self) -> list[tuple[int, str]]:
+        """Returns number and name of each class, if each unit has one."""
+        if self.of_unit is None:
+            raise ValueError(
+                f"every {self.by} must have one '{self.key}' for all its samples to be stratified "
+                "by it in fractions (got several): choose 'folds' without 'val', or no 'stratify'"
+            )
+        return list(enumerate(self.names))
+
+    def check_folds(self, folds: int) -> None:
+        """Warns of classes that cannot be in every fold."""
+        if self.of_unit is not None and folds > self.num_units.max():
+            raise ValueError(
+                f"'folds' must be at most {self.num_units.max()}, the {self.by}s of the most "
+                f"frequent {self.what}, to be stratified by '{self.key}' (got {folds})"
+            )
+        few = [
+            f"'{name}' ({count})"
+            for name, count in zip(self.names, self.num_units, strict=True)
+            if count < folds
+        ]
+        if few:
+            warnings.warn(
+                f"some of the {folds} folds cannot have every {self.what}: fewer {self.by}s than "
+                f"folds have {', '.join(few)}",
+                UserWarning,
+                stacklevel=5,
+            )
+
+
+def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
+    names = getattr(dataset, _NAMED[key]) if key in _NAMED and not _is_data(dataset) else ()
+    if found.ndim > 1 or (len(found) and not 0 <= found.min() <= found.max() < len(names)):
+        return [str(value) for value in found.tolist()]
+    return [names[i] for i in found]
+
+
+def _is_data(dataset: Samples) -> bool:
+    return isinstance(dataset, StaticData)
+
+
+def _column(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
+    if key == "frame":
+        return np.arange(
+            len(dataset) if isinstance(dataset, StaticDataset) else dataset.num_samples
+        )
+    if isinstance(dataset, StaticDataset):
+        column = dataset.column(key)
+    else:
+        column = dataset[key] if key in dataset else None  # noqa: SIM401 - Data is no mapping
+    if column is None:
+        raise ValueError(f"'dataset' must have '{key}' to be {how or f'split by {key}'} (got none)")
+    values: np.ndarray = column.numpy(force=True)
+    return values
+
+
+def _given_parts(dataset: Samples) -> np.ndarray:
+    part = getattr(dataset, "part", None)
+    if part is None and isinstance(dataset, StaticDataset):
+        part = dataset.column("part")
+    if part is None:
+        raise ValueError(
+            "'dataset' must bring its parts to be split as given: a 'part' of each sample, 0 to "
+            "train, 1 to validate and 2 to test on (got none)"
+        )
+    parts: np.ndarray = torch.as_tensor(part).numpy(force=True)
+    if not np.isin(parts, (_TRAIN, _VAL, _TEST)).all():
+        raise ValueError(f"'part' must hold 0, 1 and 2 (got {np.unique(parts).tolist()})")
+    return parts
+
+
+def _split_of(part: np.ndarray) -> Split:
+    return Split(*(torch.from_numpy(np.flatnonzero(part == i)) for i in (_TRAIN, _VAL, _TEST)))
