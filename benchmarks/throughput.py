@@ -34,7 +34,7 @@ import torch_geometric_tactile
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.loader import StaticLoader
-from torch_geometric_tactile.nn.models import SegmentedGCN
+from torch_geometric_tactile.nn.models import TactileGCN
 from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, TaxelPose, ZScore, fit_transform
 
@@ -137,9 +137,9 @@ def measure_training(args: argparse.Namespace) -> dict[str, Any]:
     dataset = Frames(6 * args.batch_size, transform=None)
     dataset.data.x.sub_(30_000).div_(100)
     ours = {
-        "X": SegmentedGCN().to(args.device),
-        "I": SegmentedGCN(segments="digit").to(args.device),
-        "II": SegmentedGCN(segments="patch").to(args.device),
+        "X": TactileGCN(_LAYOUT, 8).to(args.device),
+        "I": TactileGCN(_LAYOUT, 8, segments="digit").to(args.device),
+        "II": TactileGCN(_LAYOUT, 8, segments="patch").to(args.device),
     }
     plain = PlainGCN().to(args.device)
     plain.load_state_dict(ours["X"].state_dict())
@@ -197,8 +197,13 @@ def measure_latency(args: argparse.Namespace) -> dict[str, Any]:
     fit_transform(scale, frames)
     edge_index = frames.edge_index
     segment = _LAYOUT.segments("patch")
-    ours = SegmentedGCN(
-        segments="patch", inputs=("tactile", "edge"), encoder="message", num_joints=16
+    ours = TactileGCN(
+        _LAYOUT,
+        8,
+        segments="patch",
+        inputs=("tactile", "edge"),
+        encoder="message",
+        num_joints=16,
     ).eval()
     plain = PlainSegmented(segment, edge_index, with_edges=True).eval()
     _copy_segmented(ours, plain)
@@ -237,7 +242,7 @@ def measure_latency(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _copy_segmented(ours: SegmentedGCN, plain: PlainSegmented) -> None:
+def _copy_segmented(ours: TactileGCN, plain: PlainSegmented) -> None:
     with torch.no_grad():
         mlp = plain.encoder.mlp.lins
         for target, source in zip(mlp, (ours.encoder.mlp[0], ours.encoder.mlp[2]), strict=True):
@@ -364,7 +369,7 @@ def _static_data(num_frames: int) -> dict[str, float]:
 def _training_memory(name: str, batch_size: int) -> dict[str, float]:
     torch.manual_seed(0)
     segments = {"X": None, "I": "digit", "II": "patch"}
-    model = PlainGCN() if name == "plain" else SegmentedGCN(segments=segments[name])
+    model = PlainGCN() if name == "plain" else TactileGCN(_LAYOUT, 8, segments=segments[name])
     dataset = Frames(batch_size)
     dataset.data.x.sub_(30_000).div_(100)
     small = Frames(16)

@@ -8,7 +8,6 @@ from torch_geometric_tactile.nn.models import (
     MTCNN,
     MTGCN,
     HandCNN,
-    SegmentedGCN,
     TactileFNN,
     TactileGCN,
 )
@@ -37,40 +36,75 @@ HEAD = {"head_widths": (6,), "head_pools": (2,)}
 NARROW = {"widths": (4, 8), "pools": (1, 4)}
 
 MODELS = {
-    "gcn": lambda: TactileGCN(11, 3, ALL, NUM_EDGES, 2, **NARROW, **HEAD),
-    "gcn_message": lambda: TactileGCN(11, 3, ALL, encoder="message", **NARROW, **HEAD),
-    "gcn_attention": lambda: TactileGCN(
-        11, 3, ("edge", "tactile"), num_joints=2, encoder="attention", **NARROW, **HEAD
+    "gcn": lambda **more: TactileGCN(
+        11, 3, inputs=ALL, num_edges=NUM_EDGES, num_joints=2, **NARROW, **HEAD, **more
     ),
-    "gcn_patch": lambda: TactileGCN(
-        11, 3, ("edge", "tactile"), encoder=EdgePatchEncoder(PATCH), **NARROW, **HEAD
+    "gcn_message": lambda **more: TactileGCN(
+        11, 3, inputs=ALL, encoder="message", **NARROW, **HEAD, **more
     ),
-    "mt_gcn": lambda: MTGCN(
-        11, 3, {"tactile": NARROW, "edge": NARROW}, NUM_EDGES, num_joints=2, **HEAD
-    ),
-    "mt_gcn_adjacency": lambda: MTGCN(
+    "gcn_attention": lambda **more: TactileGCN(
         11,
         3,
-        {"absolute": {"adjacency": "sparse", **NARROW}, "tactile": NARROW},
-        layout=LAYOUT,
+        inputs=("edge", "tactile"),
+        num_joints=2,
+        encoder="attention",
+        **NARROW,
         **HEAD,
+        **more,
     ),
-    "whole": lambda: SegmentedGCN(LAYOUT, None, 3, **NARROW, **HEAD),
-    "digits": lambda: SegmentedGCN(LAYOUT, "digit", 3, ("tactile", "position"), **NARROW, **HEAD),
-    "patches": lambda: SegmentedGCN(
-        LAYOUT, "patch", 3, ("tactile", "edge"), NUM_EDGES, 2, **NARROW, **HEAD
+    "gcn_patch": lambda **more: TactileGCN(
+        11, 3, inputs=("edge", "tactile"), encoder=EdgePatchEncoder(PATCH), **NARROW, **HEAD, **more
     ),
-    "fnn": lambda: TactileFNN(11, 3, ("tactile", "absolute"), 2, widths=(8, 4), pools=(2, 1)),
-    "cnn": lambda: HandCNN(LAYOUT, 3, ("tactile", "position"), 2, **NARROW, **HEAD),
-    "mt_cnn": lambda: MTCNN(LAYOUT, 3, {"tactile": NARROW, "absolute": NARROW}, **HEAD),
+    "mt_gcn": lambda **more: MTGCN(
+        11,
+        3,
+        inputs=("tactile", "edge"),
+        threads={"tactile": NARROW, "edge": NARROW},
+        num_edges=NUM_EDGES,
+        num_joints=2,
+        **HEAD,
+        **more,
+    ),
+    "mt_gcn_adjacency": lambda **more: MTGCN(
+        LAYOUT,
+        3,
+        inputs=("absolute", "tactile"),
+        threads={"tactile": NARROW, "absolute": {"adjacency": "sparse", **NARROW}},
+        **HEAD,
+        **more,
+    ),
+    "whole": lambda **more: TactileGCN(LAYOUT, 3, **NARROW, **HEAD, **more),
+    "digits": lambda **more: TactileGCN(
+        LAYOUT, 3, segments="digit", inputs=("tactile", "position"), **NARROW, **HEAD, **more
+    ),
+    "patches": lambda **more: TactileGCN(
+        LAYOUT,
+        3,
+        segments="patch",
+        inputs=("tactile", "edge"),
+        num_edges=NUM_EDGES,
+        num_joints=2,
+        **NARROW,
+        **HEAD,
+        **more,
+    ),
+    "fnn": lambda **more: TactileFNN(
+        11, 3, inputs=("tactile", "absolute"), num_joints=2, widths=(8, 4), pools=(2, 1), **more
+    ),
+    "cnn": lambda **more: HandCNN(
+        LAYOUT, 3, inputs=("tactile", "position"), num_joints=2, **NARROW, **HEAD, **more
+    ),
+    "mt_cnn": lambda **more: MTCNN(
+        LAYOUT, 3, threads={"tactile": NARROW, "absolute": NARROW}, **HEAD, **more
+    ),
 }
 GRAPH_MODELS = [name for name in MODELS if name not in ("fnn", "cnn", "mt_cnn")]
 EDGE_MODELS = [name for name in GRAPH_MODELS if "edge" in MODELS[name]().inputs]
 
 
-def small_model(name, dtype=torch.float, seed=0):
+def small_model(name, dtype=torch.float, seed=0, **more):
     torch.manual_seed(seed)
-    return MODELS[name]().to(dtype)
+    return MODELS[name](**more).to(dtype)
 
 
 def samples(*size, dtype=torch.float, seed=0):
@@ -78,7 +112,7 @@ def samples(*size, dtype=torch.float, seed=0):
 
 
 def inputs(model, batch_size, dtype=torch.float, shared=False, seed=0):
-    """What a model asks for, as keywords; with edge features of all samples if shared."""
+    """The inputs of a model, as keywords; with edge features of all samples if shared."""
     given = {"x": samples(batch_size, 11, 3, dtype=dtype, seed=seed), "edge_index": EDGE_INDEX}
     for i, name in enumerate(model.modalities):
         size = SIZES[name]

@@ -63,7 +63,7 @@ def test_each_sample_may_have_its_own_target():
 
 def test_static_equals_batched_equals_single():
     static, batch = batches()
-    model = GraspGCN(num_nodes=4, in_channels=2, num_fingers=1)
+    model = GraspGCN(4, in_channels=2, num_fingers=1)
     expected = taxel_attribution(model, static, 1, per_sample=True)
     found = taxel_attribution(model, batch, 1, per_sample=True)
     torch.testing.assert_close(found, expected)
@@ -72,7 +72,7 @@ def test_static_equals_batched_equals_single():
 
 @pytest.mark.parametrize("training", [True, False])
 def test_model_keeps_its_mode_and_gradients(training):
-    model = GraspGCN(num_nodes=4, in_channels=2, num_fingers=1, dropout=0.5).train(training)
+    model = GraspGCN(4, in_channels=2, num_fingers=1, dropout=0.5).train(training)
     static, _ = batches()
     first = taxel_attribution(model, static, 1)
     assert first.equal(taxel_attribution(model, static, 1))  # no dropout
@@ -83,14 +83,14 @@ def test_model_keeps_its_mode_and_gradients(training):
 
 
 def test_another_algorithm_of_pyg():
-    model = GraspGCN(num_nodes=4, in_channels=2, num_fingers=1)
+    model = GraspGCN(4, in_channels=2, num_fingers=1)
     score = taxel_attribution(model, batches()[0], 1, algorithm=GNNExplainer(epochs=2))
     assert score.shape == (4,)
     assert score.isfinite().all()
 
 
 def test_algorithm_in_an_explainer_of_classes():
-    model = GraspGCN(num_nodes=4, in_channels=2, num_fingers=1)
+    model = GraspGCN(4, in_channels=2, num_fingers=1)
     setting = {"mode": "multiclass_classification", "task_level": "graph", "return_type": "raw"}
     explainer = Explainer(
         model, IntegratedGradients(), "phenomenon", setting, node_mask_type="object"

@@ -86,7 +86,7 @@ def test_cut_processed_file_says_what_to_do(toy, tmp_path, keep):
 @pytest.mark.parametrize("content", [{"format": 0}, {}, [1, 2], torch.zeros(3)])
 def test_processed_file_of_another_format(toy, tmp_path, content):
     torch.save(content, toy(tmp_path).processed_paths[0])
-    with pytest.raises(ValueError, match="is not in format 1; delete it"):
+    with pytest.raises(ValueError, match="is not in format 2; delete it"):
         toy(tmp_path)
 
 
@@ -128,14 +128,17 @@ def test_save_and_load_keep_what_is_shared(tmp_path):
         pos=torch.rand(3, 3),
         bias=torch.rand(3),
         gain=torch.rand(2),
+        mask=torch.rand(2, 3),
         note="dry",
-        shared=["gain"],
+        node=["bias", "mask"],
+        shared=["bias", "gain"],
     )
     save_static(data, {"class": ["a"]}, tmp_path / "a.pt")
     loaded, names = load_static(tmp_path / "a.pt")
     assert names == {"class": ["a"]}
     for key in data.keys():  # noqa: SIM118
         assert loaded.is_shared(key) == data.is_shared(key), key
+        assert loaded.level(key) == data.level(key), key
     assert loaded.index_select(torch.tensor([0, 1, 0])).sample(0).bias.shape == (3,)
 
 

@@ -41,3 +41,13 @@ def test_channel_max_pool_bad_kernel_size(size):
 def test_channel_max_pool_bad_channels():
     with pytest.raises(ValueError, match=r"'x' must have a multiple of 4 channels \(got 6\)"):
         ChannelMaxPool(4)(torch.zeros(5, 6))
+
+
+@pytest.mark.parametrize("dim", [1, -3])
+def test_channel_max_pool_of_another_dimension(dim):
+    pool = ChannelMaxPool(2, dim)
+    assert str(pool) == f"ChannelMaxPool(2, dim={dim})"
+    x = torch.arange(24.0).view(1, 4, 3, 2)
+    assert torch.equal(pool(x), x[:, 1::2])
+    with pytest.raises(ValueError, match=r"'x' must have a multiple of 2 channels \(got 3\)"):
+        pool(x[:, :3])

@@ -29,7 +29,7 @@ def conv(segment=PATCH, in_channels=3, out_channels=4, **kwargs):
 
 def thread(segment=PATCH, fast=True, dtype=torch.float):
     torch.manual_seed(0)
-    layer = SegmentedThread(3, segment, (4, 8), (1, 4), fast)
+    layer = SegmentedThread(3, segment, (4, 8), (1, 4), fast=fast)
     for one in layer.convs:
         torch.nn.init.normal_(one.bias)
     return layer.to(dtype)
@@ -51,7 +51,7 @@ def one_by_one(layer, x, edge_index, edge_weight=None):
 
 def test_segmented_repr():
     assert str(conv()) == "SegmentedGCNConv(3, 4, num_segments=3)"
-    expected = "SegmentedThread(3, num_segments=3, widths=(4, 8), pools=(1, 4))"
+    expected = "SegmentedThread(3, widths=(4, 8), pools=(1, 4), num_segments=3)"
     assert str(thread()) == expected
 
 

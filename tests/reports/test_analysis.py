@@ -51,7 +51,7 @@ class Grasps(StaticDataset):
 
 def subject(task="multilabel", inputs=("tactile", "edge")):
     torch.manual_seed(0)
-    model = MTGCN(16, 2, inputs, num_edges=32, head_widths=(16,), head_pools=(2,))
+    model = MTGCN(16, 2, inputs=inputs, num_edges=32, head_widths=(16,), head_pools=(2,))
     data = TactileDataModule(Grasps(task), Grasps(task), split="frame", val=0.0)
     data.setup()
     classifier = TactileClassifier(model, task=task, num_classes=2)
@@ -147,5 +147,6 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     assert "out/analysis.md" in capsys.readouterr().out
     text = (tmp_path / "out/analysis.md").read_text()
     assert "`last.ckpt`, after 2 epochs" in text
-    assert "`GraspGCN(24, 1, 64, 2, fusion='data', num_fingers=3)`" in text
+    model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
+    assert f"`{model}`" in text
     assert "the layout is of another" in text

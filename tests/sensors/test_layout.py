@@ -31,6 +31,12 @@ def test_layout_single_taxel():
     assert layout.edge_index("none").dtype == torch.long
 
 
+def test_layout_of_a_flat_pad_has_z_zero():
+    layout = TaxelLayout("pad", [[0.01, 0.02], [0.03, 0.04]])
+    assert layout.pos.tolist() == torch.tensor([[0.01, 0.02, 0.0], [0.03, 0.04, 0.0]]).tolist()
+    assert layout.normal is None
+
+
 def test_layout_segments_by_hand():
     layout = TaxelLayout(
         "hand",
@@ -69,13 +75,15 @@ def test_layout_pickles():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"pos": torch.zeros(3)}, r"'pos' must have shape \(num_taxels, 3\) \(got \(3,\)\)"),
-        ({"pos": torch.zeros(3, 2)}, r"'pos' must have shape .* \(got \(3, 2\)\)"),
+        ({"pos": torch.zeros(3)}, r"'pos' must have shape \(num_taxels, 3\), or .*\(got \(3,\)\)"),
+        ({"pos": torch.zeros(3, 4)}, r"'pos' must have shape .* \(got \(3, 4\)\)"),
+        ({"pos": torch.zeros(3, 1)}, r"'pos' must have shape .* \(got \(3, 1\)\)"),
         ({"pos": torch.zeros(0, 3)}, r"'pos' must have shape .* \(got \(0, 3\)\)"),
         ({"pos": POS / 0}, "'pos' must hold finite numbers"),
         ({"normal": POS[:2]}, r"'normal' must have shape \(3, 3\) \(got \(2, 3\)\)"),
         ({"normal": torch.ones(3, 3)}, r"'normal' must hold unit vectors \(got a length of 1.732"),
         ({"normal": torch.full((3, 3), torch.nan)}, "'normal' must hold unit vectors"),
+        ({"link": [0.0, 0.5, 0.0]}, r"'link' must be a whole number for each taxel"),
         ({"link": [0, 0]}, r"'link' must have shape \(3,\) \(got \(2,\)\)"),
         (
             {"patch": [0, 0, 1]},
@@ -88,6 +96,7 @@ def test_layout_pickles():
         ({"image_map": [[0, 0], [0, 1.2], [0, 1.4]]}, "every taxel a cell of its own"),
         ({"adjacency": {"a": torch.zeros(3, 2)}}, r"adjacency 'a' must have shape \(2, num_edges"),
         ({"adjacency": {"a": torch.zeros(2)}}, r"adjacency 'a' must have shape .* \(got \(2,\)\)"),
+        ({"adjacency": {"a": [[0.5], [1.0]]}}, "adjacency 'a' must hold whole numbers"),
         ({"adjacency": {"a": [[0], [3]]}}, r"adjacency 'a' must join taxels 0 to 2 \(got 0 to 3"),
         ({"adjacency": {"a": [[0], [-1]]}}, r"adjacency 'a' must join taxels .* \(got -1 to 0"),
     ],

@@ -50,6 +50,11 @@ def test_from_dict_converts_units(unit, metres):
     assert layout.pos[1].tolist() == pytest.approx([metres / 2, metres, metres * 1.5])
 
 
+def test_from_dict_takes_flat_pads():
+    layout = TaxelLayout.from_dict(two_taxels(taxels=[{"pos": [1, 2]}, {"pos": [3, 4]}]))
+    assert layout.pos.equal(torch.tensor([[0.001, 0.002, 0.0], [0.003, 0.004, 0.0]]))
+
+
 def test_load_edited_file_has_the_edit(tmp_path):
     path = tmp_path / "layout.json"
     biotac_sp().save(path)
@@ -79,15 +84,16 @@ def test_from_dict_names_segments_in_order_of_appearance():
     [
         ({"unit": "ft"}, r"'unit' must be one of \['m', 'mm', 'in'\] \(got 'ft'\)"),
         ({"taxels": []}, "'taxels' must hold at least one taxel"),
-        ({"taxels": [{"pos": [0, 0]}]}, r"taxel 0 must have a 'pos' of three numbers \(got \[0, 0"),
+        ({"taxels": [{"pos": [0]}]}, r"taxel 0 must have a 'pos' of two or three .* \(got \[0\]\)"),
+        ({"taxels": [{"pos": [0, 0]}, {"pos": [0, 0, 0]}]}, "'pos' must have as many numbers at e"),
         ({"taxels": [{"pos": [0, 0, 0]}, {}]}, r"taxel 1 must have a 'pos' .* \(got None\)"),
-        ({"taxels": [{"pos": 5}]}, r"taxel 0 must have a 'pos' of three numbers \(got 5\)"),
-        ({"taxels": [{"pos": [0, 0, None]}]}, "taxel 0 must have a 'pos' of three numbers"),
-        ({"taxels": [{"pos": [0, 0, "1"]}]}, "taxel 0 must have a 'pos' of three numbers"),
+        ({"taxels": [{"pos": 5}]}, r"taxel 0 must have a 'pos' of two or three numbers \(got 5\)"),
+        ({"taxels": [{"pos": [0, 0, None]}]}, "taxel 0 must have a 'pos' of two or three numbers"),
+        ({"taxels": [{"pos": [0, 0, "1"]}]}, "taxel 0 must have a 'pos' of two or three numbers"),
         ({"taxels": [[0, 0, 0]]}, r"taxel 0 must have a 'pos' .* \(got \[0, 0, 0\]\)"),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}, {"pos": [0, 0, 1]}]},
-            r"'link' must stand at every taxel or at none \(not at 1\)",
+            r"'link' must be given for every taxel or for none \(not for 1\)",
         ),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}], "link_names": ["b"]},

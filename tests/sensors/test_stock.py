@@ -1,12 +1,16 @@
+from pathlib import Path
+
 import pytest
 
 from torch_geometric_tactile.sensors import (
     HandKinematics,
     TaxelLayout,
     allegro_uskin,
+    as_layout,
     biotac,
     biotac_sp,
     stock_layout,
+    stock_names,
     stock_path,
 )
 
@@ -34,3 +38,42 @@ def test_unknown_name_lists_the_names():
 def test_unknown_kind_lists_the_kinds():
     with pytest.raises(ValueError, match=r"'kind' must be one of .* \(got 'layout'\)"):
         stock_path("layout", "biotac")
+
+
+def test_stock_names():
+    assert {"allegro_uskin", "biotac_sp"} <= set(stock_names())
+    assert "allegro_right" in stock_names("chains")
+
+
+def test_as_layout_takes_a_layout_a_name_or_a_path(tmp_path, monkeypatch):
+    layout = biotac()
+    assert as_layout(layout) is layout
+    assert as_layout("biotac").matches(layout)
+    biotac_sp().save(tmp_path / "mine.json")
+    biotac_sp().save(tmp_path / "biotac")
+    monkeypatch.chdir(tmp_path)
+    for path in (tmp_path / "mine.json", str(tmp_path / "mine.json"), "mine.json", "./biotac"):
+        assert as_layout(path).name == "biotac_sp"
+    assert as_layout(Path("biotac")).name == "biotac_sp"
+    assert as_layout("biotac").name == "biotac"
+
+
+@pytest.mark.parametrize(
+    ("layout", "message"),
+    [
+        ("glove", r"'layout' must be one of \[.*'biotac_sp'.*\], or the path of a .*got 'glove'\)"),
+        (24, r"'layout' must be a TaxelLayout, the name of one or the path .* \(got int\)"),
+        (None, r"\(got NoneType\)"),
+    ],
+)
+def test_as_layout_rejects(layout, message):
+    with pytest.raises(ValueError, match=message):
+        as_layout(layout)
+
+
+def test_as_layout_names_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"gone\.json"):
+        as_layout(tmp_path / "gone.json")
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(ValueError, match=r"bad\.json' is not a taxel layout"):
+        as_layout(str(tmp_path / "bad.json"))

@@ -42,7 +42,7 @@ def config(root):
         "model": {
             "model": {
                 "class_path": "torch_geometric_tactile.nn.models.GraspGCN",
-                "init_args": {"num_nodes": 384, "out_channels": 6, "hidden_channels": 4},
+                "init_args": {"layout": 384, "out_channels": 6, "hidden_channels": 4},
             },
             "task": "multilabel",
         },

@@ -103,7 +103,7 @@ def test_checkpoint_of_another_layout_is_refused(tmp_path):
     data = TactileDataModule(
         fake(layout=biotac()), fake("test", layout=biotac()), transform=ZScore(), batch_size=32
     )
-    classifier = TactileClassifier(GraspGCN(num_nodes=19))
+    classifier = TactileClassifier(GraspGCN(19))
     with pytest.raises(ValueError, match=r"layout 'biotac' with 19 taxels.*'biotac_sp' with 24"):
         trainer(tmp_path).test(classifier, data, ckpt_path=path)
 

@@ -111,8 +111,15 @@ def test_no_sample_and_no_edge(attr):
     transform = ZScore(attr).fit(hand())
     empty = hand().index_select(torch.empty(0, dtype=torch.long))
     assert transform(empty)[attr].shape == empty[attr].shape
-    without = hand(2, edge_attr=torch.zeros(2, 0, 4), edge_index=EDGES[:, :0])
+    without = hand(2, edge_index=EDGES[:, :0], edge_attr=torch.zeros(2, 0, 4))
     assert ZScore("edge_attr").fit(without)(without).edge_attr.shape == (2, 0, 4)
+
+
+def test_one_value_for_all_samples_cannot_be_scaled_by_session():
+    data = hand(3).declare(shared=["force"])
+    transform = SessionZScore(attr="force").fit(hand())
+    with pytest.raises(ValueError, match=r"'force' must have a value for each sample .*'shared'"):
+        transform(data)
 
 
 def test_repr_tells_the_attribute():

@@ -202,7 +202,7 @@ def test_scalers_bad_input():
     with pytest.raises(ValueError, match=r"SessionZScore needs samples with 'session'"):
         SessionZScore().fit(random_data())(without)
     for wrong in (torch.zeros(2, dtype=torch.long), torch.tensor(0)):
-        data = StaticData(x=torch.zeros(3, 4, 2), session=wrong)
+        data = StaticData(x=torch.zeros(3, 4, 2), session=wrong, shared=["session"])
         match = rf"'session' must have 3 values, one a sample \(got {wrong.numel()}\)"
         with pytest.raises(ValueError, match=match):
             SessionZScore().fit(data)

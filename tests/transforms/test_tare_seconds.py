@@ -78,7 +78,10 @@ def test_tare_seconds_bad_input():
     del without.time
     with pytest.raises(ValueError, match=r"Tare needs samples with 'time' \(got none\)"):
         tared(0.1, without)
+    one_for_all = trials()
+    del one_for_all.time
+    one_for_all.declare(shared=["time"]).time = torch.zeros(3)
     with pytest.raises(ValueError, match=r"'time' must have 7 values, one a sample \(got 3\)"):
-        tared(0.1, trials([0.0, 1.0, 2.0]))
+        tared(0.1, one_for_all)
     with pytest.raises(ValueError, match="'time' must be finite seconds"):
         tared(0.1, trials([float("nan"), *TIME[1:]]))

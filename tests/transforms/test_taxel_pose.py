@@ -90,7 +90,8 @@ def test_taxel_pose_one_sample_many():
 
 def test_taxel_pose_one_pose_for_all_samples():
     for joint in (angles(1), angles(1)[0]):
-        data = TaxelPose(LAYOUT, HAND)(StaticData(x=torch.zeros(3, 384, 3), joint=joint))
+        data = StaticData(x=torch.zeros(3, 384, 3), joint=joint, shared=["joint"])
+        data = TaxelPose(LAYOUT, HAND)(data)
         assert data.pos.shape == (384, 3)
         assert data.is_shared("pos")
 
@@ -170,8 +171,9 @@ def test_taxel_pose_bad_input():
             transform(Data(joint=joint))
     with pytest.raises(ValueError, match=r"'joint' must have 1 rows, one a sample .*\(2, 16\)"):
         transform(Data(joint=torch.zeros(2, 16)))
-    with pytest.raises(ValueError, match=r"'joint' must have 3 rows, one a sample .*\(2, 16\)"):
-        transform(StaticData(x=torch.zeros(3, 384, 3), joint=torch.zeros(2, 16)))
+    two = StaticData(x=torch.zeros(3, 384, 3), joint=torch.zeros(2, 16), shared=["joint"])
+    with pytest.raises(ValueError, match=r"'joint' must have 1 rows, one a sample .*\(2, 16\)"):
+        transform(two)
     batch = Batch.from_data_list([Data(x=torch.zeros(384, 3))] * 2)
     batch.joint = torch.zeros(3, 16)
     with pytest.raises(ValueError, match=r"'joint' must have 2 rows"):

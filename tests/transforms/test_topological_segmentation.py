@@ -214,11 +214,11 @@ def test_topological_segmentation_batch_comes_apart_again(drop):
 
 
 def test_topological_segmentation_split_keeps_what_stood_once():
-    data = samples(2, label=torch.arange(4), gain=torch.ones(3, 5))  # cut, as many as samples
+    label, gain = torch.arange(4), torch.ones(2, 4)  # of which one has a row for each taxel
+    data = samples(2, label=label, gain=gain, node=["label"], shared=["label", "gain"])
     for k, part in enumerate(TopologicalSegmentation(HALVES).split(data)):
         assert part.sample(0).label.tolist() == [2 * k, 2 * k + 1]
         assert part.gain is data.gain
-    assert data.shared == frozenset()
 
 
 def test_topological_segmentation_split_joint_as_long_as_taxels():
@@ -253,7 +253,6 @@ def test_topological_segmentation_caller_unedited():
     assert data.edge_index is ROW
     assert data.edge_attr.shape == (6, 1)
     assert "segment_batch" not in data
-    assert data.shared == frozenset()
 
 
 def test_topological_segmentation_bad_input():

@@ -1,67 +1,104 @@
 r"""One topology, many samples."""
 
-from collections.abc import Collection, Iterable, Sequence
-from typing import Any, Self
+import copy
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import Any, Self, overload
 
+import numpy as np
 import torch
 from torch import Tensor
-from torch_geometric.data import Data
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.storage import GlobalStorage
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile.data.block_diagonal import to_batch
+from torch_geometric_tactile.data.levels import Level, Schema
+from torch_geometric_tactile.data.stacking import stack_samples
 from torch_geometric_tactile.typing import Transform
 
-# The number of dimensions that these attributes have when all samples share them.
-_SHARED_DIM = {
-    "pos": 2,
-    "normal": 2,
-    "edge_attr": 2,
-    "edge_weight": 1,
-    "absolute": 2,
-    "dropped": 1,
-    "missing": 1,
-}
-# Everyday words, which may name a user's own attribute of the samples: the number of dimensions is
-# not enough, there must be a row for each taxel as well.
-_NEEDS_ROWS = ("absolute", "dropped", "missing")
+_Index = Tensor | slice | Sequence[int] | np.ndarray
 
 
-def _stands_once(key: str, value: Any) -> bool:
-    return not isinstance(value, Tensor) or "index" in key or "face" in key
+class _CheckedStorage(GlobalStorage):
+    r"""PyG's storage of attributes, each checked as it is set.
+
+    All ways to set one end here: :obj:`data.mask = ...`, :obj:`data["mask"] = ...` and the
+    :obj:`store["mask"] = ...` of PyG's transforms.
+    """
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        if value is not None and not self._is_like(key, value):
+            data = self._parent()
+            data._schema.check(key, value, self._mapping)
+        super().__setitem__(key, value)
+
+    def _is_like(self, key: str, value: Any) -> bool:
+        # A tensor of the shape of the one that it replaces was checked with that, as in '.to()'.
+        old = self._mapping.get(key)
+        return isinstance(old, Tensor) and isinstance(value, Tensor) and old.shape == value.shape
+
+    def is_node_attr(self, key: str) -> bool:
+        return isinstance(self[key], Tensor) and self._parent().level(key) == "node"
+
+    def is_edge_attr(self, key: str) -> bool:
+        return isinstance(self[key], Tensor) and self._parent().level(key) == "edge"
 
 
 class StaticData(Data):
-    r"""Many samples on one topology: :obj:`x` holds all samples, :obj:`edge_index` stands once.
+    r"""Many samples on one topology: :obj:`x` holds all samples, :obj:`edge_index` is the same for
+    all.
 
-    It is a :class:`~torch_geometric.data.Data` object whose per-sample attributes carry a leading
-    sample dimension, so that it moves between devices, prints and takes attributes as any other.
+    It is a :class:`~torch_geometric.data.Data` object whose attributes have an explicit level:
 
-    An attribute belongs to the samples if its name says so (:obj:`x`; :obj:`pos`, :obj:`normal` and
-    :obj:`edge_attr` with three dimensions, :obj:`edge_weight` with two), and otherwise if its first
-    dimension is the number of samples. Attributes whose name contains :obj:`index` or
-    :obj:`face`, and those named in :obj:`shared`, stand once for all samples. So do
-    :obj:`absolute` with two dimensions and :obj:`dropped` and :obj:`missing` with one, if the first
-    is the number of taxels.
+    * **node** attributes have a row for each taxel, such as :obj:`x` and :obj:`pos`,
+    * **edge** attributes have a row for each edge, such as :obj:`edge_attr`,
+    * **sample** attributes have a row for each sample, such as :obj:`y` and :obj:`joint`; so do
+      all tensors that are neither known nor declared.
+
+    Node and edge attributes have a leading sample dimension :math:`(S, N, \ldots)`, or are shared
+    by all samples :math:`(N, \ldots)`. For known attributes (see
+    :obj:`torch_geometric_tactile.data.levels.KNOWN_ATTRIBUTES`), the number of dimensions tells
+    which; for declared ones, the declaration does. Neither a part of a name nor a size that
+    happens to agree has a meaning. Attributes are checked when they are set.
+
+    Numbers, strings and dictionaries are shared. So are lists and arrays, if declared.
 
     Args:
         x (torch.Tensor, optional): Readings :math:`(S, N, F)`.
         edge_index (torch.Tensor, optional): The edges of every sample :math:`(2, |\mathcal{E}|)`.
-        edge_attr (torch.Tensor, optional): Edge features, shared :math:`(|\mathcal{E}|, D)` or per
-            sample :math:`(S, |\mathcal{E}|, D)`.
+        edge_attr (torch.Tensor, optional): Edge features, shared :math:`(|\mathcal{E}|, D)` or
+            :math:`(|\mathcal{E}|,)`, or per sample :math:`(S, |\mathcal{E}|, D)`.
         y (torch.Tensor, optional): Labels :math:`(S,)` or :math:`(S, C)`.
         pos (torch.Tensor, optional): Taxel positions in metres, shared :math:`(N, 3)` or per sample
             :math:`(S, N, 3)`.
-        shared (iterable of str): Names of further attributes that stand once for all samples.
+        node (iterable of str): Names of attributes with a row for each taxel
+            :math:`(S, N, \ldots)`.
+        edge (iterable of str): Names of attributes with a row for each edge
+            :math:`(S, |\mathcal{E}|, \ldots)`.
+        shared (iterable of str): Names of attributes with one value for all samples: of those also
+            in :obj:`node` :math:`(N, \ldots)` or :obj:`edge` :math:`(|\mathcal{E}|, \ldots)`, of
+            others any value. Attributes may be declared before they are set.
         **kwargs: Further attributes.
 
     Raises:
-        ValueError: If :obj:`x` has not three dimensions.
+        ValueError: If an attribute has not the shape of its level, or a declaration is
+            contradictory.
 
     Examples:
-        >>> data = StaticData(x=torch.zeros(5, 4, 3), edge_index=torch.tensor([[0, 1], [1, 0]]))
+        >>> data = StaticData(
+        ...     x=torch.zeros(5, 4, 3),
+        ...     edge_index=torch.tensor([[0, 1], [1, 0]]),
+        ...     mask=torch.ones(4, dtype=torch.bool),
+        ...     node=["mask"],
+        ...     shared=["mask"],
+        ... )
         >>> data.num_samples, data.num_nodes, data.num_features
         (5, 4, 3)
-        >>> data.sample(0)
-        Data(x=[4, 3], edge_index=[2, 2])
+        >>> data[0]
+        Data(x=[4, 3], edge_index=[2, 2], mask=[4])
+        >>> data.to_batch()
+        DataBatch(x=[20, 3], edge_index=[2, 10], mask=[20], batch=[20], ptr=[6])
     """
 
     def __init__(
@@ -72,88 +109,152 @@ class StaticData(Data):
         y: Tensor | None = None,
         pos: Tensor | None = None,
         *,
+        node: Iterable[str] = (),
+        edge: Iterable[str] = (),
         shared: Iterable[str] = (),
         **kwargs: Any,
     ) -> None:
-        if x is not None and x.dim() != 3:
-            raise ValueError(
-                f"'x' must have shape (num_samples, num_nodes, num_features) (got {tuple(x.shape)})"
+        super().__init__()
+        self.__dict__["_schema"] = Schema.of(node, edge, shared)
+        self.__dict__["_store"] = _CheckedStorage(_parent=self)
+        given = {"x": x, "edge_index": edge_index, "edge_attr": edge_attr, "y": y, "pos": pos}
+        for key, value in (given | kwargs).items():
+            if value is not None:
+                setattr(self, key, value)
+
+    def __getattr__(self, key: str) -> Any:
+        if key in ("batch", "ptr"):
+            # An AttributeError, so that PyG's transforms see that there is none.
+            raise AttributeError(
+                f"StaticData has no '{key}': its samples are stacked, not joined; call "
+                "'to_batch()' for a PyG batch"
             )
-        self.__dict__["_shared"] = frozenset(shared)
-        super().__init__(x=x, edge_index=edge_index, edge_attr=edge_attr, y=y, pos=pos, **kwargs)
+        return super().__getattr__(key)
+
+    @property
+    def batch(self) -> Tensor | None:
+        r"""Raises an :class:`AttributeError`: only :meth:`to_batch` has it."""
+        raise AttributeError  # continues in __getattr__
+
+    @overload  # type: ignore[override]
+    def __getitem__(self, key: str) -> Any: ...
+
+    @overload
+    def __getitem__(self, key: int | np.integer) -> Data: ...
+
+    @overload
+    def __getitem__(self, key: _Index) -> Self: ...
+
+    def __getitem__(self, key: Any) -> Any:
+        r"""Returns an attribute by its name, a sample by its index, or several samples.
+
+        Args:
+            key (str, int, slice, torch.Tensor or list of int): The name or the indices.
+        """
+        if isinstance(key, str):
+            return super().__getitem__(key)
+        if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
+            return self.sample(int(key))
+        if isinstance(key, (Tensor, np.ndarray)) and key.ndim == 0:
+            return self.sample(int(key))
+        return self.index_select(key)
+
+    def __len__(self) -> int:
+        return self.num_samples
+
+    def __bool__(self) -> bool:
+        return True  # also without samples
 
     def __cat_dim__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> Any:
-        if key in ("x", "pos", "normal"):
-            return -2  # the taxels, from which PyG reads the number of nodes
+        # The dimension of the taxels or edges, from which PyG reads their number.
+        if isinstance(value, Tensor) and value.layout == torch.strided and key != "edge_index":
+            if self.level(key) != "sample":
+                return 0 if self._schema.is_shared(key, value) else 1
         return super().__cat_dim__(key, value, *args, **kwargs)
 
     @property
     def num_samples(self) -> int:
-        r"""The number of samples :math:`S`."""
-        return self.x.size(0)
+        r"""The number of samples :math:`S`: zero if there is no attribute with a row for each."""
+        return self._schema.num_samples(self._store._mapping) or 0
 
     @property
-    def shared(self) -> frozenset[str]:
-        r"""The names given as :obj:`shared`, or found to be so before a selection."""
-        shared: frozenset[str] = self.__dict__["_shared"]
-        return shared
+    def num_graphs(self) -> int:
+        r"""The number of samples, by PyG's name."""
+        return self.num_samples
 
-    def shared_names(self, once: Iterable[str] | None = None) -> frozenset[str]:
-        r"""Returns :obj:`shared`, and the names that stand once because of their size only.
+    @property
+    def schema(self) -> dict[str, list[str]]:
+        r"""The declarations, as arguments of the constructor and of :meth:`from_data_list`."""
+        schema: Schema = self._schema
+        return schema.to_dict()
 
-        They must be given as :obj:`shared` where the number of samples changes.
+    def level(self, key: str) -> Level:
+        r"""Returns what an attribute has rows for: :obj:`"node"`, :obj:`"edge"` or
+        :obj:`"sample"`.
 
         Args:
-            once (iterable of str, optional): The names for which :meth:`is_shared` holds, where
-                they are known.
+            key (str): Name of the attribute, which need not be set.
         """
-        once = filter(self.is_shared, self._store.keys()) if once is None else once
-        by_size = (
-            key
-            for key in once
-            if not _stands_once(key, self._store[key])
-            and not self._is_element_level(key, self._store[key].shape, self.x.size(1))
-        )
-        return self.shared.union(by_size)
+        schema: Schema = self._schema
+        return schema.level(key)
 
     def is_shared(self, key: str) -> bool:
-        r"""Tells whether an attribute stands once for all samples.
+        r"""Tells whether all samples share one value of an attribute.
 
         Args:
             key (str): Name of the attribute.
         """
-        value = self[key]
-        if key == "x":
-            return False
-        if key in self.shared or _stands_once(key, value):
-            return True
-        if key in _SHARED_DIM and key not in _NEEDS_ROWS:
-            return value.dim() == _SHARED_DIM[key]
-        if key in _NEEDS_ROWS and self._is_element_level(key, value.shape, self.x.size(1)):
-            return True
-        return value.dim() == 0 or value.size(0) != self.num_samples
+        schema: Schema = self._schema
+        return schema.is_shared(key, self._store[key])
 
-    def has_elements(self, key: str) -> bool:
-        r"""Tells whether each sample has its own row for each taxel or edge in an attribute: the
-        elements are then in its second dimension.
+    def declare(
+        self, *, node: Iterable[str] = (), edge: Iterable[str] = (), shared: Iterable[str] = ()
+    ) -> Self:
+        r"""Declares attributes, in place, as the constructor does. Earlier declarations of the
+        same names are replaced; copies made before keep theirs.
 
         Args:
-            key (str): Name of the attribute.
-        """
-        if self.is_shared(key):
-            return False
-        return self._is_element_level(key, self[key].shape[1:], self.x.size(1))
+            node (iterable of str): Names of attributes with a row for each taxel.
+            edge (iterable of str): Names of attributes with a row for each edge.
+            shared (iterable of str): Names of attributes with one value for all samples.
 
-    def share(self, *keys: str) -> None:
-        r"""Adds to :obj:`shared`.
+        Raises:
+            ValueError: If an attribute has not the shape of its new level, or the declaration is
+                contradictory.
+        """
+        declared = Schema.of(node, edge, shared)
+        schema = self._schema.update(declared)
+        for key in sorted(declared.node | declared.edge | declared.shared):
+            if key in self._store:
+                schema.check(key, self._store[key], self._store._mapping)
+        self.__dict__["_schema"] = schema
+        return self
+
+    def validate(self, raise_on_error: bool = True) -> bool:
+        r"""Checks all attributes again, and the edges.
+
+        Attributes are checked one by one as they are set. When :obj:`x` or :obj:`edge_index` is
+        replaced by one with another number of taxels or edges, the attributes that go with it may
+        follow; this method tells whether they did.
 
         Args:
-            *keys (str): Names of attributes that stand once for all samples.
+            raise_on_error (bool): Whether to raise a :class:`ValueError`, not only to warn.
         """
-        self.__dict__["_shared"] = self.shared.union(keys)
+        for key, value in self._store.items():
+            try:
+                self._schema.check(key, value, self._store._mapping)
+            except ValueError as error:
+                if raise_on_error:
+                    raise
+                warnings.warn(str(error), stacklevel=2)
+                return False
+        return super().validate(raise_on_error)
 
     def sample(self, i: int) -> Data:
         r"""Returns one sample as PyG's :class:`~torch_geometric.data.Data`.
+
+        Attributes of the sample level keep a first dimension of size one, with which PyG's loader
+        joins them.
 
         Args:
             i (int): Its index.
@@ -161,122 +262,96 @@ class StaticData(Data):
         Raises:
             IndexError: If there is no such sample.
         """
-        if not -self.num_samples <= i < self.num_samples:
-            raise IndexError(f"'i' must be below {self.num_samples} (got {i})")
-        i %= self.num_samples
+        num_samples = self.num_samples
+        if not -num_samples <= i < num_samples:
+            raise IndexError(f"'i' must be below {num_samples} (got {i})")
+        i %= num_samples
+        schema: Schema = self._schema
         out = Data()
         for key, value in self._store.items():
-            if self.is_shared(key):
+            if schema.is_shared(key, value):
                 out[key] = value
-            elif self._is_element_level(key, value.shape[1:], self.x.size(1)):
-                out[key] = value[i]
             else:
-                out[key] = value[i : i + 1]
+                out[key] = value[i : i + 1] if schema.level(key) == "sample" else value[i]
         return out
 
-    @staticmethod
-    def _is_element_level(key: str, size: Sequence[int], num_nodes: int | None) -> bool:
-        # `size` is that of one sample's value.
-        if key in _NEEDS_ROWS:
-            return len(size) == _SHARED_DIM[key] and size[0] == num_nodes
-        return key == "x" or key in _SHARED_DIM
+    def get_example(self, idx: int) -> Data:
+        r"""Returns one sample, as :meth:`sample` does, by PyG's name.
 
-    def index_select(self, index: Tensor | slice) -> Self:
+        Args:
+            idx (int): Its index.
+        """
+        return self.sample(idx)
+
+    def index_select(self, index: _Index) -> Self:
         r"""Returns some of the samples, in the given order.
 
         Args:
-            index (torch.Tensor or slice): Indices :math:`(B,)`, a mask :math:`(S,)`, or a slice
-                (which copies nothing).
+            index (torch.Tensor, slice or list of int): Indices :math:`(B,)`, a mask :math:`(S,)`,
+                or a slice (which copies nothing).
         """
-        once = frozenset(filter(self.is_shared, self._store.keys()))
-        out = self.__class__(shared=self.shared_names(once))
-        for key, value in self._store.items():
-            out._store[key] = value if key in once else value[index]
+        if not isinstance(index, slice):
+            index = torch.as_tensor(index)
+            if index.dtype == torch.bool:
+                index = index.nonzero().view(-1)
+            elif index.numel() == 0:
+                index = index.long()  # an empty list
+        schema: Schema = self._schema
+        out = copy.copy(self)
+        # Straight into the mapping: what was checked keeps its level.
+        mapping = out._store._mapping
+        for key, value in mapping.items():
+            if not schema.is_shared(key, value):
+                mapping[key] = value[index]
         return out
 
     def to_data_list(self) -> list[Data]:
         r"""Returns the samples one by one."""
         return [self.sample(i) for i in range(self.num_samples)]
 
+    def to_batch(self) -> Batch:
+        r"""Returns PyG's block-diagonal batch of all samples, for layers that need one.
+
+        It equals :obj:`Batch.from_data_list(data.to_data_list())`, attribute by attribute, and
+        comes apart into the same samples, but no :class:`~torch_geometric.data.Data` object is
+        built for each. Attributes of the samples are views of this object's. The joined
+        :obj:`edge_index` is kept for the next batch of this size: write to a clone of it.
+
+        Shapes:
+            - **output:** :obj:`x` :math:`(S \cdot N, F)`, :obj:`edge_index`
+              :math:`(2, S \cdot |\mathcal{E}|)`, :obj:`batch` :math:`(S \cdot N,)`,
+              :obj:`ptr` :math:`(S + 1,)`
+        """
+        return to_batch(self)
+
     @classmethod
-    def from_data_list(cls, data_list: Sequence[Data], shared: Iterable[str] = ()) -> Self:
+    def from_data_list(
+        cls,
+        data_list: Iterable[Data],
+        *,
+        node: Iterable[str] = (),
+        edge: Iterable[str] = (),
+        shared: Iterable[str] = (),
+    ) -> Self:
         r"""Stacks samples that have one topology.
 
-        An attribute whose first dimension is not of size one, such as one with a row for each
-        taxel, must be the same in all samples and then stands once.
+        Known node and edge attributes that are equal in all samples are stored once. Declared ones
+        are stored for each sample, or once if they are in :obj:`shared` as well. Any other tensor
+        must have no dimension, or a first one of size one. Numbers, strings and dictionaries must
+        be equal; numbers of known sample attributes such as :obj:`y` become a tensor.
 
         Args:
-            data_list (list of torch_geometric.data.Data): The samples.
-            shared (iterable of str): Names of attributes that stand once for all samples.
+            data_list (iterable of torch_geometric.data.Data): The samples.
+            node (iterable of str): Names of attributes with a row for each taxel.
+            edge (iterable of str): Names of attributes with a row for each edge.
+            shared (iterable of str): Names of attributes that are the same in all samples.
 
         Raises:
             ValueError: If there is no sample, or the samples differ in their edges, their
                 attributes or their shapes.
         """
-        if len(data_list) == 0:
-            raise ValueError("'data_list' must hold at least one sample (got none)")
-        keys = data_list[0].keys()
-        for i in range(len(data_list)):
-            for a, b in ((i, 0), (0, i)):
-                missing = sorted(set(data_list[b].keys()) - set(data_list[a].keys()))
-                if missing:
-                    raise ValueError(
-                        f"sample {a} must have '{missing[0]}' as sample {b} has (got none)"
-                    )
-        shared = set(shared)
-        stacked = {}
-        x = data_list[0].x
-        num_nodes = None if x is None else x.size(0)
-        for key in keys:
-            values = [data[key] for data in data_list]
-            stacked[key] = cls._stack(key, values, shared, num_nodes)
-            if cls._has_rows(key, values[0], num_nodes):
-                shared.add(key)
-        out = cls(x=stacked.pop("x", None), shared=shared)
-        for key, value in stacked.items():
-            out[key] = value
-        return out
-
-    @classmethod
-    def _has_rows(cls, key: str, value: Any, num_nodes: int | None) -> bool:
-        if _stands_once(key, value) or cls._is_element_level(key, value.shape, num_nodes):
-            return False
-        return value.dim() > 0 and value.size(0) != 1
-
-    @classmethod
-    def _stack(
-        cls, key: str, values: list[Any], shared: Collection[str], num_nodes: int | None
-    ) -> Any:
-        first = values[0]
-        has_rows = cls._has_rows(key, first, num_nodes)
-        once = key in shared or _stands_once(key, first) or has_rows
-        elements = not once and cls._is_element_level(key, first.shape, num_nodes)
-        if once or (elements and key != "x" and all(value is first for value in values)):
-            for i, value in enumerate(values):
-                same = value is first or (
-                    torch.equal(value, first) if isinstance(first, Tensor) else value == first
-                )
-                if not same and has_rows and key not in shared:
-                    raise ValueError(
-                        f"'{key}' must have a first dimension of size 1, or be the same in all "
-                        f"samples (got {tuple(value.shape)} in sample {i})"
-                    )
-                if not same:
-                    raise ValueError(
-                        f"sample {i} must have the same '{key}' as sample 0: one topology, many "
-                        "samples; use torch_geometric.data.InMemoryDataset where it differs"
-                    )
-            return first
-        shapes = {tuple(value.shape) for value in values}
-        if len(shapes) > 1:
-            raise ValueError(f"all samples must have '{key}' in one shape (got {sorted(shapes)})")
-        if elements:
-            if key != "x" and all(torch.equal(value, first) for value in values):
-                return first
-            return torch.stack(values)
-        if first.dim() == 0:
-            return torch.stack(values)
-        return torch.cat(values)
+        schema = Schema.of(node, edge, shared)
+        return cls(**stack_samples(list(data_list), schema), **schema.to_dict())
 
 
 def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
@@ -305,5 +380,5 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
     if data.num_samples == 0:
         return data
     return StaticData.from_data_list(
-        [transform(sample) for sample in data.to_data_list()], shared=data.shared_names()
+        [transform(sample) for sample in data.to_data_list()], **data.schema
     )

@@ -13,7 +13,7 @@ from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 class StaticDataset(Dataset):
@@ -184,8 +184,8 @@ def save_static(data: StaticData, names: dict[str, list[str]], path: PathLike) -
     attributes: dict[str, Any] = {}
     for key, value in data.to_dict().items():
         attributes[key] = value.clone() if _is_view(value) else value
-    shared = sorted(data.shared)
-    content = {"format": _FORMAT, "attributes": attributes, "shared": shared, "names": names}
+    schema = data.schema
+    content = {"format": _FORMAT, "attributes": attributes, "schema": schema, "names": names}
     with atomic_path(path) as temporary:
         torch.save(content, temporary)
 
@@ -217,7 +217,7 @@ def load_static(path: PathLike) -> tuple[StaticData, dict[str, list[str]]]:
         raise ValueError(f"processed file '{path}' cannot be read; {mend} ({error})") from error
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise ValueError(f"processed file '{path}' is not in format {_FORMAT}; {mend}")
-    data = StaticData(shared=content["shared"])
+    data = StaticData(**content["schema"])
     for key, value in content["attributes"].items():
         data[key] = value
     return data, content["names"]

@@ -1,5 +1,16 @@
-r"""Layers and models."""
+r"""Layers and models.
+
+All classes are also here by their plain names, as in :obj:`from torch_geometric_tactile.nn import
+MTGCN, StaticGCNConv`.
+"""
 
 from torch_geometric_tactile.nn import conv, models, pool
+from torch_geometric_tactile.nn.conv import *  # noqa: F403
+from torch_geometric_tactile.nn.models import *  # noqa: F403
+from torch_geometric_tactile.nn.pool import *  # noqa: F403
 
-__all__ = ["conv", "models", "pool"]
+# Classes only, such that `torch_geometric.resolver` finds each of them by its name.
+__all__: list[str] = []
+__all__ += conv.__all__
+__all__ += pool.__all__
+__all__ += models.__all__

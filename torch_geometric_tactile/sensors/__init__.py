@@ -1,12 +1,13 @@
-r"""What a sensor is: the places of its taxels, how they are joined and how a hand moves them."""
+r"""Sensors: the places of their taxels, the edges between them, and the hands that move them."""
 
 from torch_geometric_tactile.sensors.allegro import allegro_uskin, allegro_uskin_240
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
+from torch_geometric_tactile.sensors.checks import check_edges, check_segment
 from torch_geometric_tactile.sensors.grid import grid
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, Joint, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.patches import expand_patches
-from torch_geometric_tactile.sensors.stock import stock_layout, stock_path
+from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
 
 __all__ = [
     "HandKinematics",
@@ -16,10 +17,14 @@ __all__ = [
     "TaxelLayout",
     "allegro_uskin",
     "allegro_uskin_240",
+    "as_layout",
     "biotac",
     "biotac_sp",
+    "check_edges",
+    "check_segment",
     "expand_patches",
     "grid",
     "stock_layout",
+    "stock_names",
     "stock_path",
 ]

@@ -1,7 +1,7 @@
 r"""The fixed geometry of a tactile sensor."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -10,28 +10,26 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.sensors.patches import expand_patches
+from torch_geometric_tactile.sensors.checks import check_edges, check_segment
+from torch_geometric_tactile.sensors.layout_content import (
+    INDEX_KEYS,
+    layout_arguments,
+    layout_to_content,
+)
+from torch_geometric_tactile.sensors.layout_join import join_arguments
 from torch_geometric_tactile.typing import PathLike
 
-_METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 _SEGMENTATIONS = ("digit", "patch")
-
-
-def _are_numbers(value: Any, count: int) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and len(value) == count
-        and all(isinstance(number, int | float) for number in value)
-    )
 
 
 @dataclass(frozen=True, eq=False)
 class TaxelLayout:
-    r"""Where the taxels of a sensor are and how they are joined. Frozen, and checked at birth.
+    r"""The places of a sensor's taxels and the edges between them. Frozen, and checked at birth.
 
     Args:
         name (str): Name of the sensor.
-        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`.
+        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`; of a flat
+            pad also :math:`(N, 2)`, with :math:`z = 0`.
         normal (torch.Tensor, optional): Outward unit normals in the link frame :math:`(N, 3)`.
         link (torch.Tensor, optional): Index of each taxel's link :math:`(N,)`; all on one link
             if left out.
@@ -73,82 +71,31 @@ class TaxelLayout:
 
     def __post_init__(self) -> None:
         pos = torch.as_tensor(self.pos, dtype=torch.float)
-        if pos.dim() != 2 or pos.size(0) == 0 or pos.size(1) != 3:
-            raise ValueError(f"'pos' must have shape (num_taxels, 3) (got {tuple(pos.shape)})")
+        if pos.dim() != 2 or pos.size(0) == 0 or pos.size(1) not in (2, 3):
+            raise ValueError(
+                "'pos' must have shape (num_taxels, 3), or (num_taxels, 2) for a flat pad "
+                f"(got {tuple(pos.shape)})"
+            )
+        if pos.size(1) == 2:
+            pos = torch.nn.functional.pad(pos, (0, 1))
         if not pos.isfinite().all():
             raise ValueError("'pos' must hold finite numbers only (got NaN or infinity)")
         self._set("pos", pos)
-        for key in ("link", "patch", "digit"):
-            self._set(key, self._checked_index(key))
+        for key in INDEX_KEYS:
+            self._set(f"{key}_names", tuple(getattr(self, f"{key}_names")))
+            self._set(key, _checked_index(self, key))
         if self.normal is not None:
-            normal = torch.as_tensor(self.normal, dtype=torch.float)
-            if normal.shape != pos.shape:
-                raise ValueError(
-                    f"'normal' must have shape {tuple(pos.shape)} (got {tuple(normal.shape)})"
-                )
-            length = normal.norm(dim=1)
-            if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
-                raise ValueError(
-                    "'normal' must hold unit vectors (got a length of "
-                    f"{float(length[(length - 1).abs().argmax()]):.4g})"
-                )
-            self._set("normal", normal)
+            self._set("normal", _checked_normal(self, self.normal))
         if self.image_map is not None:
-            self._set("image_map", self._checked_image_map(self.image_map))
-        self._set(
-            "adjacency",
-            {name: self._checked_edges(name, edges) for name, edges in self.adjacency.items()},
-        )
+            self._set("image_map", _checked_image_map(self, self.image_map))
+        edges = {
+            name: check_edges(edges, self.num_taxels, f"adjacency '{name}'")
+            for name, edges in self.adjacency.items()
+        }
+        self._set("adjacency", edges)
 
     def _set(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
-
-    def _checked_index(self, key: str) -> Tensor:
-        value = getattr(self, key)
-        names = tuple(getattr(self, f"{key}_names"))
-        self._set(f"{key}_names", names)
-        if value is None:
-            return torch.zeros(self.num_taxels, dtype=torch.long)
-        value = torch.as_tensor(value, dtype=torch.long)
-        if value.shape != (self.num_taxels,):
-            raise ValueError(
-                f"'{key}' must have shape ({self.num_taxels},) (got {tuple(value.shape)})"
-            )
-        if int(value.min()) < 0 or int(value.max()) >= len(names):
-            raise ValueError(
-                f"'{key}' must hold indices into '{key}_names', 0 to {len(names) - 1} "
-                f"(got {int(value.min())} to {int(value.max())})"
-            )
-        return value
-
-    def _checked_image_map(self, image_map: Tensor) -> Tensor:
-        image_map = torch.as_tensor(image_map, dtype=torch.long)
-        if image_map.shape != (self.num_taxels, 2):
-            raise ValueError(
-                f"'image_map' must have shape ({self.num_taxels}, 2) (got {tuple(image_map.shape)})"
-            )
-        if int(image_map.min()) < 0:
-            raise ValueError(
-                f"'image_map' must hold rows and columns from 0 (got {int(image_map.min())})"
-            )
-        if len(image_map.unique(dim=0)) < self.num_taxels:
-            raise ValueError("'image_map' must give every taxel a cell of its own (got a shared)")
-        return image_map
-
-    def _checked_edges(self, name: str, edge_index: Tensor) -> Tensor:
-        edge_index = torch.as_tensor(edge_index, dtype=torch.long)
-        if edge_index.dim() != 2 or edge_index.size(0) != 2:
-            raise ValueError(
-                f"adjacency '{name}' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
-            )
-        if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < len(
-            self
-        ):
-            raise ValueError(
-                f"adjacency '{name}' must join taxels 0 to {self.num_taxels - 1} "
-                f"(got {int(edge_index.min())} to {int(edge_index.max())})"
-            )
-        return edge_index.contiguous()
 
     @property
     def num_taxels(self) -> int:
@@ -206,30 +153,7 @@ class TaxelLayout:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the layout as numbers, strings, lists and dictionaries, in metres."""
-        taxels: list[dict[str, Any]] = []
-        assert self.link is not None
-        assert self.patch is not None
-        assert self.digit is not None
-        for i in range(self.num_taxels):
-            taxel: dict[str, Any] = {"pos": self.pos[i].tolist()}
-            if self.normal is not None:
-                taxel["normal"] = self.normal[i].tolist()
-            taxel["link"] = self.link_names[int(self.link[i])]
-            taxel["patch"] = self.patch_names[int(self.patch[i])]
-            taxel["digit"] = self.digit_names[int(self.digit[i])]
-            if self.image_map is not None:
-                taxel["cell"] = self.image_map[i].tolist()
-            taxels.append(taxel)
-        return {
-            "name": self.name,
-            "source": self.source,
-            "unit": "m",
-            "link_names": list(self.link_names),
-            "patch_names": list(self.patch_names),
-            "digit_names": list(self.digit_names),
-            "taxels": taxels,
-            "adjacency": {name: edges.t().tolist() for name, edges in self.adjacency.items()},
-        }
+        return layout_to_content(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
@@ -238,7 +162,8 @@ class TaxelLayout:
         Args:
             content (Mapping): The keys :obj:`"name"`, :obj:`"unit"` (:obj:`"m"`, :obj:`"mm"` or
                 :obj:`"in"`), :obj:`"taxels"` (a list of :obj:`{"pos", "normal", "link", "patch",
-                "digit", "cell"}`, of which only :obj:`"pos"` is required) and, if wanted,
+                "digit", "cell"}`, of which only :obj:`"pos"` is required, with two or three
+                numbers) and, if wanted,
                 :obj:`"source"`, :obj:`"adjacency"` (name to a list of pairs), and
                 :obj:`"link_names"`, :obj:`"patch_names"` and :obj:`"digit_names"` (by order of
                 appearance if left out). In place of :obj:`"taxels"` it may have
@@ -248,61 +173,53 @@ class TaxelLayout:
         Raises:
             ValueError: If a key is missing, the unit is unknown, or the layout is not consistent.
         """
-        if "patches" in content:
-            content = expand_patches(content)
-        for key in ("name", "unit", "taxels"):
-            if key not in content:
-                raise ValueError(f"a layout must have the key '{key}' (got {sorted(content)})")
-        unit = content["unit"]
-        if unit not in _METRES_PER_UNIT:
-            raise ValueError(f"'unit' must be one of {list(_METRES_PER_UNIT)} (got '{unit}')")
-        taxels = list(content["taxels"])
-        if not taxels:
-            raise ValueError("'taxels' must hold at least one taxel (got none)")
-        for i, taxel in enumerate(taxels):
-            place = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
-            if taxel is place or not _are_numbers(place, 3):
-                raise ValueError(f"taxel {i} must have a 'pos' of three numbers (got {place})")
+        return cls(**layout_arguments(content))
 
-        def column(key: str) -> list[Any] | None:
-            given = [i for i, taxel in enumerate(taxels) if key in taxel]
-            if not given:
-                return None
-            if len(given) < len(taxels):
-                missing = sorted(set(range(len(taxels))) - set(given))[0]
-                raise ValueError(f"'{key}' must stand at every taxel or at none (not at {missing})")
-            return [taxel[key] for taxel in taxels]
+    @classmethod
+    def join(
+        cls,
+        layouts: Sequence["TaxelLayout"],
+        names: Sequence[str] | None = None,
+        *,
+        name: str = "hand",
+        links: Sequence[str] | None = None,
+        pose: Tensor | None = None,
+    ) -> Self:
+        r"""Joins layouts to one, such as fingertips to a hand. Taxels are numbered layout by
+        layout.
 
-        arguments: dict[str, Any] = {}
-        for key in ("link", "patch", "digit"):
-            labels = column(key)
-            if labels is not None:
-                names = tuple(content.get(f"{key}_names") or dict.fromkeys(labels))
-                unnamed = [label for label in labels if label not in names]
-                if unnamed:
-                    raise ValueError(
-                        f"'{key}_names' must name every {key} (got {list(names)} without "
-                        f"'{unnamed[0]}')"
-                    )
-                arguments[key] = torch.tensor([names.index(label) for label in labels])
-                arguments[f"{key}_names"] = names
-        for name, pairs in content.get("adjacency", {}).items():
-            if not all(_are_numbers(pair, 2) for pair in pairs):
-                raise ValueError(f"adjacency '{name}' must be a list of pairs of taxels")
-        normal, cells = column("normal"), column("cell")
-        pos = torch.tensor([taxel["pos"] for taxel in taxels], dtype=torch.double)
-        return cls(
-            name=content["name"],
-            pos=(pos * _METRES_PER_UNIT[unit]).float(),
-            normal=None if normal is None else torch.tensor(normal, dtype=torch.float),
-            image_map=None if cells is None else torch.tensor(cells),
-            adjacency={
-                name: torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
-                for name, pairs in content.get("adjacency", {}).items()
-            },
-            source=content.get("source", ""),
-            **arguments,
-        )
+        Edges stay within each layout, under the adjacencies that all layouts have. Normals are
+        kept if all layouts have them; so are image maps, side by side.
+
+        Args:
+            layouts (sequence of TaxelLayout): The layouts.
+            names (sequence of str, optional): The name of each, such as its finger; the layouts'
+                own if left out. It names the digit, patch and link of a layout that has one, and
+                stands before the names of several: :obj:`"left_index"`.
+            name (str): Name of the joined layout.
+            links (sequence of str, optional): The link of the hand that carries each layout, such
+                as a name in a URDF; layouts may be on one. If left out, each has links of its own.
+            pose (torch.Tensor, optional): Rotation and translation in metres of each layout's frame
+                in that of its link, as homogeneous matrices :math:`T_{link,layout}`
+                :math:`(K, 4, 4)`; none if left out.
+
+        Raises:
+            ValueError: If there is no layout, names are missing or not different, :obj:`links` are
+                given for a layout with several, or :obj:`pose` holds other than rigid transforms.
+
+        Examples:
+            >>> from torch_geometric_tactile.sensors import biotac_sp
+            >>> hand = TaxelLayout.join([biotac_sp()] * 3, ["index", "middle", "thumb"])
+            >>> hand
+            TaxelLayout('hand', num_taxels=72, patches=3, digits=3)
+            >>> hand.link_names
+            ('index', 'middle', 'thumb')
+        """
+        layouts = list(layouts)
+        if not layouts:
+            raise ValueError("'layouts' must hold at least one layout (got none)")
+        names = [layout.name for layout in layouts] if names is None else names
+        return cls(name, **join_arguments(layouts, names, links, pose))
 
     def save(self, path: PathLike) -> None:
         r"""Writes the layout as a JSON file that a person can edit.
@@ -340,3 +257,46 @@ class TaxelLayout:
             f"{type(self).__name__}('{self.name}', num_taxels={self.num_taxels}, "
             f"patches={len(self.patch_names)}, digits={len(self.digit_names)})"
         )
+
+
+def _checked_normal(layout: TaxelLayout, normal: Tensor) -> Tensor:
+    normal = torch.as_tensor(normal, dtype=torch.float)
+    if normal.shape != layout.pos.shape:
+        raise ValueError(
+            f"'normal' must have shape {tuple(layout.pos.shape)} (got {tuple(normal.shape)})"
+        )
+    length = normal.norm(dim=1)
+    if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
+        raise ValueError(
+            "'normal' must hold unit vectors (got a length of "
+            f"{float(length[(length - 1).abs().argmax()]):.4g})"
+        )
+    return normal
+
+
+def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
+    value, names = getattr(layout, key), getattr(layout, f"{key}_names")
+    if value is None:
+        return torch.zeros(layout.num_taxels, dtype=torch.long)
+    value = check_segment(value, layout.num_taxels, f"'{key}'", gaps=True)
+    if int(value.min()) < 0 or int(value.max()) >= len(names):
+        raise ValueError(
+            f"'{key}' must hold indices into '{key}_names', 0 to {len(names) - 1} "
+            f"(got {int(value.min())} to {int(value.max())})"
+        )
+    return value
+
+
+def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
+    image_map = torch.as_tensor(image_map, dtype=torch.long)
+    if image_map.shape != (layout.num_taxels, 2):
+        raise ValueError(
+            f"'image_map' must have shape ({layout.num_taxels}, 2) (got {tuple(image_map.shape)})"
+        )
+    if int(image_map.min()) < 0:
+        raise ValueError(
+            f"'image_map' must hold rows and columns from 0 (got {int(image_map.min())})"
+        )
+    if len(image_map.unique(dim=0)) < layout.num_taxels:
+        raise ValueError("'image_map' must give every taxel a cell of its own (got a shared)")
+    return image_map

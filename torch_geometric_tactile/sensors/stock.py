@@ -1,9 +1,11 @@
 r"""The data files that come with the package."""
 
 from importlib.resources import files
+from os import PathLike as PathLikeABC
 from pathlib import Path
 
 from torch_geometric_tactile.sensors.layout import TaxelLayout
+from torch_geometric_tactile.typing import PathLike
 
 _KINDS = ("chains", "layouts")
 
@@ -20,12 +22,23 @@ def stock_path(kind: str, name: str) -> Path:
     """
     if kind not in _KINDS:
         raise ValueError(f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
-    folder = Path(str(files(__package__) / kind))
-    path = folder / f"{name}.json"
+    path = _folder(kind) / f"{name}.json"
     if not path.is_file():
-        known = sorted(file.stem for file in folder.glob("*.json"))
-        raise ValueError(f"'name' must be one of {known} (got '{name}')")
+        raise ValueError(f"'name' must be one of {stock_names(kind)} (got '{name}')")
     return path
+
+
+def stock_names(kind: str = "layouts") -> list[str]:
+    r"""Returns the names of the data files of the package.
+
+    Args:
+        kind (str): :obj:`"layouts"` or :obj:`"chains"`.
+    """
+    return sorted(file.stem for file in _folder(kind).glob("*.json"))
+
+
+def _folder(kind: str) -> Path:
+    return Path(str(files(__package__) / kind))
 
 
 def stock_layout(name: str) -> TaxelLayout:
@@ -35,3 +48,39 @@ def stock_layout(name: str) -> TaxelLayout:
         name (str): Its name, such as :obj:`"biotac"`.
     """
     return TaxelLayout.load(stock_path("layouts", name))
+
+
+def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
+    r"""Returns a layout: itself, the one of this name that comes with the package, or the one in a
+    file.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"`, or the
+            path of a JSON file of :meth:`TaxelLayout.save`; a text that ends in :obj:`.json` or has
+            a folder in front is a path.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If there is no layout of this name, or the file holds none.
+
+    Examples:
+        >>> as_layout("biotac")
+        TaxelLayout('biotac', num_taxels=19, patches=1, digits=1)
+    """
+    if isinstance(layout, TaxelLayout):
+        return layout
+    if not isinstance(layout, str | PathLikeABC):
+        raise ValueError(
+            "'layout' must be a TaxelLayout, the name of one or the path of its file (got "
+            f"{type(layout).__name__})"
+        )
+    text = str(layout)
+    is_path = not isinstance(layout, str) or text.endswith(".json") or Path(text).name != text
+    if is_path:
+        return TaxelLayout.load(Path(text).expanduser())
+    if text not in stock_names("layouts"):
+        raise ValueError(
+            f"'layout' must be one of {stock_names('layouts')}, or the path of a layout file "
+            f"(.json) (got '{text}')"
+        )
+    return stock_layout(text)

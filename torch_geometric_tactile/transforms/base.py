@@ -240,7 +240,13 @@ class FittedTransform(BaseTransform):
             if self.key is None:
                 near, rest, scale = near[0], rest[0], scale[0]
             else:
-                if isinstance(data, StaticData) and x.dim() == len(size):  # shared until now
+                if isinstance(data, StaticData) and data.is_shared(self.attr):
+                    if self.attr in data.schema["shared"]:
+                        raise ValueError(
+                            f"'{self.attr}' must have a value for each sample, since "
+                            f"{type(self).__name__} scales them by '{self.key}' (got one that is "
+                            "declared in 'shared')"
+                        )
                     x = x.expand(data.num_samples, *size)
                 row = self._row(data, x.numel() // prod(size)).to(x.device)
                 near, rest, scale = near[row], rest[row], scale[row]

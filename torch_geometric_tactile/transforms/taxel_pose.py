@@ -33,8 +33,8 @@ class TaxelPose(BaseTransform):
         - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
           samples, or those of a PyG batch
         - **output:** :obj:`pos` in metres and unit :obj:`normal` (if the layout has normals) in the
-          hand's root frame :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`. One row of
-          angles for many samples gives one :math:`(N, 3)` that they share.
+          hand's root frame :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`. Angles
+          that many samples share (declared as :obj:`shared=["joint"]`) give one :math:`(N, 3)`.
 
     Raises:
         ValueError: If a link of the layout is not one of the hand, there are no angles, their
@@ -70,14 +70,12 @@ class TaxelPose(BaseTransform):
             check_num_taxels(data, self.layout.num_taxels, name)
         rows = self._rows(data, joint)
         posed = self.kinematics.taxel_pose(self.layout, rows, self.normal)
-        one_for_all = joint.dim() == 1 or (
-            isinstance(data, StaticData) and len(rows) == 1 and data.num_samples != 1
-        )
+        one_for_all = not isinstance(data, StaticData) or data.is_shared("joint")
         for key, value in (("pos", posed.pos), ("normal", posed.normal)):
             if value is not None:
                 if isinstance(data, Batch):
                     value = value.reshape(-1, 3)
-                elif one_for_all or not isinstance(data, StaticData):
+                elif one_for_all:
                     value = value[0]
                 data[key] = value
         return data
@@ -99,9 +97,8 @@ class TaxelPose(BaseTransform):
         if isinstance(data, Batch):
             num_samples = data.num_graphs
         elif isinstance(data, StaticData):
-            num_samples = data.num_samples
-        shared = isinstance(data, StaticData) and len(rows) == 1
-        if len(rows) != num_samples and not shared:
+            num_samples = 1 if data.is_shared("joint") else data.num_samples
+        if len(rows) != num_samples:
             raise ValueError(
                 f"'joint' must have {num_samples} rows, one a sample (got shape "
                 f"{tuple(joint.shape)})"

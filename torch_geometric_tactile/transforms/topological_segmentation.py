@@ -104,28 +104,28 @@ class TopologicalSegmentation(BaseTransform):
                 del data["edge_is_within"]
             edges = within.nonzero().view(-1)
             counts = _edges_of_graphs(data, source[edges])
-            for key, dim in _edge_attributes(data, edge_index.size(1)).items():
-                data[key] = data[key].index_select(dim, edges)
-                _reslice(data, key, counts)
+            dims = _row_dims(data, "edge", edge_index.size(1))
             data.edge_index = edge_index[:, edges]
             _reslice(data, "edge_index", counts)
+            for key, dim in dims.items():
+                data[key] = data[key].index_select(dim, edges)
+                _reslice(data, key, counts)
         else:
             data.edge_is_within = within
             _reslice(data, "edge_is_within", _edges_of_graphs(data, source))
         data.segment_batch = segment + shift.repeat_interleave(len(self.segment))
         taxels = torch.full((num_samples,), len(self.segment))
         _reslice(data, "segment_batch", taxels, self.num_segments)
-        if isinstance(data, StaticData):
-            # By their size alone they would belong to as many samples as there are taxels or edges.
-            data.share(*(key for key in _SET_HERE if key in data))
         return data
 
     def split(self, data: Data) -> list[Data]:
         r"""Returns the segments as data of their own, of the kind of :obj:`data`, with taxels
         numbered from zero and the edges within the segment.
 
-        What has a row for each taxel or (if its name says :obj:`edge`) for each edge is cut;
-        everything else, and the angles :obj:`joint`, goes to every segment whole.
+        What has a row for each taxel or each edge is cut; everything else goes to every segment
+        whole. :class:`~torch_geometric_tactile.data.StaticData` knows the levels of its
+        attributes. Of other data, attributes with as many rows as there are taxels (or edges, if
+        the name contains :obj:`edge`) are cut, but for the angles :obj:`joint`.
 
         Args:
             data (torch_geometric.data.Data): The data, before or after the transform.
@@ -147,9 +147,6 @@ class TopologicalSegmentation(BaseTransform):
         for key in _SET_HERE:
             if key in part:
                 del part[key]
-        if isinstance(data, StaticData) and isinstance(part, StaticData):
-            # What stood once because of its size may now have as many rows as there are samples.
-            part.share(*data.shared_names())
         taxels = mask.nonzero().view(-1)
         source, target = edge_index
         # Both ends of an edge of a batch are in one graph.
@@ -157,16 +154,17 @@ class TopologicalSegmentation(BaseTransform):
         num_graphs = data.num_graphs if isinstance(data, Batch) else 1
         num_taxels = len(taxels) // num_graphs if num_graphs else 0
         counts = torch.full((num_graphs,), num_taxels)
-        for key, dim in _taxel_attributes(part, len(mask)).items():
+        for key, dim in _row_dims(part, "node", len(mask)).items():
             part[key] = part[key].index_select(dim, taxels)
             _reslice(part, key, counts)
         edge_counts = _edges_of_graphs(data, source[edges])
-        for key, dim in _edge_attributes(part, edge_index.size(1)).items():
-            part[key] = part[key].index_select(dim, edges)
-            _reslice(part, key, edge_counts)
+        dims = _row_dims(part, "edge", edge_index.size(1))
         number = mask.long().cumsum(0) - 1
         part.edge_index = number[edge_index[:, edges]]
         _reslice(part, "edge_index", edge_counts, num_taxels)
+        for key, dim in dims.items():
+            part[key] = part[key].index_select(dim, edges)
+            _reslice(part, key, edge_counts)
         if "num_nodes" in part:
             part.num_nodes = len(taxels)
             if isinstance(part, Batch):
@@ -181,37 +179,20 @@ class TopologicalSegmentation(BaseTransform):
         return f"{type(self).__name__}({by}, num_segments={self.num_segments}, drop={self.drop})"
 
 
-def _row_dims(data: Data) -> dict[str, int]:
-    # The dimension in which an attribute may have a row for each taxel or edge.
+def _row_dims(data: Data, level: str, num_rows: int) -> dict[str, int]:
+    # The dimension in which each attribute of a level, "node" or "edge", has its rows.
     dims = {}
     for key, value in data.to_dict().items():
-        if not isinstance(value, Tensor) or value.dim() == 0 or "index" in key or "face" in key:
+        if not isinstance(value, Tensor) or key in ("edge_index", "adj", "adj_t", *_SET_HERE):
             continue
-        if key in ("joint", "batch", "ptr", *_SET_HERE):
-            continue
-        if not isinstance(data, StaticData):
-            dims[key] = 0
-        elif data.has_elements(key):
-            dims[key] = 1 if value.dim() > 1 else 0  # an edge_attr (E,) counts as shared
-        elif data.is_shared(key):
-            dims[key] = 0
+        if isinstance(data, StaticData):
+            if data.level(key) == level:
+                dims[key] = 0 if data.is_shared(key) else 1
+        elif key not in ("joint", "batch", "ptr") and "index" not in key and "face" not in key:
+            rows = value.size(0) if value.dim() else None
+            if rows == num_rows and ("edge" in key) == (level == "edge"):
+                dims[key] = 0
     return dims
-
-
-def _taxel_attributes(data: Data, num_taxels: int) -> dict[str, int]:
-    return {
-        key: dim
-        for key, dim in _row_dims(data).items()
-        if "edge" not in key and data[key].size(dim) == num_taxels
-    }
-
-
-def _edge_attributes(data: Data, num_edges: int) -> dict[str, int]:
-    return {
-        key: dim
-        for key, dim in _row_dims(data).items()
-        if "edge" in key and data[key].size(dim) == num_edges
-    }
 
 
 def _edges_of_graphs(data: Data, source: Tensor) -> Tensor:

@@ -1,15 +1,17 @@
 r"""The models of the papers."""
 
+from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.grasp_gcn import GraspGCN
-from torch_geometric_tactile.nn.models.hand_cnn import MTCNN, CNNThread, HandCNN
+from torch_geometric_tactile.nn.models.hand_cnn import HandCNN
+from torch_geometric_tactile.nn.models.mt_cnn import MTCNN
 from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
-from torch_geometric_tactile.nn.models.segmented_gcn import SegmentedGCN
 from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.thread import Thread
 
 __all__ = [
     "MTCNN",
@@ -19,9 +21,9 @@ __all__ = [
     "GraspGCN",
     "HandCNN",
     "PooledMLP",
-    "SegmentedGCN",
     "SegmentedThread",
     "TactileFNN",
     "TactileGCN",
     "TactileModel",
+    "Thread",
 ]

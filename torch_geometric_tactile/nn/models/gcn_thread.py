@@ -4,22 +4,18 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
-from torch.nn import Module, ModuleList
-from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache
 from torch_geometric_tactile.nn.functional import pooled_gcn
-from torch_geometric_tactile.nn.pool import ChannelMaxPool
+from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
 
-WIDTHS = (14, 28, 56, 112, 112)
-POOLS = (1, 1, 2, 4, 16)
 # From this number of samples on, the layout of `nn.functional` pays.
 _MIN_SAMPLES = 8
 
 
-class GCNThread(Module):
+class GCNThread(Thread):
     r"""A thread of graph convolutions of the "Tactile Object Property Recognition using Geometrical
     Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: each layer is a
     :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`, a
@@ -31,24 +27,23 @@ class GCNThread(Module):
 
     The defaults are the paper's thread for readings, "14, 28, 56(P)28, 112(P)28, 112(P)7".
 
-    Many samples on one topology are trained on processors by the operations of
-    :mod:`torch_geometric_tactile.nn.functional`, with the same result. They have no second
-    derivative; :obj:`fast=False` leaves them out.
-
     Args:
         in_channels (int): Features of each taxel.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, behind each convolution.
-        fast (bool): Whether to train with the operations made for one topology.
+        pools (sequence of int): How many channels share one maximum, after each convolution.
+        fast (bool): Whether to compute batches of eight samples and more on a processor with the
+            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            but have no second derivative.
 
     Shapes:
         - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
-        - **output:** node features of the same leading shape, the last width by the last pool wide
+        - **output:** node features of the same leading shape; their width is the last width divided
+          by the last pool
 
     Raises:
-        ValueError: If there is no layer, there are other pools than widths, a pool does not divide
-            its width, or :obj:`x` has other channels.
+        ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
+            divide its width, or :obj:`x` has other channels.
 
     Examples:
         >>> thread = GCNThread(3)
@@ -63,26 +58,15 @@ class GCNThread(Module):
         in_channels: int,
         widths: Sequence[int] = WIDTHS,
         pools: Sequence[int] = POOLS,
+        *,
         fast: bool = True,
     ) -> None:
-        super().__init__()
-        self.in_channels = in_channels
-        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
-        self.fast = fast
-        self.out_channels = sizes[-1]
-        self.convs = ModuleList(map(StaticGCNConv, sizes, self.widths))
-        self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
+        super().__init__(in_channels, widths, pools, StaticGCNConv, fast=fast)
         self._kept = AdjacencyCache()
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        reset(self.convs)
-
-    def layers(self) -> list[tuple[StaticGCNConv, ChannelMaxPool]]:
-        r"""Returns the convolutions, each with the pooling behind it."""
-        return list(zip(self.convs, self.pools, strict=True))  # type: ignore[arg-type]
-
-    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+    def forward(
+        self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
+    ) -> Tensor:
         r"""Convolves node features.
 
         Args:
@@ -95,7 +79,8 @@ class GCNThread(Module):
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
-        if self.fast and is_fast(x) and not any(conv.explain for conv, _ in self.layers()):
+        edge_index = given_edges(edge_index)
+        if self.fast and is_fast(x) and not self.explained:
             kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
                 h = x.permute(1, 2, 0).contiguous()
@@ -106,15 +91,24 @@ class GCNThread(Module):
             x = pool(conv(x, edge_index, edge_weight)).relu()
         return x
 
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}({self.in_channels}, widths={self.widths}, "
-            f"pools={self.pool_sizes})"
-        )
+
+def given_edges(edge_index: OptTensor) -> Tensor:
+    r"""Returns edges, which a graph convolution needs.
+
+    Args:
+        edge_index (torch.Tensor, optional): The edges.
+
+    Raises:
+        ValueError: If there are none.
+    """
+    if edge_index is None:
+        raise ValueError("'edge_index' must be given (got None)")
+    return edge_index
 
 
 def is_fast(x: Tensor) -> bool:
-    r"""Tells whether features are those of many samples on a processor, and no compiler looks on.
+    r"""Returns whether features are of enough samples on a processor for the fast path, and are
+    not being compiled.
 
     Args:
         x (torch.Tensor): Node features.
@@ -126,31 +120,3 @@ def is_fast(x: Tensor) -> bool:
         and x.device.type == "cpu"
         and x.dtype in (torch.float32, torch.float64)
     )
-
-
-def checked_widths(
-    in_channels: int, widths: Sequence[int], pools: Sequence[int]
-) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    r"""Returns widths and pools of layers, which must fit each other, and the width before each
-    layer and behind the last.
-
-    Args:
-        in_channels (int): Width of the input.
-        widths (sequence of int): Width of each layer.
-        pools (sequence of int): How many channels share one maximum, behind each layer.
-
-    Raises:
-        ValueError: If they do not.
-    """
-    widths, pools = tuple(widths), tuple(pools)
-    if in_channels < 1:
-        raise ValueError(f"'in_channels' must be at least 1 (got {in_channels})")
-    if not widths or min(widths) < 1:
-        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
-    if len(pools) != len(widths):
-        raise ValueError(f"'pools' must have a size for each of {len(widths)} widths (got {pools})")
-    for width, pool in zip(widths, pools, strict=True):
-        if pool < 1 or width % pool:
-            raise ValueError(f"'pools' must divide 'widths' (got {pool} for {width})")
-    sizes = (in_channels, *(width // pool for width, pool in zip(widths, pools, strict=True)))
-    return widths, pools, sizes

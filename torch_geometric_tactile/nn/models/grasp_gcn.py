@@ -8,7 +8,9 @@ from torch.nn import Dropout1d, Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
+from torch_geometric_tactile.nn.models.gcn_thread import given_edges
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, count_taxels
 
 
 class GraspGCN(Module, TactileHubMixin):
@@ -16,27 +18,27 @@ class GraspGCN(Module, TactileHubMixin):
     on Graph Convolutional Networks" paper.
 
     One graph convolution with ReLU on the electrodes, then one fully connected layer on all node
-    features. The fingers are alike and share one graph; their signals stand side by side in the
-    channels of :obj:`x`, finger by finger.
+    features. The fingers are alike and share one graph; the channels of :obj:`x` are those of the
+    first finger, then those of the second, and so on.
 
     * :obj:`fusion="data"` (GCN-DF): one convolution on the signals of all fingers.
     * :obj:`fusion="feature"` (GCN-FF): a convolution for each finger, whose features are
       concatenated.
-    * :obj:`fusion=None` (GCN-L, -M, -R): one convolution on the finger :obj:`finger`, the others
-      unseen.
+    * :obj:`fusion=None` (GCN-L, -M, -R): one convolution on the finger :obj:`finger` alone.
 
     The paper gives neither the hidden width (ours is 64) nor how nodes enter the fully connected
     layer (ours flattens them). Outputs are logits: the softmax of two is the paper's sigmoid.
 
     Args:
-        num_nodes (int): Number of electrodes :math:`N` of one finger.
+        layout (TaxelLayout, int, str or PathLike): The layout of one finger, the name of a stock
+            layout, the path of a layout file, or the number of electrodes :math:`N`.
+        out_channels (int): Number of classes.
         in_channels (int): Number of channels of one finger at each electrode: its frames, 60 in
             the paper, 1 for static readings.
         hidden_channels (int): Width of the graph convolution.
-        out_channels (int): Number of classes.
         num_fingers (int): Number of fingers :math:`K`.
         fusion (str, optional): :obj:`"data"`, :obj:`"feature"` or :obj:`None`.
-        finger (int, optional): The finger to look at, where :obj:`fusion` is :obj:`None`.
+        finger (int, optional): The finger to use, if :obj:`fusion` is :obj:`None`.
         num_layers (int): Number of graph convolutions; one in the paper.
         dropout (float): Part of the electrodes whose features are dropped in training before the
             fully connected layer, all channels of an electrode at once; none in the paper.
@@ -52,19 +54,20 @@ class GraspGCN(Module, TactileHubMixin):
             range, a size is below one, or :obj:`x` has other nodes or channels.
 
     Examples:
-        >>> model = GraspGCN(num_nodes=24, fusion="data")
+        >>> model = GraspGCN("biotac_sp", 2, fusion="data")
         >>> model
-        GraspGCN(24, 1, 64, 2, fusion='data', num_fingers=3)
+        GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')
         >>> model(torch.zeros(5, 24, 3), torch.tensor([[0, 1], [1, 0]])).shape
         torch.Size([5, 2])
     """
 
     def __init__(
         self,
-        num_nodes: int = 24,
+        layout: LayoutLike = 24,
+        out_channels: int = 2,
+        *,
         in_channels: int = 1,
         hidden_channels: int = 64,
-        out_channels: int = 2,
         num_fingers: int = 3,
         fusion: Optional[Literal["data", "feature"]] = "data",
         finger: Optional[int] = None,
@@ -72,11 +75,11 @@ class GraspGCN(Module, TactileHubMixin):
         dropout: float = 0.0,
     ) -> None:
         super().__init__()
+        self.num_nodes = count_taxels(layout)
         for name, size in (
-            ("num_nodes", num_nodes),
+            ("out_channels", out_channels),
             ("in_channels", in_channels),
             ("hidden_channels", hidden_channels),
-            ("out_channels", out_channels),
             ("num_fingers", num_fingers),
             ("num_layers", num_layers),
         ):
@@ -86,12 +89,11 @@ class GraspGCN(Module, TactileHubMixin):
             raise ValueError(f"'fusion' must be 'data', 'feature' or None (got '{fusion}')")
         if fusion is None and (finger is None or not 0 <= finger < num_fingers):
             raise ValueError(
-                f"'finger' must be between 0 and {num_fingers - 1} where 'fusion' is None "
+                f"'finger' must be between 0 and {num_fingers - 1} if 'fusion' is None "
                 f"(got {finger})"
             )
         if fusion is not None and finger is not None:
-            raise ValueError(f"'finger' must be None where 'fusion' is set (got {finger})")
-        self.num_nodes = num_nodes
+            raise ValueError(f"'finger' must be None if 'fusion' is set (got {finger})")
         self.in_channels = in_channels
         self.hidden_channels = hidden_channels
         self.out_channels = out_channels
@@ -106,7 +108,7 @@ class GraspGCN(Module, TactileHubMixin):
             for _ in range(num_threads)
         )
         self.dropout = Dropout1d(dropout)
-        self.lin = Linear(num_nodes * hidden_channels * num_threads, out_channels)
+        self.lin = Linear(self.num_nodes * hidden_channels * num_threads, out_channels)
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
@@ -115,14 +117,36 @@ class GraspGCN(Module, TactileHubMixin):
                 module.reset_parameters()
         self.lin.reset_parameters()
 
-    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+        *,
+        edge_weight: OptTensor = None,
+    ) -> Tensor:
         r"""Returns the logits of the classes.
+
+        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
             x (torch.Tensor): Readings.
             edge_index (torch.Tensor): Edges.
-            edge_weight (torch.Tensor, optional): Weights of the edges.
+            edge_attr (torch.Tensor, optional): Not used.
+            joint (torch.Tensor, optional): Not used.
+            absolute (torch.Tensor, optional): Not used.
+            pos (torch.Tensor, optional): Not used.
+            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
+        edge_index = given_edges(edge_index)
+        if edge_attr is not None and edge_attr.dim() == 1:  # ignored, they would go unnoticed
+            raise ValueError(
+                "'edge_attr' must be edge features, which this model does not use; give weights "
+                f"of edges as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
+            )
         width = self.num_fingers * self.in_channels
         if x.dim() not in (2, 3) or x.size(-1) != width or x.size(-2) % self.num_nodes:
             raise ValueError(
@@ -152,8 +176,9 @@ class GraspGCN(Module, TactileHubMixin):
 
     def __repr__(self) -> str:
         finger = "" if self.finger is None else f", finger={self.finger}"
+        layers = f", num_layers={len(self.convs[0])}" if len(self.convs[0]) > 1 else ""  # type: ignore[arg-type]
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.in_channels}, "
-            f"{self.hidden_channels}, {self.out_channels}, fusion={self.fusion!r}, "
-            f"num_fingers={self.num_fingers}{finger})"
+            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
+            f"in_channels={self.in_channels}, hidden_channels={self.hidden_channels}, "
+            f"num_fingers={self.num_fingers}, fusion={self.fusion!r}{finger}{layers})"
         )

@@ -12,6 +12,7 @@ from torch.nn import Module
 from torch_geometric.nn import model_hub
 from torch_geometric.nn.model_hub import PyGModelHubMixin
 
+from torch_geometric_tactile.nn.models.taxels import portable_layout
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
@@ -23,25 +24,26 @@ _CARD = """---
 
     {{ text }}
 
-    from torch_geometric_tactile.nn.models import {{ name }}
+    from torch_geometric_tactile.nn import {{ name }}
     model = {{ name }}.from_pretrained(...)  # this repository or folder
 """
 
 
 class TactileHubMixin(PyGModelHubMixin):
-    r"""Writes a model with the arguments that it was made of, and reads it again, in a folder or on
-    the Hugging Face Hub.
+    r"""Saves a model with the arguments of its constructor in a folder or on the Hugging Face Hub,
+    and loads it.
 
     It is a :class:`torch_geometric.nn.model_hub.PyGModelHubMixin` for models with constructors of
     their own: it keeps all arguments, lists and dictionaries among them, in their order, and
     loads weights strictly. The folder holds :obj:`config.json`, :obj:`model.pth` and a model card.
 
-    Arguments must be plain values, tensors or a layout. A module (an encoder of edge features) is
-    not written but for its name: give it to :meth:`from_pretrained` again.
+    Arguments must be plain values, tensors or a layout; of a layout file, the contents are saved.
+    Of a module (an encoder of edge features), only the name is saved: give the module to
+    :meth:`from_pretrained` again.
 
     Examples:
-        >>> from torch_geometric_tactile.nn.models import TactileGCN
-        >>> model = TactileGCN(num_nodes=24, inputs=("tactile", "position"))
+        >>> from torch_geometric_tactile.nn import TactileGCN
+        >>> model = TactileGCN(24, inputs=("tactile", "position"))
         >>> isinstance(model, PyGModelHubMixin)
         True
         >>> model.save_pretrained("gcn")  # doctest: +SKIP
@@ -62,11 +64,13 @@ class TactileHubMixin(PyGModelHubMixin):
                 arguments.update(arguments.pop(parameter.name))
             elif parameter.kind is Parameter.VAR_POSITIONAL and not arguments[parameter.name]:
                 del arguments[parameter.name]
+        if "layout" in arguments:
+            arguments["layout"] = portable_layout(arguments["layout"])
         self._hub_arguments = arguments
         return self
 
     def save_pretrained(self, save_directory: PathLike, **kwargs: Any) -> str | None:
-        r"""Writes the model into a folder.
+        r"""Saves the model in a folder.
 
         Args:
             save_directory (str or PathLike): The folder.
@@ -76,7 +80,7 @@ class TactileHubMixin(PyGModelHubMixin):
 
         Raises:
             ImportError: If :obj:`huggingface_hub` is missing.
-            ValueError: If an argument of the model cannot be written.
+            ValueError: If an argument of the model cannot be saved.
         """
         _check_installed()
         _plain(self._hub_arguments)
@@ -87,12 +91,12 @@ class TactileHubMixin(PyGModelHubMixin):
 
     @classmethod
     def from_pretrained(cls, pretrained_model_name_or_path: PathLike, **kwargs: Any) -> Self:
-        r"""Reads a model from a folder or from the Hub, ready for evaluation.
+        r"""Loads a model from a folder or from the Hub, in evaluation mode.
 
         Args:
             pretrained_model_name_or_path (str or PathLike): The folder, or the name of the model
                 on the Hub.
-            **kwargs (optional): Arguments of the model that replace the written ones,
+            **kwargs (optional): Arguments of the model that replace the saved ones,
                 :obj:`map_location` for the weights, and further arguments of
                 :meth:`huggingface_hub.ModelHubMixin.from_pretrained`, such as :obj:`revision`.
 
@@ -100,6 +104,8 @@ class TactileHubMixin(PyGModelHubMixin):
             FileNotFoundError: If the folder has no model in it.
             ImportError: If :obj:`huggingface_hub` is missing.
             RuntimeError: If the weights are not those of the model.
+            ValueError: If there are arguments that the model does not have, as in the folders of
+                older versions of this package.
         """
         _check_installed()
         model: Self = super(PyGModelHubMixin, cls).from_pretrained(
@@ -134,6 +140,7 @@ class TactileHubMixin(PyGModelHubMixin):
         force_download: bool = False,
         local_files_only: bool = False,
         token: str | bool | None = None,
+        config: Mapping[str, Any] | None = None,
         **arguments: Any,
     ) -> Self:
         name = model_hub.MODEL_WEIGHTS_NAME
@@ -150,6 +157,15 @@ class TactileHubMixin(PyGModelHubMixin):
             )
         elif not path.is_file():
             raise FileNotFoundError(f"'{path}' is missing: write it with 'save_pretrained'")
+        # `huggingface_hub` leaves out arguments of `config` that it does not find in the signature.
+        known = _argument_names(cls)
+        unknown = [key for key in {**(config or {}), **arguments} if key not in known]
+        if unknown:
+            raise ValueError(
+                f"{cls.__name__} has no argument '{unknown[0]}', only {sorted(known)}: if "
+                f"'{model_id}' was saved by an older version of this package, make the model with "
+                "today's arguments and load its 'model.pth' into it"
+            )
         if isinstance(arguments.get("layout"), dict):
             arguments["layout"] = TaxelLayout.from_dict(arguments["layout"])
         model: Any = cls(**arguments)
@@ -157,6 +173,18 @@ class TactileHubMixin(PyGModelHubMixin):
         model.load_state_dict(torch.load(path, map_location=device, weights_only=True))
         model.to(device).eval()
         return model
+
+
+def _argument_names(cls: type) -> set[str]:
+    # Of the constructor, and where it takes `**kwargs` of that of the next class.
+    names: set[str] = set()
+    for base in cls.__mro__:
+        if "__init__" in vars(base):
+            parameters = list(signature(vars(base)["__init__"]).parameters.values())[1:]
+            names |= {p.name for p in parameters if p.kind is not Parameter.VAR_KEYWORD}
+            if all(p.kind is not Parameter.VAR_KEYWORD for p in parameters):
+                break
+    return names
 
 
 def _check_installed() -> None:

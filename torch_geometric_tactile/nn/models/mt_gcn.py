@@ -8,50 +8,55 @@ from torch import Tensor
 from torch.nn import Module, ModuleDict
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, GCNThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, as_layout, side_by_side
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
 
-# The threads of the paper: of the readings, and of all else.
+# The threads of the paper: of the readings, and of all other inputs.
 TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
 OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
-_THREAD_KEYS = ("widths", "pools", "adjacency")
 
 
 class MTGCN(TactileModel):
     r"""The MT-GCN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
     and Multi-Thread Graph Convolutional Network" paper: a
-    :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input, whose features stand side
-    by side before the fully connected layers.
+    :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input, whose features are
+    concatenated before the fully connected layers.
 
     .. math::
         \mathbf{H} = \left( f_1(\mathbf{H}_1, \mathbf{A}_1), \ldots,
         f_M(\mathbf{H}_M, \mathbf{A}_M) \right)
 
     The defaults are the paper's: "14, 28, 56(P)28, 112(P)28, 112(P)7" for readings and "7, 14,
-    28(P)14, 28(P)14, 56(P)7" for all else. (The table prints 28 for the last number, which does not
-    give the printed input of the fully connected layers, :math:`384 \cdot 7` a thread.)
+    28(P)14, 28(P)14, 56(P)7" for all other inputs. (The table prints 28 for the last number, which
+    does not give the printed input of the fully connected layers, :math:`384 \cdot 7` a thread.)
 
     Args:
-        num_nodes (int): Number of taxels :math:`N`.
+        layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
+            of a layout file, or the number of taxels. Named adjacencies need a layout.
         out_channels (int): Number of labels or classes :math:`C`.
-        threads (dict or sequence of str): For each input, what its thread has of its own:
+        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
+            :obj:`"position"`; each gets a thread, in this order.
+        threads (dict, optional): The settings of a thread by input, if not the paper's:
             :obj:`widths`, :obj:`pools`, and :obj:`adjacency`, edges :math:`(2, |\mathcal{E}_m|)` (a
-            tensor or lists) or their name in the layout, instead of the data's; PyG's explainers
+            tensor or lists) or their name in the layout, which replace the data's; PyG's explainers
             then say nothing about the edges of this thread.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
-        head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): How many channels share one maximum, behind each of them.
+        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
         encoder (str or torch.nn.Module): The encoder of edge features: :obj:`"dense"` is the
             paper's; :obj:`"message"` and :obj:`"attention"` are ours.
-        channels (dict, optional): Features of a taxel by input, where they are not 3 or 4.
-        layout (TaxelLayout or str): Where an adjacency that is named is looked up.
+        head_widths (sequence of int): Width of each fully connected layer.
+        head_pools (sequence of int): How many channels share one maximum, after each of them.
+        fast (bool): Whether to compute batches of eight samples and more on a processor with the
+            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            but have no second derivative.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`; further inputs as
-          :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward` says
+          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`; further inputs as in
+          :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
@@ -59,7 +64,7 @@ class MTGCN(TactileModel):
             other taxels.
 
     Examples:
-        >>> model = MTGCN(threads={"tactile": {}, "edge": {}}, num_edges=1401, num_joints=16)
+        >>> model = MTGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)
         >>> model
         MTGCN(384, 6, inputs=('tactile', 'edge'), num_joints=16)
         >>> model.head.in_channels
@@ -68,28 +73,34 @@ class MTGCN(TactileModel):
 
     def __init__(
         self,
-        num_nodes: int = 384,
+        layout: LayoutLike = "allegro_uskin",
         out_channels: int = 6,
-        threads: Union[Mapping[str, Any], Sequence[str]] = ("tactile", "edge"),
+        *,
+        inputs: Sequence[str] = ("tactile", "edge"),
+        threads: Optional[Mapping[str, Any]] = None,
         num_edges: Optional[int] = None,
         num_joints: int = 0,
+        channels: Optional[Mapping[str, int]] = None,
+        encoder: Union[str, Module] = "dense",
         head_widths: Sequence[int] = (1536, 384, 96),
         head_pools: Sequence[int] = (2, 2, 2),
-        encoder: Union[str, Module] = "dense",
-        channels: Optional[dict[str, int]] = None,
-        layout: Union[TaxelLayout, str] = "allegro_uskin",
+        fast: bool = True,
     ) -> None:
-        specs = thread_specs(threads, _THREAD_KEYS)
-        super().__init__(num_nodes, out_channels, tuple(specs), num_joints, channels)
+        settings = thread_settings(inputs, threads, ("widths", "pools", "adjacency"))
+        if any(isinstance(own.get("adjacency"), str) for own in settings.values()):
+            layout = load_layout(layout, "an adjacency by name")
+        super().__init__(
+            layout, out_channels, inputs=inputs, num_joints=num_joints, channels=channels
+        )
         self.add_encoder(encoder, num_edges)
         self.threads, width = ModuleDict(), 0
-        for name, spec in specs.items():
-            thread = GCNThread(self.channels[name], spec["widths"], spec["pools"])
-            adjacency = spec.get("adjacency")
+        for name, own in settings.items():
+            thread = GCNThread(self.channels[name], own["widths"], own["pools"], fast=fast)
+            adjacency = own.get("adjacency")
             if isinstance(adjacency, str):
-                adjacency = as_layout(layout).edge_index(adjacency)
+                adjacency = load_layout(layout, "an adjacency by name").edge_index(adjacency)
             if adjacency is not None:
-                adjacency = checked_edges(name, adjacency, num_nodes)
+                adjacency = checked_edges(name, adjacency, self.num_nodes)
                 for conv, _ in thread.layers():
                     conv.explain = False  # an explainer's mask is of the data's edges
             # Not in the state: it is an argument, and a checkpoint must not overrule it.
@@ -102,9 +113,10 @@ class MTGCN(TactileModel):
         r"""Returns the features of each taxel before the fully connected layers."""
         outs = {}
         for name, part in parts.items():
-            own = getattr(self, f"{name}_edge_index")
+            thread, own = self.threads[name], getattr(self, f"{name}_edge_index")
+            assert isinstance(thread, GCNThread)
             edges = edge_index if own is None else own
-            outs[name] = self.convolve(self.threads[name], part, x, edges, own is not None)
+            outs[name] = self.convolve(thread, part, x, edges, own is not None)
         return side_by_side(outs)
 
 
@@ -121,7 +133,7 @@ def checked_edges(
     Raises:
         ValueError: If they are no edges, or join other taxels.
     """
-    edge_index = torch.as_tensor(edges, dtype=torch.long)
+    edge_index = torch.as_tensor(edges, dtype=torch.long, device="cpu")  # to be checked
     if edge_index.dim() != 2 or edge_index.size(0) != 2:
         raise ValueError(
             f"the adjacency of '{name}' must have shape (2, num_edges) "
@@ -135,25 +147,32 @@ def checked_edges(
     return edge_index
 
 
-def thread_specs(
-    threads: Union[Mapping[str, Any], Sequence[str]], keys: Sequence[str]
+def thread_settings(
+    inputs: Sequence[str], threads: Optional[Mapping[str, Any]], keys: Sequence[str]
 ) -> dict[str, dict[str, Any]]:
-    r"""Returns the arguments of each thread, the paper's where nothing is said.
+    r"""Returns the settings of each thread, by default the paper's.
 
     Args:
-        threads (dict or sequence of str): Of each input, what its thread has of its own.
-        keys (sequence of str): What a thread may have of its own.
+        inputs (sequence of str): The inputs, each of which has a thread.
+        threads (dict, optional): Settings by input.
+        keys (sequence of str): The settings that a thread may have.
 
     Raises:
-        ValueError: If a thread has something else.
+        ValueError: If there are settings for another input, or of another name.
     """
-    given = threads if isinstance(threads, Mapping) else dict.fromkeys(threads)
-    specs = {}
-    for name, own in given.items():
+    threads = threads or {}
+    for name, own in threads.items():
+        if name not in inputs:
+            raise ValueError(f"'threads' must be of the inputs {tuple(inputs)} (got '{name}')")
         unknown = sorted(set(own or ()) - set(keys))
         if unknown:
             raise ValueError(
                 f"a thread must have some of {list(keys)} (got '{unknown[0]}' in '{name}')"
             )
-        specs[name] = {**(TACTILE_THREAD if name == "tactile" else OTHER_THREAD), **(own or {})}
-    return specs
+    return {
+        name: {
+            **(TACTILE_THREAD if name == "tactile" else OTHER_THREAD),
+            **(threads.get(name) or {}),
+        }
+        for name in inputs
+    }

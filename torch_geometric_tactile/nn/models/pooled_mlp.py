@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn import Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 
-from torch_geometric_tactile.nn.models.gcn_thread import checked_widths
+from torch_geometric_tactile.nn.models.thread import checked_widths
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 
@@ -20,7 +20,7 @@ class PooledMLP(Module):
         in_channels (int): Width of the input.
         out_channels (int): Number of logits.
         widths (sequence of int): Width of each layer.
-        pools (sequence of int): How many channels share one maximum, behind each layer.
+        pools (sequence of int): How many channels share one maximum, after each layer.
 
     Shapes:
         - **input:** features :math:`(B, F)`

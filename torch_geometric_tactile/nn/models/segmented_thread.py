@@ -5,8 +5,6 @@ from typing import Union
 
 import torch
 from torch import Tensor
-from torch.nn import Module, ModuleList
-from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
@@ -16,11 +14,11 @@ from torch_geometric_tactile.nn.conv.static_adjacency import (
     dense_norm,
 )
 from torch_geometric_tactile.nn.functional import pooled_gcn
-from torch_geometric_tactile.nn.models.gcn_thread import checked_widths, is_fast
-from torch_geometric_tactile.nn.pool import ChannelMaxPool
+from torch_geometric_tactile.nn.models.gcn_thread import given_edges, is_fast
+from torch_geometric_tactile.nn.models.thread import Thread
 
 
-class SegmentedThread(Module):
+class SegmentedThread(Thread):
     r"""The small graph convolutional networks of all segments of a hand, each with weights of its
     own, of the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
     Networks using Topological Graph Segmentation" paper: each layer is a
@@ -28,21 +26,24 @@ class SegmentedThread(Module):
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
     The defaults are the paper's "14, 56(P)7". Segments of equal size (the 18 planar patches, the
-    four fingertips) are multiplied at once, and a batch in training on a processor all segments at
-    once, as :class:`~torch_geometric_tactile.nn.models.GCNThread`.
+    four fingertips) are multiplied at once. The fast path multiplies all segments at once, as in
+    :class:`~torch_geometric_tactile.nn.models.GCNThread`.
 
     Args:
         in_channels (int): Features of each taxel.
         segment (sequence of int or torch.Tensor): The segment of each taxel :math:`(N,)`, from zero
             without gaps.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, behind each convolution.
-        fast (bool): Whether to train with the operations made for one topology.
+        pools (sequence of int): How many channels share one maximum, after each convolution.
+        fast (bool): Whether to compute batches of eight samples and more on a processor with the
+            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            but have no second derivative.
 
     Shapes:
         - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
-        - **output:** node features of the same leading shape, the last width by the last pool wide
+        - **output:** node features of the same leading shape; their width is the last width divided
+          by the last pool
 
     Raises:
         ValueError: If widths and pools do not fit each other, :obj:`segment` has gaps, or
@@ -51,7 +52,7 @@ class SegmentedThread(Module):
     Examples:
         >>> thread = SegmentedThread(3, [0, 0, 1])
         >>> thread
-        SegmentedThread(3, num_segments=2, widths=(14, 56), pools=(1, 8))
+        SegmentedThread(3, widths=(14, 56), pools=(1, 8), num_segments=2)
         >>> thread(torch.zeros(2, 3, 3), torch.tensor([[0, 1], [1, 0]])).shape
         torch.Size([2, 3, 7])
     """
@@ -64,25 +65,20 @@ class SegmentedThread(Module):
         segment: Union[Sequence[int], Tensor],
         widths: Sequence[int] = (14, 56),
         pools: Sequence[int] = (1, 8),
+        *,
         fast: bool = True,
     ) -> None:
-        super().__init__()
-        self.in_channels = in_channels
-        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
-        self.fast = fast
-        self.out_channels = sizes[-1]
-        self.convs = ModuleList(
-            SegmentedGCNConv(segment, size, width)
-            for size, width in zip(sizes, self.widths, strict=False)
-        )
-        self.pools = ModuleList(map(ChannelMaxPool, self.pool_sizes))
-        first = self.layers()[0][0]
+        def conv(in_channels: int, out_channels: int) -> SegmentedGCNConv:
+            return SegmentedGCNConv(segment, in_channels, out_channels)
+
+        super().__init__(in_channels, widths, pools, conv, fast=fast)
+        first, _ = self.layers()[0]
         self.num_segments = first.num_segments
         self._kept = AdjacencyCache()
         self._add_groups(first.segment)
 
     def _add_groups(self, segment: Tensor) -> None:
-        # Segments of equal size: which they are (S,), and their taxels (S, n).
+        # For each size of segments: their numbers (S,) and their taxels (S, n).
         counts = segment.bincount()
         order, self.num_groups = [], 0
         for size in counts.unique().tolist():
@@ -94,15 +90,9 @@ class SegmentedThread(Module):
             self.num_groups += 1
         self.register_buffer("place", torch.cat(order).argsort(), persistent=False)
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        reset(self.convs)
-
-    def layers(self) -> list[tuple[SegmentedGCNConv, ChannelMaxPool]]:
-        r"""Returns the convolutions, each with the pooling behind it."""
-        return list(zip(self.convs, self.pools, strict=True))  # type: ignore[arg-type]
-
-    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+    def forward(
+        self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
+    ) -> Tensor:
         r"""Convolves node features.
 
         Args:
@@ -110,9 +100,9 @@ class SegmentedThread(Module):
             edge_index (torch.Tensor): Edges; those between segments do not count.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
-        layers = self.layers()
-        segment = layers[0][0].segment
-        if x.dim() != 3 or x.size(1) != len(segment) or any(conv.explain for conv, _ in layers):
+        edge_index, layers = given_edges(edge_index), self.layers()
+        segment: Tensor = layers[0][0].segment
+        if x.dim() != 3 or x.size(1) != len(segment) or self.explained:
             for conv, pool in layers:
                 x = pool(conv(x, edge_index, edge_weight)).relu()
             return x
@@ -139,8 +129,6 @@ class SegmentedThread(Module):
             outs.append(h.flatten(1, 2))
         return torch.cat(outs, dim=1)[:, self.place]
 
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}({self.in_channels}, num_segments={self.num_segments}, "
-            f"widths={self.widths}, pools={self.pool_sizes})"
-        )
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
+        return f"{super().extra_repr()}, num_segments={self.num_segments}"

@@ -1,47 +1,67 @@
-r"""One thread of graph convolutions over all inputs."""
+r"""One thread of graph convolutions over all inputs, of the whole hand or of its segments."""
 
-from collections.abc import Sequence
-from typing import Optional, Union
+from collections.abc import Mapping, Sequence
+from typing import Literal, Optional, Union
 
 from torch import Tensor
 from torch.nn import Module
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.gcn_thread import POOLS, WIDTHS, GCNThread
+from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
+from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
 
 
 class TactileGCN(TactileModel):
-    r"""The GCN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper: the inputs of each taxel side by side, one
-    :class:`~torch_geometric_tactile.nn.models.GCNThread`, and fully connected layers.
+    r"""The GCNs of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
+    and Multi-Thread Graph Convolutional Network" and "Multifingered Object Recognition with Tactile
+    Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers: the
+    inputs of each taxel side by side, graph convolutions, and fully connected layers.
 
-    Its variants in the paper are :obj:`inputs` of :obj:`("tactile",)` (T), :obj:`("edge",)` (E),
-    :obj:`("absolute",)` (A) and all their combinations, each with and without joint angles.
+    * :obj:`segments=None` (the GCN of the first paper, X of the second): one
+      :class:`~torch_geometric_tactile.nn.models.GCNThread` on the whole hand, "14, 28, 56(P)28,
+      112(P)28, 112(P)7".
+    * :obj:`segments="digit"` (I) and :obj:`segments="patch"` (II): a
+      :class:`~torch_geometric_tactile.nn.models.SegmentedThread` with weights of its own for each
+      digit and the palm (five on the Allegro hand), or for each patch (22), "14, 56(P)7".
+
+    The inputs of the first paper are :obj:`"tactile"` (T), :obj:`"edge"` (E) and :obj:`"absolute"`
+    (A), those of the second :obj:`"tactile"` (Tac) and :obj:`"position"` (Pos), in all
+    combinations, each with and without joint angles.
 
     Args:
-        num_nodes (int): Number of taxels :math:`N`.
+        layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
+            of a layout file, or the number of taxels. :obj:`segments` needs a layout.
         out_channels (int): Number of labels or classes :math:`C`.
+        segments (str, optional): :obj:`"digit"`, :obj:`"patch"` or :obj:`None`.
         inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
             :obj:`"position"`.
         num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
-        widths (sequence of int): Width of each convolution.
-        pools (sequence of int): How many channels share one maximum, behind each convolution.
-        head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): How many channels share one maximum, behind each of them.
+        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
         encoder (str or torch.nn.Module): The encoder of edge features: :obj:`"dense"` is the
             paper's; :obj:`"message"` and :obj:`"attention"` are ours.
-        channels (dict, optional): Features of a taxel by input, where they are not 3 or 4.
+        widths (sequence of int, optional): Width of each convolution; the paper's if left out.
+        pools (sequence of int, optional): How many channels share one maximum, after each
+            convolution; the paper's if left out.
+        head_widths (sequence of int): Width of each fully connected layer.
+        head_pools (sequence of int): How many channels share one maximum, after each of them.
+        fast (bool): Whether to compute batches of eight samples and more on a processor with the
+            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            but have no second derivative.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`; further inputs as
-          :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward` says
+          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)` (those between segments do not
+          count); further inputs as in
+          :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If an input is unknown or missing, or has another shape.
+        ValueError: If :obj:`segments` is unknown or :obj:`layout` has none, or an input is unknown,
+            missing or of another shape.
 
     Examples:
         >>> model = TactileGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)
@@ -49,27 +69,55 @@ class TactileGCN(TactileModel):
         TactileGCN(384, 6, inputs=('tactile', 'edge'), num_joints=16)
         >>> model.head.in_channels
         2704
+        >>> TactileGCN("allegro_uskin", 8, segments="patch").thread
+        SegmentedThread(3, widths=(14, 56), pools=(1, 8), num_segments=22)
     """
 
     def __init__(
         self,
-        num_nodes: int = 384,
+        layout: LayoutLike = "allegro_uskin",
         out_channels: int = 6,
+        *,
+        segments: Optional[Literal["digit", "patch"]] = None,
         inputs: Sequence[str] = ("tactile",),
         num_edges: Optional[int] = None,
         num_joints: int = 0,
-        widths: Sequence[int] = WIDTHS,
-        pools: Sequence[int] = POOLS,
+        channels: Optional[Mapping[str, int]] = None,
+        encoder: Union[str, Module] = "dense",
+        widths: Optional[Sequence[int]] = None,
+        pools: Optional[Sequence[int]] = None,
         head_widths: Sequence[int] = (1536, 384, 96),
         head_pools: Sequence[int] = (2, 2, 2),
-        encoder: Union[str, Module] = "dense",
-        channels: Optional[dict[str, int]] = None,
+        fast: bool = True,
     ) -> None:
-        super().__init__(num_nodes, out_channels, inputs, num_joints, channels)
+        if segments not in (None, "digit", "patch"):
+            raise ValueError(f"'segments' must be 'digit', 'patch' or None (got '{segments}')")
+        segment: OptTensor = None
+        if segments is not None:
+            layout = load_layout(layout, f"segments='{segments}'")
+            segment = layout.segments(segments)
+        super().__init__(
+            layout, out_channels, inputs=inputs, num_joints=num_joints, channels=channels
+        )
+        self.segments = segments
         self.add_encoder(encoder, num_edges)
-        self.thread = GCNThread(sum(self.channels[name] for name in self.inputs), widths, pools)
+        width = sum(self.channels[name] for name in self.inputs)
+        if widths is None:
+            widths = WIDTHS if segments is None else (14, 56)
+        if pools is None:
+            pools = POOLS if segments is None else (1, 8)
+        self.thread: Thread
+        if segment is None:
+            self.thread = GCNThread(width, widths, pools, fast=fast)
+        else:
+            self.thread = SegmentedThread(width, segment, widths, pools, fast=fast)
         self.add_head(self.thread.out_channels, head_widths, head_pools)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
         r"""Returns the features of each taxel before the fully connected layers."""
         return self.convolve(self.thread, side_by_side(parts), x, edge_index)
+
+    def extra_repr(self) -> str:
+        r"""Returns the sizes, inputs and segments for :obj:`repr`."""
+        segments = "" if self.segments is None else f", segments='{self.segments}'"
+        return f"{super().extra_repr()}{segments}"

@@ -1,4 +1,4 @@
-r"""What the models of the hand share: their inputs, their form, their joints."""
+r"""What the models of a hand share: their inputs, the forms of the data, their joints."""
 
 from collections.abc import Mapping, Sequence
 from typing import Optional, Union
@@ -6,7 +6,6 @@ from typing import Optional, Union
 import torch
 from torch import Tensor
 from torch.nn import Module
-from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
@@ -17,7 +16,8 @@ from torch_geometric_tactile.nn.conv import (
 )
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
-from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, count_taxels
+from torch_geometric_tactile.nn.models.thread import Thread
 
 # The inputs by name: which attribute of the data they are, and how many features of a taxel.
 _ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
@@ -25,8 +25,8 @@ CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
 class TactileModel(Module, TactileHubMixin):
-    r"""The base class of the models of a hand: collects the inputs of each taxel, in whatever form
-    the data comes, and ends in fully connected layers that joint angles may join.
+    r"""The base class of the models of a hand: collects the inputs of each taxel, whatever the form
+    of the data, and ends in fully connected layers, which joint angles may join.
 
     Inputs are :obj:`"tactile"` (the readings :obj:`x`), :obj:`"edge"` (:obj:`edge_attr`, through an
     encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
@@ -35,14 +35,15 @@ class TactileModel(Module, TactileHubMixin):
     A subclass calls :meth:`add_head` and defines :meth:`extract`.
 
     Args:
-        num_nodes (int): Number of taxels :math:`N`.
+        layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
+            of a layout file, or the number of taxels.
         out_channels (int): Number of labels or classes :math:`C`.
         inputs (sequence of str): Names of the inputs.
         num_joints (int): Number of joint angles that join before the fully connected layers; 0 for
-            a model that does not see them.
-        channels (dict, optional): Features of a taxel by input, where they are others than 3
-            (:obj:`"tactile"`, :obj:`"position"`) or 4 (:obj:`"edge"`, :obj:`"absolute"`). Those of
-            :obj:`"edge"` are the features of an edge, and what its encoder returns.
+            a model without them.
+        channels (dict, optional): Features of a taxel by input, if not 3 (:obj:`"tactile"`,
+            :obj:`"position"`) or 4 (:obj:`"edge"`, :obj:`"absolute"`). Those of :obj:`"edge"` are
+            the features of an edge, and what its encoder returns.
 
     Raises:
         ValueError: If an input is unknown or there is none, or a size is below one.
@@ -50,23 +51,23 @@ class TactileModel(Module, TactileHubMixin):
 
     def __init__(
         self,
-        num_nodes: int,
+        layout: LayoutLike,
         out_channels: int,
+        *,
         inputs: Sequence[str],
         num_joints: int = 0,
-        channels: Optional[dict[str, int]] = None,
+        channels: Optional[Mapping[str, int]] = None,
     ) -> None:
         super().__init__()
         inputs = tuple(inputs)
         unknown = [name for name in (*inputs, *(channels or ())) if name not in _ATTRIBUTES]
         if unknown or not inputs or len(set(inputs)) < len(inputs):
             raise ValueError(f"'inputs' must be some of {list(_ATTRIBUTES)} (got {inputs})")
-        for what, size in (("num_nodes", num_nodes), ("out_channels", out_channels)):
-            if size < 1:
-                raise ValueError(f"'{what}' must be at least 1 (got {size})")
+        self.num_nodes = count_taxels(layout)
+        if out_channels < 1:
+            raise ValueError(f"'out_channels' must be at least 1 (got {out_channels})")
         if num_joints < 0:
             raise ValueError(f"'num_joints' must not be negative (got {num_joints})")
-        self.num_nodes = num_nodes
         self.out_channels = out_channels
         self.inputs = inputs
         self.num_joints = num_joints
@@ -75,8 +76,8 @@ class TactileModel(Module, TactileHubMixin):
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        r"""The attributes of a batch that :meth:`forward` needs by keyword, beside :obj:`x` and
-        :obj:`edge_index`.
+        r"""The attributes of a batch that :meth:`forward` needs by keyword, in addition to
+        :obj:`x` and :obj:`edge_index`.
         """
         names = [_ATTRIBUTES[name] for name in self.inputs if name != "tactile"]
         return (*names, "joint") if self.num_joints else tuple(names)
@@ -93,20 +94,7 @@ class TactileModel(Module, TactileHubMixin):
         if "edge" not in self.inputs:
             return
         width = self.channels["edge"]
-        if isinstance(encoder, Module):
-            self.encoder = encoder
-        elif encoder == "message":
-            self.encoder = EdgeMessageEncoder(width, width)
-        elif encoder == "attention":
-            self.encoder = EdgeAttentionEncoder(width, width)
-        elif encoder == "dense":
-            if num_edges is None:
-                raise ValueError("'num_edges' must be given for the dense encoder (got None)")
-            self.encoder = EdgeFeatureEncoder(self.num_nodes, num_edges, width, width)
-        else:
-            raise ValueError(
-                f"'encoder' must be 'dense', 'message', 'attention' or a module (got {encoder!r})"
-            )
+        self.encoder = make_encoder(encoder, self.num_nodes, num_edges, width)
 
     def add_head(self, in_channels: int, widths: Sequence[int], pools: Sequence[int]) -> None:
         r"""Adds the fully connected layers.
@@ -114,7 +102,7 @@ class TactileModel(Module, TactileHubMixin):
         Args:
             in_channels (int): Features of each taxel before them.
             widths (sequence of int): Width of each layer.
-            pools (sequence of int): How many channels share one maximum, behind each layer.
+            pools (sequence of int): How many channels share one maximum, after each layer.
         """
         width = self.num_nodes * in_channels + self.num_joints
         self.head = PooledMLP(width, self.out_channels, widths, pools)
@@ -135,16 +123,21 @@ class TactileModel(Module, TactileHubMixin):
     ) -> Tensor:
         r"""Returns the logits :math:`(B, C)`.
 
+        All models take the same arguments in the same order. A model uses those that its
+        :obj:`inputs` and :obj:`num_joints` ask for, and ignores the others.
+
         Args:
             x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
                 :math:`(B \cdot N, F)`.
-            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+            edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`; models without a
+                graph need none.
             edge_attr (torch.Tensor, optional): Edge features :math:`(|\mathcal{E}|, D)`,
                 :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch.
             joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
             absolute (torch.Tensor, optional): Positions and their distance from the origin, in
                 metres or scaled, in the form of :obj:`x` or :math:`(N, 4)` for all samples.
-            pos (torch.Tensor, optional): Positions in metres or scaled, likewise.
+            pos (torch.Tensor, optional): Positions in metres or scaled, in the form of :obj:`x` or
+                :math:`(N, 3)` for all samples.
         """
         features = self.node_features(x, edge_index, edge_attr, absolute=absolute, pos=pos)
         rows = features.flatten(1)
@@ -170,14 +163,15 @@ class TactileModel(Module, TactileHubMixin):
         joint: OptTensor = None,
         absolute: OptTensor = None,
         pos: OptTensor = None,
+        *,
         thread: Optional[str] = None,
     ) -> Tensor:
         r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`,
         of all threads side by side. The arguments are those of :meth:`forward`, and:
 
         Args:
-            thread (str, optional): The input whose thread alone is wanted, in a model that has one
-                for each.
+            thread (str, optional): The input whose thread alone to compute, in a model that has a
+                thread for each input.
         """
         threads = [name for name in self.inputs if name in getattr(self, "threads", ())]
         if thread is not None and thread not in threads:
@@ -207,12 +201,12 @@ class TactileModel(Module, TactileHubMixin):
         absolute: OptTensor,
         pos: OptTensor,
     ) -> Tensor:
-        r"""Returns one input of each taxel :math:`(B, N, F)`, in whatever form the data comes.
+        r"""Returns one input of each taxel :math:`(B, N, F)`, whatever the form of the data.
 
         Args:
             name (str): Name of the input.
             x (torch.Tensor): As in :meth:`forward`.
-            edge_index (torch.Tensor): As in :meth:`forward`.
+            edge_index (torch.Tensor, optional): As in :meth:`forward`.
             edge_attr (torch.Tensor, optional): As in :meth:`forward`.
             absolute (torch.Tensor, optional): As in :meth:`forward`.
             pos (torch.Tensor, optional): As in :meth:`forward`.
@@ -260,34 +254,60 @@ class TactileModel(Module, TactileHubMixin):
         )
 
     def convolve(
-        self, thread: Module, h: Tensor, x: Tensor, edge_index: OptTensor, own: bool = False
+        self, thread: Thread, h: Tensor, x: Tensor, edge_index: OptTensor, own: bool = False
     ) -> Tensor:
-        r"""Runs a thread on the inputs of each taxel :math:`(B, N, F)`: as one topology where it is
-        one, and as PyG's batch where the data is one or an explainer looks on.
+        r"""Runs a thread on the inputs of each taxel :math:`(B, N, F)`: on one topology if the data
+        has one, and as a PyG batch if the data is one or an explainer is attached.
 
         Args:
-            thread (torch.nn.Module): The thread.
+            thread (Thread): The thread.
             h (torch.Tensor): The inputs.
             x (torch.Tensor): Readings, whose form is that of the data.
             edge_index (torch.Tensor): Edges.
-            own (bool): Whether the edges are the thread's own, those of one sample, which no
-                explainer sees.
+            own (bool): Whether the edges are the thread's own, those of one sample, which
+                explainers do not mask.
         """
-        if edge_index is None:
-            raise ValueError("'edge_index' must be given (got None)")
         num_samples = h.size(0)
-        explained = any(m.explain for m in thread.modules() if isinstance(m, MessagePassing))
-        if x.dim() == 3 or own or (num_samples == 1 and not explained):
+        if x.dim() == 3 or own or (num_samples == 1 and not thread.explained):
             return thread(h, edge_index)
         return thread(h.flatten(0, 1), edge_index).unflatten(0, (num_samples, self.num_nodes))
 
-    def extra_text(self) -> str:
-        r"""Returns what :obj:`repr` tells beside the sizes."""
+    def extra_repr(self) -> str:
+        r"""Returns the sizes and inputs for :obj:`repr`."""
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""
-        return f"inputs={self.inputs}{joints}"
+        return f"{self.num_nodes}, {self.out_channels}, inputs={self.inputs}{joints}"
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, {self.extra_text()})"
+        return f"{type(self).__name__}({self.extra_repr()})"
+
+
+def make_encoder(
+    encoder: Union[str, Module], num_nodes: int, num_edges: Optional[int], width: int
+) -> Module:
+    r"""Returns an encoder of edge features.
+
+    Args:
+        encoder (str or torch.nn.Module): Its name, or the encoder itself.
+        num_nodes (int): Number of taxels :math:`N`.
+        num_edges (int, optional): Number of edges, for :obj:`"dense"`.
+        width (int): Features of each edge and, encoded, of each taxel.
+
+    Raises:
+        ValueError: If the name is unknown, or the number of edges is missing.
+    """
+    if isinstance(encoder, Module):
+        return encoder
+    if encoder == "message":
+        return EdgeMessageEncoder(width, width)
+    if encoder == "attention":
+        return EdgeAttentionEncoder(width, width)
+    if encoder != "dense":
+        raise ValueError(
+            f"'encoder' must be 'dense', 'message', 'attention' or a module (got {encoder!r})"
+        )
+    if num_edges is None:
+        raise ValueError("'num_edges' must be given for the dense encoder (got None)")
+    return EdgeFeatureEncoder(num_nodes, num_edges, width, width)
 
 
 def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
@@ -300,10 +320,14 @@ def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
     return values[0] if len(values) == 1 else torch.cat(values, dim=-1)
 
 
-def as_layout(layout: Union[TaxelLayout, str]) -> TaxelLayout:
-    r"""Returns a layout: itself, or the one of this name that comes with the package.
+def check_no_edges(inputs: Sequence[str]) -> None:
+    r"""Checks the inputs of a model without a graph.
 
     Args:
-        layout (TaxelLayout or str): The layout.
+        inputs (sequence of str): The inputs.
+
+    Raises:
+        ValueError: If one is on edges.
     """
-    return stock_layout(layout) if isinstance(layout, str) else layout
+    if "edge" in inputs:
+        raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {tuple(inputs)})")

@@ -14,10 +14,11 @@ class ChannelMaxPool(torch.nn.Module):
 
     Args:
         kernel_size (int): How many channels :math:`k` share one maximum.
+        dim (int): The dimension of the channels, the last if left out.
 
     Shapes:
-        - **input:** features :math:`(*, F)`
-        - **output:** features :math:`(*, F / k)`
+        - **input:** features :math:`(*, F)`, or with the channels :math:`F` at :obj:`dim`
+        - **output:** features :math:`(*, F / k)`, likewise
 
     Raises:
         ValueError: If :obj:`kernel_size` is below one or does not divide the channels.
@@ -27,11 +28,12 @@ class ChannelMaxPool(torch.nn.Module):
         tensor([[4., 3.]])
     """
 
-    def __init__(self, kernel_size: int) -> None:
+    def __init__(self, kernel_size: int, dim: int = -1) -> None:
         super().__init__()
         if kernel_size < 1:
             raise ValueError(f"'kernel_size' must be at least 1 (got {kernel_size})")
         self.kernel_size = kernel_size
+        self.dim = dim
 
     def forward(self, x: Tensor) -> Tensor:
         r"""Takes the maxima.
@@ -39,13 +41,17 @@ class ChannelMaxPool(torch.nn.Module):
         Args:
             x (torch.Tensor): Features.
         """
-        if x.size(-1) % self.kernel_size:
+        num_channels = x.size(self.dim)
+        if num_channels % self.kernel_size:
             raise ValueError(
-                f"'x' must have a multiple of {self.kernel_size} channels (got {x.size(-1)})"
+                f"'x' must have a multiple of {self.kernel_size} channels (got {num_channels})"
             )
         if self.kernel_size == 1:
             return x
-        return x.unflatten(-1, (-1, self.kernel_size)).amax(dim=-1)
+        dim = self.dim % x.dim()
+        size = (num_channels // self.kernel_size, self.kernel_size)
+        return x.unflatten(dim, size).amax(dim=dim + 1)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.kernel_size})"
+        dim = "" if self.dim == -1 else f", dim={self.dim}"
+        return f"{type(self).__name__}({self.kernel_size}{dim})"

@@ -17,7 +17,7 @@ WEIGHT = samples(NUM_EDGES, seed=3).exp()
 
 def thread(fast=True, dtype=torch.float):
     torch.manual_seed(0)
-    layer = GCNThread(3, (4, 8, 8), (1, 2, 4), fast)
+    layer = GCNThread(3, (4, 8, 8), (1, 2, 4), fast=fast)
     for conv in layer.convs:
         torch.nn.init.normal_(conv.bias)
     return layer.to(dtype)

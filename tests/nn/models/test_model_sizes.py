@@ -7,7 +7,6 @@ from torch_geometric_tactile.nn.models import (
     MTCNN,
     MTGCN,
     HandCNN,
-    SegmentedGCN,
     TactileFNN,
     TactileGCN,
 )
@@ -81,7 +80,7 @@ def test_tactile_gcn_paper_size(inputs, width, num_joints):
 )
 def test_mt_gcn_paper_size(threads, width, num_joints):
     with torch.device("meta"):
-        model = MTGCN(threads=threads, num_edges=1401, num_joints=num_joints)
+        model = MTGCN(inputs=threads, num_edges=1401, num_joints=num_joints)
     assert model.head.in_channels == width + num_joints
     assert {thread.out_channels for thread in model.threads.values()} == {7}
     expected = head(width + num_joints, 6)
@@ -136,12 +135,11 @@ def test_mt_cnn_paper_size(num_joints):
 @pytest.mark.parametrize("num_joints", [0, 16])
 @pytest.mark.parametrize("inputs", [(T,), (P,), (T, P)])
 @pytest.mark.parametrize(("segments", "number"), [(None, 1), ("digit", 5), ("patch", 22)])
-def test_segmented_gcn_paper_size(segments, number, inputs, num_joints):
+def test_tactile_gcn_of_segments_paper_size(segments, number, inputs, num_joints):
     # The head of one is that of all: small here, and counted below.
     small = {"head_widths": (2,), "head_pools": (1,)}
-    model = SegmentedGCN(LAYOUT, segments, inputs=inputs, num_joints=num_joints, **small)
+    model = TactileGCN(LAYOUT, 8, segments=segments, inputs=inputs, num_joints=num_joints, **small)
     width = sum(WIDTH[name] for name in inputs)
-    assert model.out_channels == 8
     assert model.thread.in_channels == width
     assert model.head.in_channels == 2688 + num_joints
     if segments is None:
@@ -154,8 +152,8 @@ def test_segmented_gcn_paper_size(segments, number, inputs, num_joints):
 
 
 @pytest.mark.parametrize("num_joints", [0, 16])
-def test_segmented_gcn_paper_head(num_joints):
-    model = SegmentedGCN(LAYOUT, "patch", num_joints=num_joints)
+def test_tactile_gcn_of_segments_paper_head(num_joints):
+    model = TactileGCN(LAYOUT, 8, segments="patch", num_joints=num_joints)
     assert num_parameters(model.head) == head(2688 + num_joints, 8)
     assert num_parameters(model) == head(2688 + num_joints, 8) + 22 * linear((3, 14), (14, 56))
 
@@ -165,6 +163,6 @@ def test_paper_models_run():
     edge_index = LAYOUT.edge_index("original")
     edge_attr, joint = torch.zeros(2, 1401, 4), torch.zeros(2, 16)
     assert MTGCN(num_edges=1401, num_joints=16)(x, edge_index, edge_attr, joint).shape == (2, 6)
-    model = SegmentedGCN(segments="patch", num_joints=16)
+    model = TactileGCN(out_channels=8, segments="patch", num_joints=16)
     assert model(x, edge_index, joint=joint).shape == (2, 8)
     assert HandCNN()(x).shape == (2, 6)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from small_models import LAYOUT, MODELS, inputs, samples, small_model
 
-from torch_geometric_tactile.nn.models import MTGCN, SegmentedGCN, TactileGCN
+from torch_geometric_tactile.nn.models import MTGCN, TactileGCN
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -51,7 +51,7 @@ def test_model_reset_encoder_of_the_user():
                 .index_add(-2, edge_index[1], self.lin(edge_attr))
             )
 
-    model = TactileGCN(11, 3, ("edge",), encoder=Encoder(), widths=(4,), pools=(1,))
+    model = TactileGCN(11, 3, inputs=("edge",), encoder=Encoder(), widths=(4,), pools=(1,))
     before = model.encoder.lin.weight.clone()
     model.reset_parameters()
     assert not torch.equal(model.encoder.lin.weight, before)
@@ -63,12 +63,9 @@ def test_mt_gcn_state_keys():
     threads = {"tactile": {"adjacency": "dense"}, "edge": {}}
     with torch.device("meta"):
         keys = list(MTGCN(num_edges=1401, num_joints=16).state_dict())
-    assert (
-        list(
-            MTGCN(384, threads=threads, num_edges=2, head_widths=(2,), head_pools=(1,)).state_dict()
-        )[:4]
-        == keys[:4]
-    )  # an adjacency is no state
+    small = {"head_widths": (2,), "head_pools": (1,)}
+    other = MTGCN("allegro_uskin", threads=threads, num_edges=2, **small)
+    assert list(other.state_dict())[:4] == keys[:4]  # an adjacency is no state
     convs = [
         f"threads.{thread}.convs.{i}.{key}"
         for thread in ("tactile", "edge")
@@ -86,10 +83,10 @@ def test_mt_gcn_state_keys():
     ]
 
 
-def test_segmented_gcn_state_keys():
+def test_tactile_gcn_state_keys():
     lins = [f"head.lins.{i}.{key}" for i in range(3) for key in ("weight", "bias")]
     head = [*lins, "head.lin_out.weight", "head.lin_out.bias"]
-    state = SegmentedGCN(segments="patch").state_dict()
+    state = TactileGCN(segments="patch").state_dict()
     convs = [f"thread.convs.{i}.{key}" for i in range(2) for key in ("weight", "bias")]
     assert list(state) == [*convs, *head]
     shapes = {key: tuple(state[key].shape) for key in convs}
@@ -100,4 +97,4 @@ def test_segmented_gcn_state_keys():
         "thread.convs.1.bias": (22, 56),
     }
     whole = [f"thread.convs.{i}.{key}" for i in range(5) for key in ("bias", "lin.weight")]
-    assert list(SegmentedGCN().state_dict()) == [*whole, *head]
+    assert list(TactileGCN(384).state_dict()) == [*whole, *head]

@@ -32,9 +32,14 @@ def model(request):
 
 
 def test_grasp_gcn_repr():
-    assert str(GraspGCN()) == "GraspGCN(24, 1, 64, 2, fusion='data', num_fingers=3)"
-    model = GraspGCN(19, 60, 32, fusion=None, finger=2)
-    assert str(model) == "GraspGCN(19, 60, 32, 2, fusion=None, num_fingers=3, finger=2)"
+    assert str(GraspGCN()) == (
+        "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
+    )
+    model = GraspGCN(19, 4, in_channels=60, fusion=None, finger=2, num_layers=2)
+    assert str(model) == (
+        "GraspGCN(19, 4, in_channels=60, hidden_channels=64, num_fingers=3, fusion=None, finger=2, "
+        "num_layers=2)"
+    )
 
 
 def test_grasp_gcn_parameter_counts():
@@ -43,7 +48,7 @@ def test_grasp_gcn_parameter_counts():
     assert num_parameters(GraspGCN(fusion=None, finger=0)) == 64 + 64 + fc
     assert num_parameters(GraspGCN(fusion="feature")) == 3 * (64 + 64) + 3 * 24 * 64 * 2 + 2
     # The paper's 19 electrodes with 60 frames of each finger.
-    paper = {"num_nodes": 19, "in_channels": 60}
+    paper = {"layout": 19, "in_channels": 60}
     assert num_parameters(GraspGCN(**paper)) == 180 * 64 + 64 + 19 * 64 * 2 + 2
     deep = GraspGCN(num_layers=2)
     assert num_parameters(deep) == 3 * 64 + 64 + 64 * 64 + 64 + fc
@@ -51,7 +56,7 @@ def test_grasp_gcn_parameter_counts():
 
 def test_grasp_gcn_by_hand():
     # Two joined electrodes share their mean; ReLU drops the negative sum of finger 1.
-    model = GraspGCN(2, 1, 1, 1, num_fingers=2, fusion="feature")
+    model = GraspGCN(2, 1, hidden_channels=1, num_fingers=2, fusion="feature")
     for parameter in model.parameters():
         torch.nn.init.constant_(parameter, 1.0)
     for thread in model.convs:
@@ -98,25 +103,29 @@ def test_grasp_gcn_shapes(model):
 def test_grasp_gcn_laws(model):
     assert_static_equals_batched(model, readings(5, 24, 3), EDGE_INDEX)
     weight = torch.rand(EDGE_INDEX.size(1), generator=torch.Generator().manual_seed(0))
-    assert_static_equals_batched(model, readings(5, 24, 3), EDGE_INDEX, weight)
+
+    def weighted(x, edge_index, edge_weight):
+        return model(x, edge_index, edge_weight=edge_weight)
+
+    assert_static_equals_batched(weighted, readings(5, 24, 3), EDGE_INDEX, weight)
 
 
 def test_grasp_gcn_edge_weight(model):
     x, weight = readings(5, 24, 3), torch.ones(EDGE_INDEX.size(1))
-    assert torch.allclose(model(x, EDGE_INDEX, weight), model(x, EDGE_INDEX), atol=1e-6)
+    assert torch.allclose(model(x, EDGE_INDEX, edge_weight=weight), model(x, EDGE_INDEX), atol=1e-6)
     without = model(x, EDGE_INDEX[:, :0])
-    assert torch.allclose(model(x, EDGE_INDEX, 0 * weight), without, atol=1e-6)
+    assert torch.allclose(model(x, EDGE_INDEX, edge_weight=0 * weight), without, atol=1e-6)
     assert not torch.allclose(without, model(x, EDGE_INDEX), atol=1e-3)
 
 
 def test_grasp_gcn_single_electrode():
-    model = GraspGCN(1, 1, 4, num_fingers=1)
+    model = GraspGCN(1, hidden_channels=4, num_fingers=1)
     assert model(readings(5, 1, 1), torch.empty(2, 0, dtype=torch.long)).shape == (5, 2)
 
 
 def test_grasp_gcn_paper_size():
     edge_index = KNNGraph(2)(Data(pos=biotac().pos)).edge_index
-    model = GraspGCN(19, 60, fusion="feature")
+    model = GraspGCN("biotac", in_channels=60, fusion="feature")
     assert model(readings(4, 19, 180), edge_index).shape == (4, 2)
 
 
@@ -189,7 +198,7 @@ def test_grasp_gcn_compile(model):
 
 @pytest.mark.parametrize(
     "name",
-    ["num_nodes", "in_channels", "hidden_channels", "out_channels", "num_fingers", "num_layers"],
+    ["in_channels", "hidden_channels", "out_channels", "num_fingers", "num_layers"],
 )
 def test_grasp_gcn_bad_size(name):
     with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
@@ -203,7 +212,7 @@ def test_grasp_gcn_bad_size(name):
         ({"fusion": None}, r"'finger' must be between 0 and 2 .* \(got None\)"),
         ({"fusion": None, "finger": 3}, r"'finger' must be between 0 and 2 .* \(got 3\)"),
         ({"fusion": None, "finger": -1}, r"'finger' must be between 0 and 2 .* \(got -1\)"),
-        ({"fusion": "data", "finger": 0}, r"'finger' must be None where .* \(got 0\)"),
+        ({"fusion": "data", "finger": 0}, r"'finger' must be None if .* \(got 0\)"),
     ],
 )
 def test_grasp_gcn_bad_fusion(arguments, match):
@@ -220,3 +229,14 @@ def test_grasp_gcn_bad_shape(size):
 def test_grasp_gcn_bad_number_of_nodes():
     with pytest.raises(ValueError, match=r"'x' must have 24 nodes \(got 48\)"):
         GraspGCN()(torch.zeros(5, 48, 3), EDGE_INDEX)
+
+
+def test_grasp_gcn_weights_are_no_edge_features():
+    weight = torch.ones(EDGE_INDEX.size(1))
+    with pytest.raises(ValueError, match=r"give weights of edges as 'edge_weight' \(got shape \("):
+        GraspGCN()(readings(5, 24, 3), EDGE_INDEX, weight)
+
+
+def test_grasp_gcn_needs_edges():
+    with pytest.raises(ValueError, match=r"'edge_index' must be given \(got None\)"):
+        GraspGCN()(readings(5, 24, 3))

@@ -106,23 +106,34 @@ def test_model_sees_edge_features(name):
 @pytest.mark.parametrize("name", GRAPH_MODELS)
 def test_model_fast_equals_slow(name, dtype):
     model = small_model(name, dtype)
-    slow = copy.deepcopy(model)
-    assert threads(slow)
-    for thread in threads(slow):
-        assert thread.fast
-        thread.fast = False
+    slow = small_model(name, dtype, fast=False)
+    assert [thread.fast for thread in threads(model)] == [True] * len(threads(model))
+    assert [thread.fast for thread in threads(slow)] == [False] * len(threads(model)) != []
     given = inputs(model, 10, dtype)
     rtol, atol = (1e-4, 1e-5) if dtype == torch.float else (1e-9, 1e-11)
     assert_close(gradients(model, given), gradients(slow, given), rtol, atol)
+
+
+@pytest.mark.parametrize("name", ["gcn", "mt_gcn", "patches"])
+def test_model_second_derivative(name):
+    def twice(model):
+        given = inputs(model, 9, torch.double)
+        x = given.pop("x").requires_grad_()
+        out = model(x, **given).square().sum()
+        (grad,) = torch.autograd.grad(out, x, create_graph=True)
+        grad.square().sum().backward()
+        return x.grad
+
+    assert twice(small_model(name, torch.double, fast=False)).abs().max() > 0
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        twice(small_model(name, torch.double))
 
 
 @pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
 @pytest.mark.parametrize("fast", [True, False])
 @pytest.mark.parametrize("name", GRAPH_MODELS)
 def test_model_trains_after_validation(name, fast, mode):
-    model = small_model(name, torch.double)
-    for thread in threads(model):
-        thread.fast = fast
+    model = small_model(name, torch.double, fast=fast)
     sizes = (10, 2, 1)
     expected = [gradients(model, inputs(model, size, torch.double)) for size in sizes]
     for first in sizes:
@@ -174,7 +185,7 @@ def test_model_autocast(name, batch_size):
 @pytest.mark.parametrize("form", [dict, block_diagonal])
 def test_model_without_readings(form):
     # The readings only tell how many samples there are.
-    model = TactileGCN(11, 3, ("position",), **NARROW, **HEAD)
+    model = TactileGCN(11, 3, inputs=("position",), **NARROW, **HEAD)
     given = inputs(model, 9)
     out = model(**form(given))
     assert torch.allclose(out, model(**form({**given, "x": given["x"] + 1})))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.nn.models import MTGCN, SegmentedGCN, TactileGCN
+from torch_geometric_tactile.nn.models import MTGCN, TactileGCN
 from torch_geometric_tactile.sensors import allegro_uskin, grid
 
 LAYOUT = grid(3, 4, pitch=0.004)
@@ -55,12 +55,12 @@ def test_onnx_mt_gcn(tmp_path):
     edge_index = LAYOUT.edge_index("original")
     num_edges = edge_index.size(1)
     threads = {"tactile": NARROW, "edge": NARROW}
-    model = MTGCN(12, 3, threads, num_edges, num_joints=2, **SMALL)
+    model = MTGCN(12, 3, threads=threads, num_edges=num_edges, num_joints=2, **SMALL)
     path = tmp_path / "model.onnx"
     assert_onnx_equals(model, path, edge_index, 12, edge_attr=(num_edges, 4), joint=(2,))
 
 
-def test_onnx_segmented_gcn(tmp_path):
+def test_onnx_tactile_gcn_of_segments(tmp_path):
     layout = allegro_uskin()
-    model = SegmentedGCN(layout, "patch", widths=(4, 8), pools=(1, 4), **SMALL)
+    model = TactileGCN(layout, segments="patch", widths=(4, 8), pools=(1, 4), **SMALL)
     assert_onnx_equals(model, tmp_path / "model.onnx", layout.edge_index("original"), 384)

@@ -6,7 +6,6 @@ from torch_geometric_tactile.nn.models import (
     MTCNN,
     MTGCN,
     HandCNN,
-    SegmentedGCN,
     TactileFNN,
     TactileGCN,
 )
@@ -43,26 +42,28 @@ def test_tactile_gcn_by_hand():
     check(TactileGCN(2, 1, **ONE, **HEAD), 22.0)
     check(TactileGCN(2, 1, num_joints=2, **ONE, **HEAD), 22.75, joint=JOINT)
     # The dense encoder gives each of 4 features of a taxel the sum of all edges, 7.
-    model = TactileGCN(2, 1, ("tactile", "edge"), 2, **ONE, **HEAD)
+    model = TactileGCN(2, 1, inputs=("tactile", "edge"), num_edges=2, **ONE, **HEAD)
     check(model, 22.0 + 2 * 4 * 7.0, edge_attr=EDGE_ATTR)
 
 
 def test_mt_gcn_by_hand():
-    model = MTGCN(2, 1, {"tactile": ONE, "absolute": ONE}, num_joints=2, **HEAD)
+    both = ("tactile", "absolute")
+    threads = {"tactile": ONE, "absolute": ONE}
+    model = MTGCN(2, 1, inputs=both, threads=threads, num_joints=2, **HEAD)
     check(model, 22.0 + 4.0 + 0.75, joint=JOINT, absolute=ABSOLUTE)
     # One way, from 0 to 1: degrees 1 and 2.
     own = {"adjacency": [[0], [1]], **ONE}
-    model = MTGCN(2, 1, {"tactile": ONE, "absolute": own}, **HEAD)
+    model = MTGCN(2, 1, inputs=both, threads={**threads, "absolute": own}, **HEAD)
     check(model, 22.0 + 1.0 + 3.0 / 2 + 1.0 / 2**0.5, absolute=ABSOLUTE)
 
 
 @pytest.mark.parametrize("segments", ["digit", "patch", None])
-def test_segmented_gcn_by_hand(segments):
+def test_tactile_gcn_of_segments_by_hand(segments):
     layout = TaxelLayout(
         "two", torch.zeros(2, 3), patch=torch.tensor([0, 1]), patch_names=("a", "b"), adjacency={}
     )
     # Taxels that are alone keep their sums, which makes no difference for the total of a mean.
-    weighted = SegmentedGCN(layout, segments, 1, num_joints=2, **ONE, **HEAD)
+    weighted = TactileGCN(layout, 1, segments=segments, num_joints=2, **ONE, **HEAD)
     check(weighted, 22.75, joint=JOINT)
     features = weighted.node_features(X, PAIR)
     expected = [[6.0], [16.0]] if segments == "patch" else [[11.0], [11.0]]
@@ -70,7 +71,7 @@ def test_segmented_gcn_by_hand(segments):
 
 
 def test_tactile_fnn_by_hand():
-    model = TactileFNN(2, 1, ("tactile", "absolute"), 2, **ONE)
+    model = TactileFNN(2, 1, inputs=("tactile", "absolute"), num_joints=2, **ONE)
     check(model, 22.0 + 4.0 + 0.75, joint=JOINT, absolute=ABSOLUTE)
 
 
@@ -78,7 +79,7 @@ def test_hand_cnn_by_hand():
     # Both taxels see both of one row.
     layout = grid(1, 2, pitch=0.01)
     check(HandCNN(layout, 1, num_joints=2, **ONE, **HEAD), 44.75, joint=JOINT)
-    model = MTCNN(layout, 1, {"tactile": ONE, "absolute": ONE}, **HEAD)
+    model = MTCNN(layout, 1, threads={"tactile": ONE, "absolute": ONE}, **HEAD)
     check(model, 44.0 + 8.0, absolute=ABSOLUTE)
 
 
@@ -88,10 +89,10 @@ def test_hand_cnn_by_hand():
         ("gcn", f"TactileGCN(11, 3, inputs={ALL}, num_joints=2)"),
         ("mt_gcn", "MTGCN(11, 3, inputs=('tactile', 'edge'), num_joints=2)"),
         ("mt_gcn_adjacency", "MTGCN(11, 3, inputs=('absolute', 'tactile'))"),
-        ("whole", "SegmentedGCN(11, 3, segments=None, inputs=('tactile',))"),
+        ("whole", "TactileGCN(11, 3, inputs=('tactile',))"),
         (
             "patches",
-            "SegmentedGCN(11, 3, segments='patch', inputs=('tactile', 'edge'), num_joints=2)",
+            "TactileGCN(11, 3, inputs=('tactile', 'edge'), num_joints=2, segments='patch')",
         ),
         ("fnn", "TactileFNN(11, 3, inputs=('tactile', 'absolute'), num_joints=2)"),
         ("cnn", "HandCNN(11, 3, inputs=('tactile', 'position'), num_joints=2)"),

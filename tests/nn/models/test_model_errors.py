@@ -18,12 +18,12 @@ from torch_geometric_tactile.nn.models import (
     MTCNN,
     MTGCN,
     HandCNN,
-    SegmentedGCN,
     TactileFNN,
     TactileGCN,
 )
 from torch_geometric_tactile.sensors import biotac_sp
 
+T = ("tactile",)
 FORMS = {"static": dict, "batch": block_diagonal}
 
 
@@ -41,7 +41,13 @@ def test_model_missing_input(name, form):
 def test_model_missing_edges(name):
     model = small_model(name)
     if name == "mt_gcn_adjacency":
-        model = MTGCN(11, 3, {"tactile": {"adjacency": EDGE_INDEX}, "absolute": NARROW}, **HEAD)
+        model = MTGCN(
+            11,
+            3,
+            inputs=("tactile", "absolute"),
+            threads={"tactile": {"adjacency": EDGE_INDEX}, "absolute": NARROW},
+            **HEAD,
+        )
     encoded = isinstance(getattr(model.encoder, "lin", None), torch.nn.Linear)
     if model.encoder is None or encoded:
         with pytest.raises(ValueError, match=r"'edge_index' must be given \(got None\)"):
@@ -113,7 +119,7 @@ def test_model_wrong_edges(name):
         (lambda: TactileGCN(inputs=()), r"'inputs' must be some of .* \(got \(\)\)"),
         (lambda: TactileGCN(inputs=("tactile", "tactile")), r"'inputs' must be some of"),
         (lambda: TactileGCN(channels={"touch": 3}), r"'inputs' must be some of"),
-        (lambda: TactileGCN(0), r"'num_nodes' must be at least 1 \(got 0\)"),
+        (lambda: TactileGCN(0), r"'layout' must have at least 1 taxel \(got 0\)"),
         (lambda: TactileGCN(1, 0), r"'out_channels' must be at least 1 \(got 0\)"),
         (lambda: TactileGCN(num_joints=-1), r"'num_joints' must not be negative \(got -1\)"),
         (lambda: TactileGCN(inputs=("edge",)), r"'num_edges' must be given .* \(got None\)"),
@@ -123,24 +129,35 @@ def test_model_wrong_edges(name):
         ),
         (lambda: TactileGCN(pools=(1, 1, 2, 4, 15)), r"'pools' must divide 'widths' \(got 15 for"),
         (lambda: TactileGCN(head_widths=(8,)), r"'pools' must have a size for each of 1 widths"),
-        (lambda: MTGCN(threads={"touch": {}}), r"'inputs' must be some of"),
-        (lambda: MTGCN(threads={}), r"'inputs' must be some of .* \(got \(\)\)"),
+        (lambda: MTGCN(inputs=("touch",)), r"'inputs' must be some of"),
+        (lambda: MTGCN(inputs=()), r"'inputs' must be some of .* \(got \(\)\)"),
+        (
+            lambda: MTGCN(threads={"absolute": {}}),
+            r"'threads' must be of the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
+        ),
+        (
+            lambda: MTCNN(threads={"edge": {}}),
+            r"'threads' must be of the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
+        ),
         (
             lambda: MTGCN(threads={"tactile": {"width": 3}}),
             r"a thread must have some of \['widths', 'pools', 'adjacency'\] \(got 'width' in 'ta",
         ),
-        (lambda: MTGCN(threads={"tactile": {"widths": (4,)}}), r"'pools' must have a size for"),
+        (
+            lambda: MTGCN(inputs=T, threads={"tactile": {"widths": (4,)}}),
+            r"'pools' must have a size for",
+        ),
         (lambda: MTGCN(), r"'num_edges' must be given"),
         (
-            lambda: MTGCN(threads={"tactile": {"adjacency": "denser"}}),
+            lambda: MTGCN(inputs=T, threads={"tactile": {"adjacency": "denser"}}),
             r"'name' must be an adjacency of layout 'allegro_uskin': .* \(got 'denser'\)",
         ),
         (
-            lambda: MTGCN(5, threads={"tactile": {"adjacency": EDGE_INDEX}}),
+            lambda: MTGCN(5, inputs=T, threads={"tactile": {"adjacency": EDGE_INDEX}}),
             r"the adjacency of 'tactile' must join taxels 0 to 4 \(got 0 to 10\)",
         ),
         (
-            lambda: MTGCN(11, threads={"tactile": {"adjacency": [[0, 1]]}}),
+            lambda: MTGCN(11, inputs=T, threads={"tactile": {"adjacency": [[0, 1]]}}),
             r"the adjacency of 'tactile' must have shape \(2, num_edges\) \(got \(1, 2\)\)",
         ),
         (
@@ -148,13 +165,23 @@ def test_model_wrong_edges(name):
             r"a thread must have some of \['widths', 'pools'\] \(got 'adjacency' in 'tactile'\)",
         ),
         (
-            lambda: SegmentedGCN(LAYOUT, "finger"),
+            lambda: TactileGCN(LAYOUT, segments="finger"),
             r"'segments' must be 'digit', 'patch' or None \(got 'finger'\)",
         ),
-        (lambda: SegmentedGCN("allegro"), r"'name' must be one of .* \(got 'allegro'\)"),
+        (lambda: TactileGCN("allegro"), r"'name' must be one of .* \(got 'allegro'\)"),
         (lambda: TactileFNN(inputs=("edge",)), r"'inputs' must not have 'edge': there is no graph"),
         (lambda: HandCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
-        (lambda: MTCNN(LAYOUT, threads=("edge",)), r"'inputs' must not have 'edge'"),
+        (lambda: MTCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
+        (
+            lambda: TactileGCN(384, segments="patch"),
+            r"'layout' must be a layout, .* for segments='patch' \(got the number of taxels 384\)",
+        ),
+        (
+            lambda: MTGCN(384, inputs=T, threads={"tactile": {"adjacency": "sparse"}}),
+            r"'layout' must be .* for an adjacency by name \(got the number of taxels 384\)",
+        ),
+        (lambda: HandCNN(384), r"'layout' must be .* for its image map \(got the number of ta"),
+        (lambda: MTCNN(384), r"'layout' must be .* for its image map \(got the number of taxels"),
         (
             lambda: HandCNN(biotac_sp()),
             r"'layout' must have an image_map \(got none in 'biotac_sp'\)",

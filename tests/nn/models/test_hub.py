@@ -12,7 +12,6 @@ from torch_geometric_tactile.nn.models import (
     MTGCN,
     GraspGCN,
     HandCNN,
-    SegmentedGCN,
     TactileFNN,
     TactileGCN,
 )
@@ -23,23 +22,26 @@ EDGE_INDEX = LAYOUT.edge_index("original")
 SMALL = {"head_widths": (6,), "head_pools": (2,)}
 NARROW = {"widths": [4, 8], "pools": [1, 2]}
 MODELS = {
-    "gcn": lambda: TactileGCN(6, 3, ["tactile", "edge"], 14, 2, **NARROW, **SMALL),
+    "gcn": lambda: TactileGCN(
+        6, 3, inputs=["tactile", "edge"], num_edges=14, num_joints=2, **NARROW, **SMALL
+    ),
     # The keys are not in alphabetical order, which a sorted file would lose.
     "mtgcn": lambda: MTGCN(
         6,
         3,
-        {"tactile": NARROW, "edge": {"adjacency": EDGE_INDEX, **NARROW}, "absolute": None},
+        inputs=["tactile", "edge", "absolute"],
+        threads={"tactile": NARROW, "edge": {"adjacency": EDGE_INDEX, **NARROW}, "absolute": None},
         encoder="message",
         **SMALL,
     ),
     "named_adjacency": lambda: MTGCN(
-        6, threads={"tactile": {"adjacency": "dense"}}, layout=LAYOUT, **SMALL
+        LAYOUT, inputs=["tactile"], threads={"tactile": {"adjacency": "dense"}}, **SMALL
     ),
-    "segmented": lambda: SegmentedGCN(LAYOUT, "patch", channels={"tactile": 1}, **SMALL),
+    "segmented": lambda: TactileGCN(LAYOUT, segments="patch", channels={"tactile": 1}, **SMALL),
     "fnn": lambda: TactileFNN(6, inputs=("position",), widths=(8,), pools=(2,)),
     "cnn": lambda: HandCNN(LAYOUT, **NARROW, **SMALL),
     "mtcnn": lambda: MTCNN(LAYOUT, threads={"tactile": NARROW, "absolute": {}}, **SMALL),
-    "grasp": lambda: GraspGCN(6, 1, 4, fusion=None, finger=2, dropout=0.5),
+    "grasp": lambda: GraspGCN(6, hidden_channels=4, fusion=None, finger=2, dropout=0.5),
 }
 
 
@@ -78,8 +80,9 @@ def test_hub_files(hub, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"README.md", "config.json", "model.pth"}
     config = json.loads((tmp_path / "config.json").read_text())
     assert config == {
-        "num_nodes": 6,
+        "layout": 6,
         "out_channels": 3,
+        "inputs": ["tactile", "edge", "absolute"],
         "threads": {
             "tactile": NARROW,
             "edge": {"adjacency": EDGE_INDEX.tolist(), **NARROW},
@@ -91,7 +94,7 @@ def test_hub_files(hub, tmp_path):
         "head_pools": [2],
         "encoder": "message",
         "channels": None,
-        "layout": "allegro_uskin",
+        "fast": True,
     }
     assert list(config["threads"]) == ["tactile", "edge", "absolute"]
     weights = torch.load(tmp_path / "model.pth", weights_only=True)
@@ -100,13 +103,13 @@ def test_hub_files(hub, tmp_path):
 
 
 def test_hub_layout(hub, tmp_path):
-    SegmentedGCN(LAYOUT, "patch").save_pretrained(tmp_path)
+    TactileGCN(LAYOUT, segments="patch").save_pretrained(tmp_path)
     config = json.loads((tmp_path / "config.json").read_text())
     assert config["layout"] == LAYOUT.to_dict()
 
 
 def test_hub_arguments_on_loading(hub, tmp_path):
-    model = GraspGCN(6, 1, 4)
+    model = GraspGCN(6, hidden_channels=4)
     model.save_pretrained(tmp_path)
     again = GraspGCN.from_pretrained(tmp_path, dropout=0.25, map_location="cpu")
     assert again.dropout.p == 0.25
@@ -115,7 +118,7 @@ def test_hub_arguments_on_loading(hub, tmp_path):
 
 
 def test_hub_strict(hub, tmp_path):
-    model = GraspGCN(6, 1, 4)
+    model = GraspGCN(6, hidden_channels=4)
     model.save_pretrained(tmp_path)
     torch.save({"lin.bias": torch.zeros(2)}, tmp_path / "model.pth")
     with pytest.raises(RuntimeError, match="Missing key"):
@@ -123,7 +126,7 @@ def test_hub_strict(hub, tmp_path):
 
 
 def test_hub_loads_weights_only(hub, tmp_path):
-    GraspGCN(6, 1, 4).save_pretrained(tmp_path)
+    GraspGCN(6, hidden_channels=4).save_pretrained(tmp_path)
     torch.save({"lin": Linear(1, 1)}, tmp_path / "model.pth")
     with pytest.raises(Exception, match="weights_only"):
         GraspGCN.from_pretrained(tmp_path)
@@ -131,7 +134,7 @@ def test_hub_loads_weights_only(hub, tmp_path):
 
 def test_hub_module_must_be_given_again(hub, tmp_path):
     encoder = EdgePatchEncoder([0, 0, 0, 1, 1, 1])
-    model = TactileGCN(6, 3, ("tactile", "edge"), encoder=encoder, **NARROW, **SMALL).eval()
+    model = TactileGCN(6, 3, inputs=("tactile", "edge"), encoder=encoder, **NARROW, **SMALL).eval()
     model.save_pretrained(tmp_path)
     with pytest.raises(ValueError, match=r"'encoder' must be .* \(got .*EdgePatchEncoder"):
         TactileGCN.from_pretrained(tmp_path)
@@ -145,7 +148,7 @@ def test_hub_keeps_subclasses(hub, tmp_path):
             super().__init__(*args, **kwargs)
             self.scale = scale
 
-    model = Wide(num_nodes=6, scale=3, **NARROW, **SMALL)
+    model = Wide(layout=6, scale=3, **NARROW, **SMALL)
     model.save_pretrained(tmp_path)
     again = Wide.from_pretrained(tmp_path)
     assert (again.scale, again.num_nodes, again.thread.widths) == (3, 6, (4, 8))
@@ -172,6 +175,45 @@ def test_hub_empty_folder(hub, tmp_path):
 
 def test_hub_missing(monkeypatch, tmp_path):
     monkeypatch.setattr(model_hub, "hf_hub_download", None)
-    for call in (GraspGCN(6, 1, 4).save_pretrained, GraspGCN.from_pretrained):
+    for call in (GraspGCN(6, hidden_channels=4).save_pretrained, GraspGCN.from_pretrained):
         with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[hub\]"'):
             call(tmp_path)
+
+
+def test_hub_folder_of_an_older_version(hub, tmp_path):
+    # `huggingface_hub` itself would leave out what it does not know, and make another model.
+    MODELS["gcn"]().save_pretrained(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    config["num_nodes"] = config.pop("layout")
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(ValueError, match=r"TactileGCN has no argument 'num_nodes', only \[.*older"):
+        TactileGCN.from_pretrained(tmp_path)
+    MODELS["gcn"]().save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match=r"TactileGCN has no argument 'depth', only \["):
+        TactileGCN.from_pretrained(tmp_path, depth=3)
+
+
+def test_hub_unknown_argument_of_a_subclass(hub, tmp_path):
+    class Wide(TactileGCN):
+        def __init__(self, *args, scale=2, **kwargs):
+            super().__init__(*args, **kwargs)
+
+    Wide(layout=6, **NARROW, **SMALL).save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match=r"Wide has no argument 'num_nodes', only \[.*'scale'"):
+        Wide.from_pretrained(tmp_path, num_nodes=6)
+
+
+def test_hub_layout_file(hub, tmp_path):
+    # The file is of this machine only: its contents are saved.
+    for path in (tmp_path / "own.json", str(tmp_path / "own.json")):
+        LAYOUT.save(path)
+        model = TactileGCN(path, segments="patch", **SMALL).eval()
+        (tmp_path / "own.json").unlink()
+        model.save_pretrained(tmp_path / "model")
+        again = TactileGCN.from_pretrained(tmp_path / "model")
+        assert torch.equal(output(again), output(model))
+
+
+def test_hub_layout_name(hub, tmp_path):
+    TactileGCN("biotac_sp", **SMALL).save_pretrained(tmp_path)
+    assert json.loads((tmp_path / "config.json").read_text())["layout"] == "biotac_sp"

@@ -1,0 +1,75 @@
+r"""Convolutions in a row, on a map of the hand."""
+
+from collections.abc import Sequence
+
+from torch import Tensor
+from torch.nn import Conv2d
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
+
+
+class CNNThread(Thread):
+    r"""Convolutions on the map of a hand, with the widths and pools of a
+    :class:`~torch_geometric_tactile.nn.models.GCNThread`: each is 3 x 3 with zeros around the map,
+    followed by the maximum over neighbouring channels and ReLU. Cells without a taxel are zero in
+    the input; what the convolutions write there is not part of the output.
+
+    Args:
+        in_channels (int): Features of each taxel.
+        image_map (torch.Tensor): Row and column of each taxel :math:`(N, 2)`.
+        widths (sequence of int): Width of each convolution.
+        pools (sequence of int): How many channels share one maximum, after each convolution.
+
+    Shapes:
+        - **input:** features :math:`(B, N, F)`
+        - **output:** features :math:`(B, N, F')`
+
+    Raises:
+        ValueError: If widths and pools do not fit each other, or :obj:`x` has other taxels or
+            channels.
+    """
+
+    cell: Tensor
+
+    def __init__(
+        self,
+        in_channels: int,
+        image_map: Tensor,
+        widths: Sequence[int] = WIDTHS,
+        pools: Sequence[int] = POOLS,
+    ) -> None:
+        super().__init__(in_channels, widths, pools, _conv, pool_dim=1)
+        self.size = tuple((image_map.amax(dim=0) + 1).tolist())
+        cell = image_map[:, 0] * self.size[1] + image_map[:, 1]
+        self.register_buffer("cell", cell, persistent=False)
+
+    def forward(
+        self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
+    ) -> Tensor:
+        r"""Convolves the features of the taxels.
+
+        Args:
+            x (torch.Tensor): Features.
+            edge_index (torch.Tensor, optional): Not used: the map says which taxels are neighbours.
+            edge_weight (torch.Tensor, optional): Not used.
+        """
+        if x.dim() != 3 or x.size(1) != len(self.cell) or x.size(2) != self.in_channels:
+            raise ValueError(
+                f"'x' must have shape (batch_size, {len(self.cell)}, {self.in_channels}) "
+                f"(got {tuple(x.shape)})"
+            )
+        rows, columns = self.size
+        image = x.new_zeros(x.size(0), x.size(2), rows * columns)
+        image = image.index_copy(2, self.cell, x.transpose(1, 2)).unflatten(2, (rows, columns))
+        for conv, pool in self.layers():
+            image = pool(conv(image)).relu()
+        return image.flatten(2)[:, :, self.cell].transpose(1, 2)
+
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
+        return f"{super().extra_repr()}, size={self.size}"
+
+
+def _conv(in_channels: int, out_channels: int) -> Conv2d:
+    return Conv2d(in_channels, out_channels, 3, padding="same")

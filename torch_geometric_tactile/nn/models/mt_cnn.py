@@ -1,0 +1,77 @@
+r"""A thread of convolutions on a map of the hand for each input."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Optional
+
+from torch import Tensor
+from torch.nn import ModuleDict
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
+from torch_geometric_tactile.nn.models.hand_cnn import checked_map
+from torch_geometric_tactile.nn.models.mt_gcn import thread_settings
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
+
+
+class MTCNN(TactileModel):
+    r"""The MT-CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
+    and Multi-Thread Graph Convolutional Network" paper: a thread of convolutions on the map of the
+    hand for each input, with the widths of :class:`~torch_geometric_tactile.nn.models.MTGCN`, whose
+    features are concatenated before the fully connected layers.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
+            a layout file; it must have an :obj:`image_map`.
+        out_channels (int): Number of labels or classes :math:`C`.
+        inputs (sequence of str): Some of :obj:`"tactile"`, :obj:`"absolute"` and
+            :obj:`"position"`; each gets a thread, in this order.
+        threads (dict, optional): The settings of a thread by input, :obj:`widths` and :obj:`pools`,
+            if not the paper's.
+        num_joints (int): Number of joint angles; 16 for an Allegro hand, 0 for none.
+        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
+        head_widths (sequence of int): Width of each fully connected layer.
+        head_pools (sequence of int): How many channels share one maximum, after each of them.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`; further inputs as in
+          :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If the layout has no map, or an input is unknown, missing or of another shape.
+
+    Examples:
+        >>> MTCNN().head.in_channels
+        5376
+    """
+
+    def __init__(
+        self,
+        layout: LayoutLike = "allegro_uskin",
+        out_channels: int = 6,
+        *,
+        inputs: Sequence[str] = ("tactile", "absolute"),
+        threads: Optional[Mapping[str, Any]] = None,
+        num_joints: int = 0,
+        channels: Optional[Mapping[str, int]] = None,
+        head_widths: Sequence[int] = (1536, 384, 96),
+        head_pools: Sequence[int] = (2, 2, 2),
+    ) -> None:
+        settings = thread_settings(inputs, threads, ("widths", "pools"))
+        layout = load_layout(layout, "its image map")
+        super().__init__(
+            layout, out_channels, inputs=inputs, num_joints=num_joints, channels=channels
+        )
+        image_map = checked_map(layout, self.inputs)
+        self.threads, width = ModuleDict(), 0
+        for name, own in settings.items():
+            thread = CNNThread(self.channels[name], image_map, own["widths"], own["pools"])
+            self.threads[name] = thread
+            width += thread.out_channels
+        self.add_head(width, head_widths, head_pools)
+
+    def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
+        r"""Returns the features of each taxel before the fully connected layers."""
+        return side_by_side({name: self.threads[name](part) for name, part in parts.items()})

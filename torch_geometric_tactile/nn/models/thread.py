@@ -1,0 +1,116 @@
+r"""What all threads share: convolutions in a row, with the maximum over channels between them."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from torch import Tensor
+from torch.nn import Module, ModuleList
+from torch_geometric.nn import MessagePassing
+from torch_geometric.nn.inits import reset
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.pool import ChannelMaxPool
+
+# The thread of the paper for readings.
+WIDTHS = (14, 28, 56, 112, 112)
+POOLS = (1, 1, 2, 4, 16)
+
+
+class Thread(Module):
+    r"""The base class of threads: each layer is a convolution, a
+    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
+
+    A subclass says how a convolution is made and defines :meth:`forward`.
+
+    Args:
+        in_channels (int): Features of each taxel.
+        widths (sequence of int): Width of each convolution.
+        pools (sequence of int): How many channels share one maximum, after each convolution.
+        conv (callable): Makes a convolution of its input and output width.
+        pool_dim (int): The dimension of the channels in the output of a convolution.
+        fast (bool): Whether to use the operations of
+            :mod:`torch_geometric_tactile.nn.functional` where they apply: for many samples on one
+            topology, on a processor. They give the same numbers, but have no second derivative.
+
+    Raises:
+        ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
+            divide its width, or a size is below one.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        widths: Sequence[int],
+        pools: Sequence[int],
+        conv: Callable[[int, int], Module],
+        *,
+        pool_dim: int = -1,
+        fast: bool = True,
+    ) -> None:
+        super().__init__()
+        self.in_channels = in_channels
+        self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)
+        self.out_channels = sizes[-1]
+        self.fast = fast
+        self.convs = ModuleList(map(conv, sizes, self.widths))
+        self.pools = ModuleList(ChannelMaxPool(pool, pool_dim) for pool in self.pool_sizes)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        reset(self.convs)
+
+    def layers(self) -> list[tuple[Any, ChannelMaxPool]]:
+        r"""Returns the convolutions, each with the pooling after it."""
+        return list(zip(self.convs, self.pools, strict=True))  # type: ignore[arg-type]
+
+    @property
+    def explained(self) -> bool:
+        r"""Whether an explainer is attached, which needs messages edge by edge."""
+        return any(isinstance(conv, MessagePassing) and conv.explain for conv in self.convs)
+
+    def forward(
+        self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
+    ) -> Tensor:
+        r"""Convolves the features of the taxels.
+
+        Args:
+            x (torch.Tensor): Features.
+            edge_index (torch.Tensor, optional): Edges, for graph convolutions.
+            edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
+        """
+        raise NotImplementedError
+
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
+        return f"{self.in_channels}, widths={self.widths}, pools={self.pool_sizes}"
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.extra_repr()})"
+
+
+def checked_widths(
+    in_channels: int, widths: Sequence[int], pools: Sequence[int]
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    r"""Returns widths and pools of layers, which must fit each other, and the width before each
+    layer and after the last.
+
+    Args:
+        in_channels (int): Width of the input.
+        widths (sequence of int): Width of each layer.
+        pools (sequence of int): How many channels share one maximum, after each layer.
+
+    Raises:
+        ValueError: If they do not fit.
+    """
+    widths, pools = tuple(widths), tuple(pools)
+    if in_channels < 1:
+        raise ValueError(f"'in_channels' must be at least 1 (got {in_channels})")
+    if not widths or min(widths) < 1:
+        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
+    if len(pools) != len(widths):
+        raise ValueError(f"'pools' must have a size for each of {len(widths)} widths (got {pools})")
+    for width, pool in zip(widths, pools, strict=True):
+        if pool < 1 or width % pool:
+            raise ValueError(f"'pools' must divide 'widths' (got {pool} for {width})")
+    sizes = (in_channels, *(width // pool for width, pool in zip(widths, pools, strict=True)))
+    return widths, pools, sizes

@@ -1,0 +1,134 @@
+r"""Several layouts as one: a hand of its fingers."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.sensors.layout import TaxelLayout
+
+
+def join_arguments(
+    layouts: Sequence["TaxelLayout"],
+    names: Sequence[str],
+    links: Sequence[str] | None,
+    pose: Tensor | None,
+) -> dict[str, Any]:
+    r"""Returns the arguments of the joined layout, except its name.
+
+    Args:
+        layouts (sequence of TaxelLayout): As of :meth:`TaxelLayout.join`.
+        names (sequence of str): Likewise.
+        links (sequence of str, optional): Likewise.
+        pose (torch.Tensor, optional): Likewise.
+
+    Raises:
+        ValueError: If they do not fit together.
+    """
+    count = len(layouts)
+    for key, values in (("names", names), ("links", links)):
+        if values is not None and len(values) != count:
+            raise ValueError(f"'{key}' must be {count}, one for each layout (got {len(values)})")
+    if len(set(names)) < count:
+        raise ValueError(f"'names' must differ from one another (got {list(names)})")
+    pos, normal = zip(*_placed(layouts, pose), strict=True)
+    have_normals = all(layout.normal is not None for layout in layouts)
+    arguments: dict[str, Any] = {
+        "pos": torch.cat(pos),
+        "normal": torch.cat(normal) if have_normals else None,
+        "adjacency": _adjacency(layouts),
+        "image_map": _image_map(layouts),
+        "source": "; ".join(dict.fromkeys(one.source for one in layouts if one.source)),
+    }
+    for key in ("patch", "digit"):
+        arguments |= _numbered(key, layouts, names)
+    return arguments | _links(layouts, names, links)
+
+
+def _placed(
+    layouts: Sequence["TaxelLayout"], pose: Tensor | None
+) -> Iterator[tuple[Tensor, Tensor]]:
+    poses = _checked_pose(pose, len(layouts))
+    for layout, turn, shift in zip(layouts, poses[:, :3, :3], poses[:, :3, 3], strict=True):
+        normal = torch.zeros_like(layout.pos) if layout.normal is None else layout.normal
+        if pose is None:
+            yield layout.pos, normal
+        else:
+            yield (
+                (layout.pos.double() @ turn.t() + shift).float(),
+                (normal.double() @ turn.t()).float(),
+            )
+
+
+def _checked_pose(pose: Tensor | None, count: int) -> Tensor:
+    eye = torch.eye(3, dtype=torch.double)
+    if pose is None:
+        return torch.eye(4, dtype=torch.double).expand(count, 4, 4)
+    pose = torch.as_tensor(pose, dtype=torch.double)
+    if pose.shape != (count, 4, 4):
+        raise ValueError(f"'pose' must have shape ({count}, 4, 4) (got {tuple(pose.shape)})")
+    turn = pose[:, :3, :3]
+    is_rigid = torch.allclose(turn @ turn.mT, eye.expand_as(turn), atol=1e-4)
+    last = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.double)
+    if not is_rigid or not pose[:, 3].equal(last.expand(count, 4)) or (turn.det() < 0).any():
+        raise ValueError(
+            "'pose' must hold rigid transforms: a rotation, a translation in metres and the last "
+            "row 0, 0, 0, 1"
+        )
+    return pose
+
+
+def _adjacency(layouts: Sequence["TaxelLayout"]) -> dict[str, Tensor]:
+    common = [key for key in layouts[0].adjacency if all(key in one.adjacency for one in layouts)]
+    sizes = torch.tensor([len(layout) for layout in layouts])
+    firsts = (sizes.cumsum(0) - sizes).tolist()
+    return {
+        key: torch.cat(
+            [one.edge_index(key) + first for one, first in zip(layouts, firsts, strict=True)], dim=1
+        )
+        for key in common
+    }
+
+
+def _numbered(
+    key: str, layouts: Sequence["TaxelLayout"], names: Sequence[str]
+) -> dict[str, Tensor | tuple[str, ...]]:
+    # A part with one digit gives it its name, one with several puts its name before theirs.
+    joined: list[str] = []
+    numbers = []
+    for layout, name in zip(layouts, names, strict=True):
+        inner = getattr(layout, f"{key}_names")
+        numbers.append(getattr(layout, key) + len(joined))
+        joined += [name] if len(inner) == 1 else [f"{name}_{one}" for one in inner]
+    return {key: torch.cat(numbers), f"{key}_names": tuple(joined)}
+
+
+def _links(
+    layouts: Sequence["TaxelLayout"], names: Sequence[str], links: Sequence[str] | None
+) -> dict[str, Tensor | tuple[str, ...]]:
+    if links is None:
+        return _numbered("link", layouts, names)
+    for layout, name in zip(layouts, names, strict=True):
+        if len(layout.link_names) > 1:
+            raise ValueError(
+                f"'links' must be None where a layout has several links (got '{name}' with "
+                f"{', '.join(layout.link_names)})"
+            )
+    found = tuple(dict.fromkeys(links))
+    numbers = [
+        torch.full((len(layout),), found.index(link))
+        for layout, link in zip(layouts, links, strict=True)
+    ]
+    return {"link": torch.cat(numbers), "link_names": found}
+
+
+def _image_map(layouts: Sequence["TaxelLayout"]) -> Tensor | None:
+    maps, column = [], 0
+    for layout in layouts:
+        if layout.image_map is None:
+            return None
+        maps.append(layout.image_map + torch.tensor([0, column]))
+        column += int(layout.image_map[:, 1].max()) + 1
+    return torch.cat(maps)
