@@ -78,7 +78,7 @@ def test_failed_run_is_no_result(grasps, tmp_path, trained):
     run = run_table("p2-table2", grasps, tmp_path, QUICK, ["x_*"])
     assert run.failed == {"x_pos, by trial, seed 0": "ValueError: it must not"}
     assert (len(run.results), run.missing) == (5, 13)
-    assert not [name for name in files(tmp_path) if name.startswith("x_pos_")]
+    assert not [name for name in files(tmp_path) if name.startswith("x_pos_by-trial")]
     run_table("p2-table2", grasps, tmp_path, QUICK, ["x_*"])
     assert trained[6:] == ["x_pos by trial 0"]  # tried again
 

@@ -113,9 +113,16 @@ def make_plan(
     base = table.data.with_arguments(data or {}, selection)
     sources = _Sources()
     resolved, facts = sources.resolve(base)
+    models = {cell.experiment: _model(cell, settings, table) for cell in table.cells}
     drafts = {
-        (cell.experiment, protocol.name): _draft(
-            cell, protocol, settings, sources.resolve(base, cell.data, protocol.data)[0], table
+        (cell.experiment, protocol.name): Experiment(
+            name=cell.experiment,
+            data=sources.resolve(base, cell.data, protocol.data)[0],
+            protocol=protocol.protocol,
+            protocol_name=protocol.name,
+            accelerator=settings.accelerator,
+            threads=settings.threads,
+            **models[cell.experiment],
         )
         for protocol in protocols
         for cell in table.cells
@@ -163,35 +170,24 @@ def _with_folds(protocol: TableProtocol, folds: int) -> TableProtocol:
     return replace(protocol, protocol=replace(protocol.protocol, folds=folds))
 
 
-def _draft(
-    cell: Cell, protocol: TableProtocol, settings: Settings, data: DataSource, table: Table
-) -> Experiment:
-    # The first seed and fold.
-    common: dict[str, Any] = {
-        "name": cell.experiment,
-        "data": data,
-        "protocol": protocol.protocol,
-        "protocol_name": protocol.name,
-        "accelerator": settings.accelerator,
-        "threads": settings.threads,
-    }
+def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
+    # What a cell tells of its experiments, whatever their protocol.
     if cell.estimator is not None:
-        return Experiment(model=cell.estimator, transform=cell.transform, **common)
+        return {"model": cell.estimator, "transform": cell.transform}
     config = cell_config(cell)
     trainer = dict(config.get("trainer") or {})
     epochs = trainer.pop("max_epochs", None)
     if settings.epochs is None and epochs is None:
         raise ValueError(f"'max_epochs' of '{cell.config}' must be given (got none)")
     of_data = config.get("data") or {}
-    return Experiment(
-        model=config["model"],
-        transform=cell.transform or of_data.get("transform"),
-        epochs=settings.epochs or epochs,
-        batch_size=of_data.get("batch_size", 128),
-        trainer=trainer,
-        measure_memory=table.measure_memory,
-        **common,
-    )
+    return {
+        "model": config["model"],
+        "transform": cell.transform or of_data.get("transform"),
+        "epochs": settings.epochs or epochs,
+        "batch_size": of_data.get("batch_size", 128),
+        "trainer": trainer,
+        "measure_memory": table.measure_memory,
+    }
 
 
 def _check_classes(table: Table, drafts: Any, source: DataSource, facts: DataFacts) -> None:

@@ -14,7 +14,7 @@ import yaml
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.data_source import DataSource
-from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training.config import TEMPLATES, expand_template, load_config
 
 _SHOWS = ("accuracy", "memory")
 _PUBLISHED = ("accuracy", "spread", "auc", "memory")
@@ -274,4 +274,10 @@ def cell_config(cell: Cell) -> dict[str, Any]:
     Raises:
         FileNotFoundError: If there is no such configuration.
     """
-    return load_config(str(cell.config))
+    name = str(cell.config)
+    template, slash, experiment = name.partition("/")
+    if slash and template in TEMPLATES:
+        configs = expand_template(template)
+        if experiment in configs:
+            return configs[experiment]
+    return load_config(name)
