@@ -175,6 +175,8 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
     if cell.estimator is not None:
         return {"model": cell.estimator, "transform": cell.transform}
     config = cell_config(cell)
+    if config["model"].get("task") == "regression":
+        raise ValueError(f"'task' of '{cell.config}' must be one of classes (got 'regression')")
     trainer = dict(config.get("trainer") or {})
     epochs = trainer.pop("max_epochs", None)
     if settings.epochs is None and epochs is None:

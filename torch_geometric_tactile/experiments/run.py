@@ -143,7 +143,8 @@ def fit_classifier(
     r"""Trains the classifier of a configuration; nothing is shown, logged or kept.
 
     Args:
-        model (dict): The :obj:`model` section of the configuration.
+        model (dict): The :obj:`model` section of the configuration; sizes that it leaves out are
+            those of the data.
         data (TactileDataModule): The samples.
         seed (int): Seed of weights and batches.
         settings (dict): Arguments of :class:`lightning.Trainer`, at least :obj:`accelerator`.
@@ -152,7 +153,7 @@ def fit_classifier(
     """
     L.seed_everything(seed, verbose=False)
     # jsonargparse writes into the configuration.
-    classifier = classifier_from_config(copy.deepcopy(model))
+    classifier = classifier_from_config(copy.deepcopy(model), data)
     with _quiet():
         trainer = _trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
         try:

@@ -2,6 +2,7 @@ r"""A hand in segments."""
 
 import copy
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -70,6 +71,7 @@ class TopologicalSegmentation(BaseTransform):
         drop: bool = True,
     ) -> None:
         self.by = by if isinstance(by, str) else "numbers"
+        self.layout = layout
         self.drop = drop
         if isinstance(by, str):
             if layout is None:
@@ -91,6 +93,11 @@ class TopologicalSegmentation(BaseTransform):
         values, segment = numbers.unique(return_inverse=True)
         self.segment: Tensor = segment  # (N,), from zero without gaps
         self.num_segments = len(values)
+
+    def arguments(self) -> dict[str, Any]:
+        r"""Returns the arguments of the constructor; segments that were given are numbered anew."""
+        by = self.segment if self.by == "numbers" else self.by
+        return {"by": by, "layout": self.layout, "drop": self.drop}
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`segment_batch`, and :obj:`edge_index` or :obj:`edge_is_within`."""

@@ -57,7 +57,7 @@ def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap:
     r"""Returns matplotlib's map from values to colours.
 
     Args:
-        values (torch.Tensor, optional): The values :math:`(N,)`, of which NaN does not count.
+        values (torch.Tensor, optional): The values :math:`(N,)`; NaN is ignored.
         limits (tuple of float, optional): The values at both ends of the map; those of
             :obj:`values` if left out.
         cmap (str): Name of the colour map.
@@ -88,7 +88,7 @@ def _value_limits(values: Tensor | None) -> tuple[float, float]:
 
 
 def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
-    r"""Returns the colour of each value; white where it is missing.
+    r"""Returns the colour of each value; white for a missing value.
 
     Args:
         values (torch.Tensor): The values :math:`(N,)`.
@@ -161,7 +161,7 @@ def finish_map(
         title (str, optional): Title of the picture.
         title_size (float): Its size in points.
         scale (matplotlib.cm.ScalarMappable, optional): What the colours mean, for a colour bar.
-        label (str, optional): What stands beside the colour bar; no bar if left out.
+        label (str, optional): Text beside the colour bar; no bar if left out.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -186,7 +186,7 @@ def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
     Args:
         ax (matplotlib.axes.Axes): The map.
         scale (matplotlib.cm.ScalarMappable): What the colours mean.
-        label (str): What stands beside the bar.
+        label (str): Text beside the bar.
     """
     bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
     bar.set_label(plain_text(label), fontsize=9)
