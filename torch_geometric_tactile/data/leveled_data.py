@@ -84,7 +84,7 @@ class LeveledData(Data):
         return self._schema.num_samples(self._store._mapping) or 0
 
     @property
-    def schema(self) -> dict[str, list[str]]:
+    def schema(self) -> dict[str, Any]:
         r"""The declarations, as arguments of the constructor and of :meth:`from_data_list`."""
         schema: Schema = self._schema
         return schema.to_dict()

@@ -8,13 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
-from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data.block_diagonal import to_batch
 from torch_geometric_tactile.data.leveled_data import LeveledData
 from torch_geometric_tactile.data.levels import Schema
 from torch_geometric_tactile.data.stacking import stack_samples
-from torch_geometric_tactile.typing import Transform
 
 _Index = Tensor | slice | Sequence[int] | np.ndarray
 
@@ -232,33 +230,3 @@ class StaticData(LeveledData):
         schema = Schema.of(node, edge, shared)
         attributes = stack_samples(list(data_list), schema)
         return cls(node=schema.node, edge=schema.edge, shared=schema.shared, **attributes)
-
-
-def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
-    r"""Applies a transform to many samples at once, with the result of applying it to each.
-
-    Transforms that declare :obj:`supports_static = True` see all samples in one call; any other PyG
-    transform is called sample by sample.
-
-    Args:
-        transform (callable, optional): From :class:`~torch_geometric.data.Data` to
-            :class:`~torch_geometric.data.Data`.
-        data (StaticData): The samples.
-
-    Raises:
-        ValueError: If the transform gives the samples different topologies.
-    """
-    if transform is None:
-        return data
-    if isinstance(transform, Compose):
-        for part in transform.transforms:
-            data = apply_transform(part, data)
-        return data
-    if getattr(transform, "supports_static", False):
-        out: StaticData = transform(data)
-        return out
-    if data.num_samples == 0:
-        return data
-    return StaticData.from_data_list(
-        [transform(sample) for sample in data.to_data_list()], **data.schema
-    )
