@@ -327,7 +327,7 @@ def test_failure_leaves_the_old_file(root, monkeypatch):
     (root / "raw" / "sponge_2.npz").unlink()
     monkeypatch.setattr(allegro_uskin, "read_recording", None)
     assert len(everything(root)) == 8
-    assert len(list((root / "processed").iterdir())) == 3
+    assert len(list((root / "processed").iterdir())) == 1
 
 
 def test_layout_with_other_taxels(root):
