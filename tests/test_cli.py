@@ -144,10 +144,9 @@ def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "test/accuracy_palm_side_test" in done.stdout
 
-    done = tactile("predict", "--config", config, *checkpoint, cwd=tmp_path)
+    done = tactile("predict", checkpoint[1], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    (predictions,) = tmp_path.rglob("predictions.csv")
-    with predictions.open() as file:
+    with (tmp_path / "predictions.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["index"]) for row in rows] == list(range(100))
     for row in rows:

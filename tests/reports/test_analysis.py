@@ -4,13 +4,15 @@ import torch
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
+from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
+
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.nn.models import MTGCN
+from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports import analysis_sections
 from torch_geometric_tactile.reports.analysis import analyze
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
 
 NODE = torch.arange(16)
 # Four patches of two digits, on two links of an Allegro hand; a ring of edges in both directions.
@@ -52,16 +54,19 @@ class Grasps(StaticDataset):
 def subject(task="multilabel", inputs=("tactile", "edge")):
     torch.manual_seed(0)
     model = MTGCN(16, 2, inputs=inputs, num_edges=32, head_widths=(16,), head_pools=(2,))
-    data = TactileDataModule(Grasps(task), Grasps(task), split="frame", val=0.0)
-    data.setup()
-    classifier = TactileClassifier(model, task=task, num_classes=2)
+    samples = Grasps(task)
+    data = samples.data
     optimizer = torch.optim.Adam(model.parameters(), 0.01)
-    batch = data.dataset.data
     for _ in range(30):
+        given = {name: data[name] for name in model.modalities}
+        logits = model(data.x, data.edge_index, **given)
+        loss = cross_entropy(logits, data.y)
+        if task == "multilabel":
+            loss = binary_cross_entropy_with_logits(logits, data.y)
         optimizer.zero_grad()
-        classifier.loss(classifier(batch), batch.y).backward()
+        loss.backward()
         optimizer.step()
-    return classifier, data
+    return Predictor.from_dataset(model, samples, task=task), samples
 
 
 @pytest.fixture
@@ -76,9 +81,9 @@ def no_pictures(only_tsne, monkeypatch):
 
 @pytest.mark.parametrize("task", ["multilabel", "multiclass"])
 def test_page_says_what_was_learnt(only_tsne, tmp_path, task):
-    classifier, data = subject(task)
-    before = {name: value.clone() for name, value in classifier.state_dict().items()}
-    page = analyze(classifier, data, tmp_path, {"Model": "small"}, frames=40)
+    predictor, samples = subject(task)
+    before = {name: value.clone() for name, value in predictor.model.state_dict().items()}
+    page = analyze(predictor, samples, tmp_path, facts={"Model": "small"}, frames=40)
     text = page.read_text()
     pictures = sorted(path.name for path in tmp_path.glob("*.png"))
     expected = ["attribution", "confusion", "encoder_map", "occlusion", "roc", "tsne_2d"]
@@ -88,18 +93,17 @@ def test_page_says_what_was_learnt(only_tsne, tmp_path, task):
     assert "80 frames; 40 of them" in text
     assert "| between patches | 8 of 32 |" in text
     assert "| between links | 4 of 32 |" in text
-    assert "does not say; split by frame, split seed 0" in text
     (row,) = [line for line in text.splitlines() if line.startswith("| pressed hard |")]
     if task == "multilabel":  # of two classes, each logit may rest on anything
         assert row.split("|")[3].strip().startswith("b_2 (+")
-    after = classifier.state_dict()
+    after = predictor.model.state_dict()
     assert all(after[name].equal(value) for name, value in before.items())
-    assert classifier.training
+    assert not predictor.model.training
 
 
 def test_same_seed_writes_the_same_page(no_pictures, tmp_path):
-    classifier, data = subject()
-    pages = [analyze(classifier, data, tmp_path / str(i), frames=20) for i in range(2)]
+    predictor, samples = subject()
+    pages = [analyze(predictor, samples, tmp_path / str(i), frames=20) for i in range(2)]
     assert pages[0].read_text() == pages[1].read_text()
 
 
@@ -111,13 +115,16 @@ def test_what_a_model_lacks_is_left_out(no_pictures, tmp_path):
 
 
 def test_bad_input_is_named(tmp_path, capsys):
-    classifier, data = subject()
+    predictor, samples = subject()
     with pytest.raises(ValueError, match=r"'frames' must be at least 2 \(got 1\)"):
-        analyze(classifier, data, tmp_path, frames=1)
+        analyze(predictor, samples, tmp_path, frames=1)
+    predictor.task = "regression"
+    with pytest.raises(ValueError, match=r"'predictor' must tell classes or labels"):
+        analyze(predictor, samples, tmp_path)
     assert main(["analyze", str(tmp_path / "a.ckpt"), "--out", str(tmp_path)]) == 1
-    assert "there is no checkpoint" in capsys.readouterr().err
-    (tmp_path / "a.ckpt").touch()
-    assert main(["analyze", str(tmp_path / "a.ckpt"), "--out", str(tmp_path)]) == 1
+    assert "there is no predictor or checkpoint" in capsys.readouterr().err
+    subject()[0].save(tmp_path / "a.predictor")
+    assert main(["analyze", str(tmp_path / "a.predictor"), "--out", str(tmp_path)]) == 1
     assert "give '--config'" in capsys.readouterr().err
 
 
@@ -149,4 +156,13 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     assert "`last.ckpt`, after 2 epochs" in text
     model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
     assert f"`{model}`" in text
+    assert "does not say; split by trial, split seed 0" in text
     assert "the layout is of another" in text
+
+    # The same from a file that needs no checkpoint.
+    assert main(["predict", checkpoint, "--save", "grasp.predictor"]) == 0
+    command = ["analyze", "grasp.predictor", "--config", "grasp.yaml", "--frames", "10"]
+    assert main([*command, "--out", "again"]) == 0
+    again = (tmp_path / "again/analysis.md").read_text()
+    assert "- Predictor: `grasp.predictor`" in again
+    assert again.partition("- Model")[2] == text.partition("- Model")[2]

@@ -1,4 +1,4 @@
-r"""What trained models have learnt, as numbers; the pictures are in
+r"""Numbers that describe what trained models have learnt; the pictures are in
 :mod:`torch_geometric_tactile.visualization`.
 """
 

@@ -1,4 +1,4 @@
-r"""Which taxels and patches a prediction rests on."""
+r"""How much taxels and patches contribute to a prediction."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ class IntegratedGradients(ExplainerAlgorithm):
         a = (\mathbf{x} - \mathbf{b}) \odot \int_0^1
         \nabla f(\mathbf{b} + t (\mathbf{x} - \mathbf{b})) \, \mathrm{d}t
 
-    The scores add up to :math:`f(\mathbf{x}) - f(\mathbf{b})` where the integral is exact. Edges
+    The scores add up to :math:`f(\mathbf{x}) - f(\mathbf{b})` if the integral is exact. Edges
     and all other inputs stay as they are. It explains raw outputs and log-probabilities; the
     :obj:`node_mask_type` may be :obj:`"attributes"` or :obj:`"object"`, and edges have no mask.
 
@@ -59,7 +59,7 @@ class IntegratedGradients(ExplainerAlgorithm):
             model (torch.nn.Module): The model.
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges.
-            target (torch.Tensor): The classes to explain, where the model names one of several.
+            target (torch.Tensor): The classes to explain, for a model that tells one of several.
             index (int or torch.Tensor, optional): Rows of the output to explain.
             **kwargs: Further arguments of the model.
         """
@@ -76,7 +76,7 @@ class IntegratedGradients(ExplainerAlgorithm):
             point = (baseline + share * difference).detach().requires_grad_()
             with torch.enable_grad():
                 out = self._explained(model(point, edge_index, **kwargs), target, index)
-            if out.requires_grad:  # it does not if the model looks at other inputs only
+            if out.requires_grad:  # not so if the model uses other inputs only
                 (gradient,) = torch.autograd.grad(out, point, allow_unused=True)
                 total += torch.zeros_like(point) if gradient is None else gradient
         score = difference * total / self.num_steps
@@ -90,7 +90,7 @@ class IntegratedGradients(ExplainerAlgorithm):
         return out.sum() if index is None else out[index].sum()
 
     def supports(self) -> bool:
-        r"""Tells whether the settings of the explainer can be followed."""
+        r"""Returns whether the settings of the explainer are supported."""
         masks, model = self.explainer_config, self.model_config
         return (
             masks.edge_mask_type is None
@@ -144,7 +144,7 @@ def taxel_attribution(
         model_config={"mode": "regression", "task_level": "graph", "return_type": "raw"},
     )
     x = samples.x.detach()
-    # PyG's masks have two dimensions, so the samples stand one below the other.
+    # PyG's masks have two dimensions, so the samples are joined in the first.
     mask = explainer(x.reshape(-1, x.size(-1)), batch.edge_index).node_mask
     score = mask.detach().view(samples.num_samples, samples.num_nodes, -1).sum(dim=-1)
     return score if per_sample else score.mean(dim=0)
@@ -159,19 +159,19 @@ def patch_occlusion(
     reference: Tensor | None = None,
     per_sample: bool = False,
 ) -> Tensor:
-    r"""Returns how much the logit of a class or label drops when the readings of a patch give way
-    to their mean: a check of :func:`taxel_attribution` that needs no gradients.
+    r"""Returns how much the logit of a class or label drops when the readings of a patch are
+    replaced by their mean: a check of :func:`taxel_attribution` that needs no gradients.
 
-    Patches that say the same do not show here, since the others remain. A mean is smoother than any
-    reading, so that a patch of pure noise may count by its size.
+    A patch whose information other patches repeat has no score here, since the others remain. A
+    mean is smoother than any reading, so that a patch of pure noise may have a score by its size.
 
     Args:
         model (torch.nn.Module): As of :func:`taxel_attribution`.
         batch (Data): As of :func:`taxel_attribution`.
         target (int or torch.Tensor): The class or label, for all samples or for each :math:`(B,)`.
         segment (torch.Tensor): The patch of each taxel.
-        reference (torch.Tensor, optional): The readings to put in place; their mean over the
-            samples of the batch if left out.
+        reference (torch.Tensor, optional): The replacement; the mean reading over the samples of
+            the batch if left out.
         per_sample (bool): Whether to return the drops of each sample instead of their mean.
 
     Shapes:
@@ -182,7 +182,7 @@ def patch_occlusion(
 
     Raises:
         ValueError: If :obj:`segment` or :obj:`reference` does not fit, :obj:`reference` is missing
-            where there is one sample, or as :func:`taxel_attribution`.
+            for a single sample, or as :func:`taxel_attribution`.
     """
     samples = _Samples(model, batch, target)
     x = samples.x.detach()

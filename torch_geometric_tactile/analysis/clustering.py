@@ -1,4 +1,4 @@
-r"""How far the features of nodes form clusters by segment."""
+r"""How well the features of nodes form clusters by segment."""
 
 from typing import Literal, NamedTuple
 
@@ -10,15 +10,15 @@ from torch_geometric_tactile.analysis.embedding import node_matrix
 
 
 class SegmentClustering(NamedTuple):
-    r"""How far nodes of one segment have features of their own.
+    r"""How well the segments of nodes form clusters in the space of their features.
 
     Args:
         silhouette (float): Mean silhouette over the nodes: 1 if segments are tight and far apart, 0
             if they overlap, negative if nodes are nearer to another segment than to their own.
-        by_segment (torch.Tensor): Mean silhouette of each segment :math:`(S,)`; NaN where a segment
+        by_segment (torch.Tensor): Mean silhouette of each segment :math:`(S,)`; NaN if a segment
             has no node.
-        neighbor_share (float): Which part of the nearest neighbours is of the node's own segment.
-        chance_share (float): What that part would be if features told nothing of segments.
+        neighbor_share (float): Share of the nearest neighbours that are in the node's own segment.
+        chance_share (float): The share if features were independent of segments.
     """
 
     silhouette: float
@@ -33,12 +33,12 @@ def segment_clustering(
     frames: Literal["joined", "mean"] = "joined",
     num_neighbors: int = 10,
 ) -> SegmentClustering:
-    r"""Measures clusters by segment in the space of the features, by Euclidean distance, where a
-    picture of :func:`embed_nodes` only suggests them.
+    r"""Measures clusters by segment in the space of the features, by Euclidean distance;
+    a picture of :func:`embed_nodes` only suggests them.
 
     Convolution alone makes neighbours on the graph alike, and segments with weights of their own
-    differ before any training. Compare with the readings themselves and with an untrained model,
-    which is what clusters say about learning.
+    differ before any training. Only the difference from the readings themselves
+    and from an untrained model was learnt.
 
     Args:
         features (torch.Tensor): Node features of some frames, or of one.
@@ -46,7 +46,7 @@ def segment_clustering(
             :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`.
         frames (str): How frames are joined; see
             :func:`~torch_geometric_tactile.analysis.node_matrix`, which also scales.
-        num_neighbors (int): Number of nearest neighbours that are looked at.
+        num_neighbors (int): Number of nearest neighbours that are counted.
 
     Shapes:
         - **features:** :math:`(B, N, C)` or :math:`(N, C)`

@@ -1,4 +1,4 @@
-r"""Which classes and labels are taken for which."""
+r"""Confusion of classes and of labels."""
 
 import torch
 from sklearn.metrics import confusion_matrix, multilabel_confusion_matrix
@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 def class_confusion(y: Tensor, prediction: Tensor, num_classes: int) -> Tensor:
-    r"""Counts which class is taken for which, where a sample has one class.
+    r"""Counts the samples of each true class by predicted class.
 
     Args:
         y (torch.Tensor): The true classes.
@@ -39,8 +39,8 @@ def class_confusion(y: Tensor, prediction: Tensor, num_classes: int) -> Tensor:
 
 
 def label_confusion(y: Tensor, prediction: Tensor) -> Tensor:
-    r"""Counts, for each label, samples without and with it by what was predicted, where a sample
-    may have several labels.
+    r"""Counts, for each label, the samples without and with it by prediction. A sample may have
+    several labels.
 
     Args:
         y (torch.Tensor): 0 or 1 for each label.

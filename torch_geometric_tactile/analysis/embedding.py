@@ -6,7 +6,7 @@ import torch
 from sklearn.manifold import TSNE
 from torch import Tensor
 
-_MIN_NODES = 8  # below, neither method has neighbourhoods to keep
+_MIN_NODES = 8  # with fewer, neither method has neighbourhoods to preserve
 
 
 def node_matrix(features: Tensor, frames: Literal["joined", "mean"] = "joined") -> Tensor:
@@ -64,7 +64,7 @@ def embed_nodes(
     frames: Literal["joined", "mean"] = "joined",
     num_neighbors: int | None = None,
 ) -> Tensor:
-    r"""Places nodes with similar features next to each other: t-SNE as in fig. 8 of the "Tactile
+    r"""Embeds nodes with similar features next to each other: t-SNE as in fig. 8 of the "Tactile
     Object Property Recognition using Geometrical Graph Edge Features and Multi-Thread Graph
     Convolutional Network" paper, UMAP as in fig. 5 of the "Multifingered Object Recognition with
     Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation" paper.
@@ -81,15 +81,15 @@ def embed_nodes(
         seed (int): Seed of the method.
         frames (str): How the features of several frames are joined; see :func:`node_matrix`.
         num_neighbors (int, optional): How many nodes make a neighbourhood: the perplexity of t-SNE
-            (30 if left out), the neighbours of UMAP (15 if left out). Fewer where the nodes are
-            few.
+            (30 if left out), the neighbours of UMAP (15 if left out). Fewer if there are
+            few nodes.
 
     Shapes:
         - **features:** :math:`(B, N, C)` or :math:`(N, C)`
         - **output:** :math:`(N, 2)` or :math:`(N, 3)`
 
     Raises:
-        ImportError: If umap-learn is missing where :obj:`method` needs it.
+        ImportError: If :obj:`method` is :obj:`"umap"` and umap-learn is missing.
         ValueError: If :obj:`method` or :obj:`num_components` is unknown, there are fewer than 8
             nodes, :obj:`num_neighbors` is below 2, or as :func:`node_matrix`.
     """

@@ -1,4 +1,4 @@
-r"""What the dense encoder of edge features has learnt of each edge."""
+r"""The weights of the dense encoder of edge features, by edge."""
 
 import copy
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from torch.nn import Module
 
 
 class EdgeSeparation(NamedTuple):
-    r"""How well a value tells edges between segments from those within one.
+    r"""How well a value of each edge separates edges between segments from edges within one.
 
     Args:
         auc (float): Probability that an edge between segments has the larger value, with half of
@@ -133,11 +133,12 @@ def encoder_map(
 
 
 def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeSeparation:
-    r"""Measures how far a value of edges tells those between segments from those within one.
+    r"""Measures how well a value of each edge separates edges between segments from edges within
+    one.
 
-    With patches as segments it is what the paper reads from its map. To learn whether it was
-    learnt, compare with :func:`untrained_separation` and with the lengths of the edges
-    (:obj:`edge_attr[:, 0]`), since a longer edge draws larger gradients.
+    With patches as segments, this is how the paper reads its map. To tell whether the separation
+    was learnt, compare with :func:`untrained_separation` and with the lengths of the edges
+    (:obj:`edge_attr[:, 0]`), since the gradients of a longer edge are larger.
 
     Args:
         value (torch.Tensor): One value for each edge.
@@ -201,7 +202,7 @@ def untrained_separation(
     out_channels: int = 4,
 ) -> Tensor:
     r"""Returns the AUC of :func:`edge_separation` for copies of an encoder with new random weights:
-    what the map of a trained encoder must differ from before it says anything.
+    only the difference of a trained encoder from them was learnt.
 
     Args:
         encoder (torch.nn.Module): The encoder, with :obj:`lin.weight` and

@@ -29,12 +29,12 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
     r"""Returns the curve of each class against all others, or of each label, and their mean.
 
     The last one, :obj:`"mean of all"`, has the mean true positive rate at each false positive rate,
-    and the mean of the areas (the macro average). A class that no sample or every sample has has no
+    and the mean of the areas (the macro average). A class of no sample or of all samples has no
     curve and is left out.
 
     Args:
         y (torch.Tensor): The true classes, or 0 or 1 for each label.
-        score (torch.Tensor): The more, the more likely: logits or probabilities.
+        score (torch.Tensor): Logits or probabilities.
         names (sequence of str): Names of the :math:`C` classes or labels.
 
     Shapes:
@@ -77,7 +77,7 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
     if not curves:
         raise ValueError("'y' must have samples with and without a class (got one kind only)")
     grid = np.unique(np.concatenate([curve.fpr for curve in curves.values()]))
-    # Just before and at each rate: the foot and the top of what rises straight up there.
+    # Just before and at each rate: foot and top of a vertical step.
     grid = np.stack([np.nextafter(grid, -1.0), grid], axis=1).ravel()
     mean = np.mean([np.interp(grid, curve.fpr, curve.tpr) for curve in curves.values()], axis=0)
     area = float(np.mean([curve.auc for curve in curves.values()]))

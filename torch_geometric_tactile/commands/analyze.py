@@ -1,14 +1,15 @@
-r"""``tactile analyze``: what a checkpoint has learnt."""
+r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 
 import argparse
 
 from torch_geometric_tactile.commands.arguments import not_negative, positive
 
-HELP = "draw what a checkpoint has learnt: encoder map, embeddings, attribution, errors"
+HELP = "draw what a model has learnt: encoder map, embeddings, attribution, errors"
 DESCRIPTION = """\
-Looks into a checkpoint of 'tactile fit' on its test part, and writes DIR/analysis.md with
-its pictures: confusion and ROC, the map of the edge encoder, node features by t-SNE and
-UMAP, and which taxels and patches count, each with numbers and beside untrained models.
+Analyses a checkpoint of 'tactile fit', or a predictor that 'tactile predict --save' wrote,
+on the test part of its data, and writes DIR/analysis.md with its pictures: confusion and
+ROC, the map of the edge encoder, node features by t-SNE and UMAP, and which taxels and
+patches count, each with numbers and beside untrained models.
 """
 EXAMPLES = """\
 examples:
@@ -23,7 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("checkpoint", metavar="CHECKPOINT", help="a checkpoint of 'tactile fit'")
+    parser.add_argument(
+        "model",
+        metavar="MODEL",
+        help="a checkpoint of 'tactile fit', or a file of 'tactile predict --save'",
+    )
     parser.add_argument("--out", metavar="DIR", required=True, help="folder of page and pictures")
     parser.add_argument(
         "--config",
@@ -58,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports import analysis
 
     page = analysis.main(
-        arguments.checkpoint,
+        arguments.model,
         arguments.out,
         config=arguments.config,
         root=arguments.root,

@@ -21,7 +21,7 @@ def static_data_from_arrays(
     edge_index: Any | None,
     columns: Mapping[str, Any],
     names: Mapping[str, Sequence[str]],
-    schema: Mapping[str, Sequence[str]],
+    schema: Mapping[str, Any],
 ) -> tuple[StaticData, dict[str, list[str]]]:
     r"""Checks arrays against a layout and returns them as samples, with the names behind their
     integer attributes.

@@ -1,4 +1,4 @@
-r"""The parts of the page of an analysis: each measures, draws and says how to read it."""
+r"""The sections of the page of an analysis: numbers, pictures and how to read them."""
 
 import copy
 from collections.abc import Iterator
@@ -11,12 +11,11 @@ from torch.nn import Module
 
 from torch_geometric_tactile import analysis
 from torch_geometric_tactile.analysis.roc import MACRO
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.models import MTGCN
+from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.sensors import HandKinematics
-from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.module import TactileClassifier
 from torch_geometric_tactile.visualization import (
     plot_confusion,
     plot_embedding,
@@ -29,6 +28,7 @@ from torch_geometric_tactile.visualization import (
 
 _NUM_UNTRAINED = 3
 _NUM_STEPS = 8
+_BATCH_SIZE = 128
 _PLACES: tuple[tuple[Literal["tsne", "umap"], int], ...] = (("tsne", 2), ("tsne", 3), ("umap", 2))
 _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
@@ -48,36 +48,36 @@ class Section(NamedTuple):
 
 
 class Subject:
-    r"""What is analysed.
+    r"""The predictor and the samples that are analysed.
 
     Args:
-        classifier (TactileClassifier): The classifier, in evaluation mode.
-        data (TactileDataModule): Its data, set up.
-        batch (StaticData): The frames that are embedded and explained.
+        predictor (Predictor): The predictor.
+        samples (StaticDataset): The samples, before the predictor's transforms.
+        index (torch.Tensor): Indices of those that are embedded and explained.
         out (Path): Folder of the pictures.
         seed (int): Seed of embeddings and of untrained models.
     """
 
     def __init__(
         self,
-        classifier: TactileClassifier,
-        data: TactileDataModule,
-        batch: StaticData,
+        predictor: Predictor,
+        samples: StaticDataset,
+        index: Tensor,
         out: Path,
         seed: int,
     ) -> None:
-        self.classifier = classifier
-        self.model: Module = classifier.model
-        self.data = data
-        self.batch = batch
+        self.predictor = predictor
+        self.model: Module = predictor.model
+        self.samples = samples
+        self.batch = predictor.prepare_samples(samples.batch(index))
         self.out = out
         self.seed = seed
-        self.layout = data.layout
-        names = data.class_names or [str(i) for i in range(data.num_classes)]
-        self.names = [name.replace("_", " ") for name in names]
+        self.layout = predictor.layout
+        self.logits, self.y = self._logits()
+        self.names = [name.replace("_", " ") for name in predictor.names(self.logits.size(1))]
 
     def sections(self) -> Iterator[Section]:
-        r"""Returns all sections that the model and the layout allow, and what was left out."""
+        r"""Yields the sections that model and layout allow, and names those left out."""
         yield self.scores()
         links = set(HandKinematics.allegro().link_names)
         if not links.issuperset(self.layout.link_names):
@@ -99,13 +99,10 @@ class Subject:
 
     def scores(self) -> Section:
         r"""Counts errors on the whole test part."""
-        with torch.no_grad():
-            batches = [(self.classifier(b), b.y) for b in self.data.test_dataloader()]
-        logits, y = (torch.cat(part) for part in zip(*batches, strict=True))
-        # Not probabilities, of which the surest are all one.
-        is_multilabel = self.classifier.task == "multilabel"
+        logits, y = self.logits, self.y
+        # Not probabilities: those of sure predictions all round to one.
+        is_multilabel = self.predictor.task == "multilabel"
         score = logits.double() if is_multilabel else logits.double().log_softmax(dim=-1)
-        y = y.long()
         curves = analysis.roc_curves(y, score, self.names)
         if is_multilabel:
             prediction = (logits > 0).long()
@@ -124,7 +121,7 @@ class Subject:
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
     def encoder(self, encoder: EdgeFeatureEncoder) -> Section:
-        r"""Draws the map of the edge encoder, and measures what it tells apart.
+        r"""Draws the map of the edge encoder, and measures which edges it separates.
 
         Args:
             encoder (EdgeFeatureEncoder): The encoder.
@@ -155,7 +152,7 @@ class Subject:
                 f"absolute weights ({share:.0%} of their variance), larger for larger weights. "
                 "How far it tells edges apart (AUC: 0.5 is not at all, 1 is larger for all, 0 is "
                 "smaller for all), against encoders with random weights, and against the size of "
-                "what comes into the encoder from each edge (mean absolute edge feature, scaled "
+                "the input of the encoder from each edge (mean absolute edge feature, scaled "
                 "as the model sees it), which "
                 "decides how far training can move its weights:",
                 "",
@@ -163,7 +160,7 @@ class Subject:
                 "|---|---|---|---|---|",
                 *rows,
                 "",
-                f"{constant} edges have features that are zero in every frame looked at; training "
+                f"{constant} edges have features that are zero in each of these frames; training "
                 "cannot move their weights.",
             ]
         )
@@ -219,7 +216,7 @@ class Subject:
         return Section("Node features", text, tuple(pictures))
 
     def attribution(self) -> Section:
-        r"""Draws which taxels and patches count for each class or label."""
+        r"""Draws how much taxels and patches contribute to each class or label."""
         y = self.batch.y.long()
         patch = self.layout.segments("patch")
         scores, drops, agreement, lines = {}, {}, [], []
@@ -239,7 +236,7 @@ class Subject:
             lines.append(f"| {name} | {int(chosen.sum())} | {best} | {agreement[-1]:.2f} |")
             scores[name], drops[name] = score, drop[patch]
         if not scores:
-            return Section("Attribution", "No class has two frames among those looked at.")
+            return Section("Attribution", "No class has two of the frames.")
         columns = 3 if len(scores) in (3, 5, 6) else 4
         for file, values, label in (
             ("attribution.png", scores, "attribution (logit)"),
@@ -255,8 +252,8 @@ class Subject:
             [
                 "Over the frames that have a class or label: which readings raise its logit "
                 "(integrated gradients from the zero of the scaled readings, mean over frames), "
-                "and how far the logit drops when a patch's readings give way to their mean over "
-                "all frames looked at. Correlation: of both over the patches.",
+                "and how far the logit drops when a patch's readings are replaced by their mean "
+                "over these frames. Correlation: of both over the patches.",
                 "",
                 "| class or label | frames | largest drops | correlation |",
                 "|---|---|---|---|",
@@ -264,6 +261,15 @@ class Subject:
             ]
         )
         return Section("Attribution", text, ("attribution.png", "occlusion.png"))
+
+    def _logits(self) -> tuple[Tensor, Tensor]:
+        parts, y = [], []
+        for index in torch.arange(len(self.samples)).split(_BATCH_SIZE):
+            data = self.predictor.prepare_samples(self.samples.batch(index))
+            with torch.no_grad():
+                parts.append(self.predictor.logits(data))
+            y.append(data.y)
+        return torch.cat(parts), torch.cat(y).long()
 
     def _features(self, model: Module) -> Tensor:
         names = getattr(model, "modalities", ())

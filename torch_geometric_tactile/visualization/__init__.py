@@ -1,5 +1,5 @@
 r"""Pictures of layouts, readings and results, and the page that shows them. Needs the extra
-``viz`` when a function is called, not when this room is imported.
+``viz`` when a function is called, not when this package is imported.
 """
 
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Values = Mapping[str, tuple[float, float]]
 _ROW_HEIGHT = 0.34  # inches
-_HALF_ROW = 0.32  # of a row, to either side, where points stand
+_HALF_ROW = 0.32  # of a row, to either side, in which points are drawn
 
 
 class ComparisonPanel(NamedTuple):
@@ -38,8 +38,9 @@ class ComparisonPanel(NamedTuple):
 def plot_comparison(
     panels: Sequence[ComparisonPanel], series: Sequence[str], title: str
 ) -> "Figure":
-    r"""Draws a table of numbers as points, one line a row, one colour a series; panels stand two
-    by two. Two with the same rows share their names, and two with the same label their axis.
+    r"""Draws a table of numbers as points, with one line for each row and one colour for each
+    series. Panels are drawn two side by side: two with the same rows share the names of the rows,
+    and two with the same label share the axis.
 
     Args:
         panels (sequence of ComparisonPanel): The panels.

@@ -28,7 +28,7 @@ def plot_embedding(
     axis_name: str = "component",
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws each taxel where its features put it, beside a hand that tells whose colour it is, as
+    r"""Draws each taxel at the place of its features, beside a hand that explains the colours, as
     in the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
     Multi-Thread Graph Convolutional Network" and the "Multifingered Object Recognition with Tactile
     Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers.

@@ -149,7 +149,7 @@ def _draw(ax: Any, scene: list[_Faces], azimuth: float, elevation: float) -> Non
     plane = np.stack([right, np.cross(towards, right)], axis=1)
     polygons = [polygon for faces in scene for polygon in faces.corners @ plane]
     depth = np.concatenate([(faces.corners @ towards).mean(axis=1) for faces in scene])
-    # The painter's way: what is far comes first.
+    # The painter's algorithm: far faces are drawn first.
     order = depth.argsort(kind="stable")
     collection = PolyCollection(
         [polygons[i] for i in order],

@@ -1,4 +1,4 @@
-r"""Pictures of a whole hand: its taxels where the joints put them."""
+r"""Pictures of a whole hand in the pose of its joints."""
 
 import math
 from typing import TYPE_CHECKING, Literal
@@ -29,7 +29,7 @@ _PLAIN_COLOR = "#ffffff"
 # The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
 _OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
 _NAME_SIZES = {"patch": 6.5, "digit": 11.0}  # points
-# In shares of the extent; names stand in the lower one.
+# In shares of the extent; names are drawn in the lower one.
 _MARGIN, _LOWER_MARGIN = 0.048, 0.072
 
 
@@ -72,7 +72,7 @@ def plot_hand(
     edge_label: str | None = "edge value",
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws the taxels of a hand where its joints put them, without perspective.
+    r"""Draws the taxels of a hand in the pose of its joints, without perspective.
 
     The viewer looks against the root link's :math:`x` axis, which for an Allegro hand points out of
     the palm: with :math:`y` to the right and :math:`z` up, its palm is seen with the fingertips up.
@@ -87,7 +87,7 @@ def plot_hand(
             left out.
         adjacency (str or torch.Tensor, optional): Edges to draw below the taxels: the name of an
             adjacency of the layout, or directed edges.
-        value (torch.Tensor, optional): What colours the taxels, in place of :obj:`color_by`; a
+        value (torch.Tensor, optional): Values that colour the taxels, instead of :obj:`color_by`; a
             missing value (NaN) stays white with a dashed outline.
         edge_value (torch.Tensor, optional): What colours the edges of :obj:`adjacency`.
         ax (matplotlib.axes.Axes, optional): Where to draw. A new figure if left out.

@@ -63,7 +63,7 @@ def draw_edge_values(
     ax: "Axes", plane: Tensor, edge_index: Tensor, value: Tensor, scale: Any, linewidth: float
 ) -> None:
     r"""Draws each directed edge in the colour of its value: the half next to its target, or all of
-    it where there is no reverse.
+    it if it has no reverse.
 
     Args:
         ax (matplotlib.axes.Axes): Where to draw.

@@ -41,7 +41,7 @@ def plot_hand_panels(
         label (str): What the values are, with their unit, beside the colour bar.
         limit (float, optional): Value at the end of the colour scale, in whose colour all beyond
             are; the largest absolute value if left out.
-        columns (int): How many pictures stand side by side at most.
+        columns (int): Number of pictures side by side, at most.
         title (str, optional): Title of all pictures.
 
     Shapes:

@@ -27,13 +27,13 @@ _TIE = 1e-6  # relative difference below which two extents count as equal
 
 
 def layout_plane(layout: TaxelLayout) -> Tensor:
-    r"""Projects the taxels onto the plane seen by somebody who looks at the pad.
+    r"""Projects the taxels onto the plane that faces the viewer of the pad.
 
     The plane is orthogonal to the mean normal, which points at the viewer; without normals (or
     where they cancel) it holds the two main axes of the positions. The first axis, to the right, is
     the direction of largest extent (variance) in the plane, with its largest component positive;
-    the second axis points up. Extents that agree count as equal and give way to the axes of the
-    link frame. The origin is that of the link frame.
+    the second axis points up. If the extents agree, the axes of the link
+    frame decide. The origin is that of the link frame.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -89,7 +89,7 @@ def plot_layout(
     title: str | None = None,
     numbers: bool = True,
 ) -> "Figure":
-    r"""Draws the taxels as circles where somebody who looks at the pad sees them.
+    r"""Draws the taxels as circles, as seen by the viewer of the pad.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -170,7 +170,7 @@ def _taxel_diameter(plane: Tensor) -> float:
     if len(plane) < 2:
         return extent / 4
     nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min()
-    # Taxels that the projection puts on one another must stay visible.
+    # Taxels that coincide in the projection must stay visible.
     return min(max(0.94 * float(nearest), extent / 50), extent / 4)
 
 

@@ -94,7 +94,7 @@ def plot_label_confusions(
             negative, true positive]]`.
         label_names (sequence of str): Names of the :math:`C` labels.
         title (str): Title of the picture.
-        columns (int): How many labels stand side by side at most.
+        columns (int): Number of labels side by side, at most.
 
     Shapes:
         - **matrices:** :math:`(C, 2, 2)`
@@ -196,7 +196,7 @@ def plot_protocols(
     r"""Draws the accuracy of models under several protocols, with one panel per scaling of the
     readings.
 
-    The axis runs from 0.4 to 1.0, and further down only where a result is there. Points stand for
+    The axis runs from 0.4 to 1.0, and further down only if a result is lower. Points show
     means, not bars, whose lengths would mislead on an axis that does not begin at zero.
 
     Args:

@@ -35,8 +35,8 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     The rest of each taxel, the median of its first readings, is subtracted (of a single frame, the
     median of all taxels). The colours are symmetric about zero, and end at the 99.5th percentile of
     the sizes of each channel; missing readings are grey, and count as rest in the sum. If there are
-    more frames than pixels, the reading farthest from rest stands for its neighbours. A privileged
-    :obj:`"phase"` (integers or texts :math:`(T,)`, whose names may stand as :obj:`"phase_names"` in
+    more frames than pixels, the reading farthest from rest is drawn of each few. A privileged
+    :obj:`"phase"` (integers or texts :math:`(T,)`, whose names may be :obj:`"phase_names"` in
     the metadata) is marked.
 
     Args:
@@ -57,7 +57,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     if single:
         change = recording.tactile - _nan_median(recording.tactile[0])
     else:
-        # A rest longer than a tenth would hide what a short recording shows.
+        # With a rest longer than a tenth, little of a short recording would be left.
         window = min(rest, recording.duration / 10)
         change = recording.tactile - _rest(recording.tactile, time, window)
     zero = "median" if single else "rest"
@@ -138,7 +138,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
 
 def _rest(tactile: np.ndarray, time: np.ndarray, rest: float) -> np.ndarray:
     first = _nan_median(tactile[time <= rest])
-    # A taxel that was missing at first takes what it read later.
+    # A taxel that is missing at first takes its first reading.
     late = np.isnan(first)
     if late.any():
         first = np.where(late, _nan_median(tactile), first)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.sensors import check_edges
 from torch_geometric_tactile.visualization.figure import plain_text
 
 if TYPE_CHECKING:
@@ -42,14 +43,7 @@ def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
     Raises:
         ValueError: If they have another shape or join other taxels.
     """
-    edge_index = torch.as_tensor(edge_index).detach().cpu().long()
-    if edge_index.dim() != 2 or edge_index.size(0) != 2:
-        raise ValueError(f"'{name}' must have shape (2, num_edges) (got {tuple(edge_index.shape)})")
-    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_taxels:
-        raise ValueError(
-            f"'{name}' must join taxels 0 to {num_taxels - 1} "
-            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
-        )
+    edge_index = check_edges(torch.as_tensor(edge_index).detach().cpu(), num_taxels, f"'{name}'")
     return edge_index[:, edge_index[0] != edge_index[1]]
 
 
@@ -57,7 +51,7 @@ def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap:
     r"""Returns matplotlib's map from values to colours.
 
     Args:
-        values (torch.Tensor, optional): The values :math:`(N,)`, of which NaN does not count.
+        values (torch.Tensor, optional): The values :math:`(N,)`; NaN is ignored.
         limits (tuple of float, optional): The values at both ends of the map; those of
             :obj:`values` if left out.
         cmap (str): Name of the colour map.
@@ -88,7 +82,7 @@ def _value_limits(values: Tensor | None) -> tuple[float, float]:
 
 
 def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
-    r"""Returns the colour of each value; white where it is missing.
+    r"""Returns the colour of each value; white for a missing value.
 
     Args:
         values (torch.Tensor): The values :math:`(N,)`.
@@ -161,7 +155,7 @@ def finish_map(
         title (str, optional): Title of the picture.
         title_size (float): Its size in points.
         scale (matplotlib.cm.ScalarMappable, optional): What the colours mean, for a colour bar.
-        label (str, optional): What stands beside the colour bar; no bar if left out.
+        label (str, optional): Text beside the colour bar; no bar if left out.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -186,7 +180,7 @@ def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
     Args:
         ax (matplotlib.axes.Axes): The map.
         scale (matplotlib.cm.ScalarMappable): What the colours mean.
-        label (str): What stands beside the bar.
+        label (str): Text beside the bar.
     """
     bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
     bar.set_label(plain_text(label), fontsize=9)

@@ -1,0 +1,153 @@
+import csv
+import re
+
+import numpy as np
+import pytest
+import torch
+
+from torch_geometric_tactile import Predictor
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.io import write_recording
+from torch_geometric_tactile.nn import TactileFNN
+from torch_geometric_tactile.sensors import grid
+from torch_geometric_tactile.transforms import SessionZScore
+
+LAYOUT = grid(2, 2, pitch=0.01)
+X = torch.randn(5, 4, 3, generator=torch.Generator().manual_seed(0))
+
+
+def predictor(**kwargs):
+    torch.manual_seed(0)
+    model = TactileFNN(4, 2, widths=(5,), pools=(1,))
+    return Predictor(model, LAYOUT, class_names=("soft", "hard"), num_channels=3, **kwargs)
+
+
+def rows(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    predictor().save("a.predictor")
+    for i in range(2):
+        recording = Recording(time=10 + np.arange(5) / 10, tactile=X.numpy() + i)
+        write_recording(recording, f"trial_{i}.npz")
+    return tmp_path
+
+
+def test_recordings_are_predicted_frame_by_frame(folder, capsys):
+    assert main(["predict", "a.predictor", "trial_0.npz", "trial_1.npz", "--out", "b.csv"]) == 0
+    assert capsys.readouterr().out.startswith("b.csv: 10 frames: ")
+    found = rows("b.csv")
+    assert list(found[0]) == ["recording", "frame", "time", "prediction", "p_soft", "p_hard"]
+    assert [row["recording"] for row in found] == ["trial_0.npz"] * 5 + ["trial_1.npz"] * 5
+    assert [int(row["frame"]) for row in found] == 2 * [0, 1, 2, 3, 4]
+    assert found[6]["time"] == "10.100000"
+    expected = torch.cat([predictor()(X), predictor()(X + 1)])
+    for row, probability in zip(found, expected, strict=True):
+        assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
+        assert row["prediction"] == ("hard" if probability[1] > 0.5 else "soft")
+
+
+@pytest.mark.parametrize("task", ["multilabel", "regression"])
+def test_tables_of_labels_and_of_numbers(folder, task, capsys):
+    made = predictor(task=task)
+    made.save("b.predictor")
+    assert main(["predict", "b.predictor", "trial_0.npz"]) == 0
+    found = rows("predictions.csv")
+    values = made(X)
+    if task == "regression":
+        assert list(found[0]) == ["recording", "frame", "time", "soft", "hard"]
+        assert float(found[3]["hard"]) == pytest.approx(float(values[3, 1]), abs=1e-6)
+        assert capsys.readouterr().out == "predictions.csv: 5 frames\n"
+    else:
+        assert [row["prediction"] for row in found] == [
+            ";".join(labels) for labels in made.labels(values)
+        ]
+
+
+def test_sessions_of_recordings_are_measured_if_asked_for(folder, capsys):
+    scaler = SessionZScore().fit(StaticData(x=X, session=torch.zeros(5)))
+    made = predictor(transform=scaler)
+    made.save("b.predictor")
+    assert main(["predict", "b.predictor", "trial_1.npz"]) == 1
+    assert "'trial_1.npz': 'session' must be given" in capsys.readouterr().err
+    assert not (folder / "predictions.csv").exists()
+    assert main(["predict", "--adapt", "b.predictor", "trial_1.npz"]) == 0
+    made.adapt(X + 1)
+    for row, probability in zip(rows("predictions.csv"), made(X + 1), strict=True):
+        assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
+
+
+def test_mistakes_are_one_line(folder, capsys):
+    recording = Recording(time=np.arange(2), tactile=np.zeros((2, 3, 3)))
+    write_recording(recording, "three.npz")
+    (folder / "notes.txt.zip").write_text("no recording")
+    for arguments, text in (
+        (["nothing", "trial_0.npz"], "there is no predictor or checkpoint 'nothing'"),
+        (["trial_0.npz", "trial_0.npz"], "'trial_0.npz' is no checkpoint that can be read here"),
+        (["a.predictor", "nothing.h5"], "nothing.h5"),
+        (["a.predictor", "notes.txt.zip"], "must end in one of"),
+        (["a.predictor", "three.npz"], "'three.npz': a recording on layout .* 4 taxels"),
+        (["a.predictor"], "give '--config'"),
+        (["a.predictor", "trial_0.npz", "--root", "b"], "'--root' is for the test part"),
+        (["a.predictor", "--adapt"], "'--adapt' is for recordings"),
+    ):
+        assert main(["predict", *arguments]) == 1
+        error = capsys.readouterr().err
+        assert error.startswith("tactile: error: ")
+        assert len(error.splitlines()) == 2  # and where it came from
+        assert re.search(text, error)
+    assert not (folder / "predictions.csv").exists()
+
+
+CONFIG = """
+model:
+  model: {class_path: torch_geometric_tactile.nn.models.GraspGCN}
+data:
+  dataset: &fake
+    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
+    init_args:
+      num_samples: 100
+      pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
+  test_dataset:
+    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
+    init_args:
+      num_samples: 50
+      split: test
+      pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
+  transform: {class_path: torch_geometric_tactile.transforms.SessionZScore}
+trainer: {max_epochs: 1, accelerator: cpu, devices: 1, enable_progress_bar: false}
+"""
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_test_part_of_a_run_is_predicted(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grasp.yaml").write_text(CONFIG)
+    assert main(["fit", "--config", "grasp.yaml"]) == 0
+    checkpoint = "runs/grasp/version_0/checkpoints/last.ckpt"
+    assert main(["predict", checkpoint]) == 0
+    found = rows("predictions.csv")
+    assert list(found[0]) == ["index", "prediction", "p_stable", "p_slip"]
+    assert [int(row["index"]) for row in found] == list(range(50))
+
+    from torch_geometric_tactile.datasets import FakeTactileDataset
+
+    # Without Lightning: readings of the test sessions, which the checkpoint has measured.
+    data = FakeTactileDataset(50, split="test").data
+    made = Predictor.from_checkpoint(checkpoint)
+    for i in range(0, 50, 7):
+        slip = float(made(data.x[i], session=int(data.session[i]))[1])
+        assert float(found[i]["p_slip"]) == pytest.approx(slip, abs=1e-5)
+        assert found[i]["prediction"] == ("slip" if slip > 0.5 else "stable")
+
+    # The same from one file, with the data of a configuration.
+    assert main(["predict", checkpoint, "--save", "one.predictor"]) == 0
+    assert "wrote one.predictor: Predictor(GraspGCN" in capsys.readouterr().out
+    assert main(["predict", "one.predictor", "--config", "grasp.yaml", "--out", "b.csv"]) == 0
+    assert rows("b.csv") == found

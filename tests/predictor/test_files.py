@@ -1,0 +1,266 @@
+import json
+import math
+import os
+import pickle
+
+import pytest
+import torch
+from torch.nn import Linear, Module
+
+from torch_geometric_tactile import Predictor
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn import TactileFNN
+from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
+from torch_geometric_tactile.sensors import grid
+from torch_geometric_tactile.transforms import SessionZScore, ZScore
+
+LAYOUT = grid(2, 2, pitch=0.01)
+X = torch.randn(6, 4, 3, generator=torch.Generator().manual_seed(0))
+KEY = "torch_geometric_tactile.predictor"
+
+
+def predictor(model=None, transform=None):
+    torch.manual_seed(0)
+    model = TactileFNN(4, 2, widths=(5,), pools=(1,)) if model is None else model
+    transform = ZScore().fit(StaticData(x=X)) if transform is None else transform
+    return Predictor(model, LAYOUT, transform, ("soft", "hard"), num_channels=3)
+
+
+@pytest.fixture
+def path(tmp_path):
+    predictor().save(tmp_path / "a.predictor")
+    return tmp_path / "a.predictor"
+
+
+def test_tensors_of_every_type_are_read_again(tmp_path):
+    tensors = {
+        f"a.{i}": torch.tensor([[0, 1, 1]]).to(dtype)
+        for i, dtype in enumerate(
+            [
+                *(torch.bool, torch.uint8, torch.int8, torch.int16, torch.int32, torch.int64),
+                *(torch.float16, torch.bfloat16, torch.float32, torch.float64),
+            ]
+        )
+    }
+    tensors |= {"none": torch.zeros(0, 3), "one": torch.tensor(2.5), "t": torch.rand(3, 2).t()}
+    write_tensors(tensors, {"text": "Grüße"}, tmp_path / "a")
+    found, texts = read_tensors(tmp_path / "a")
+    assert texts == {"text": "Grüße"}
+    assert found.keys() == tensors.keys()
+    for name, value in tensors.items():
+        assert found[name].dtype == value.dtype
+        assert found[name].equal(value)
+    with pytest.raises(ValueError, match=r"'a' must be a dense tensor of .*got torch.complex64"):
+        write_tensors({"a": torch.zeros(2, dtype=torch.complex64)}, {}, tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+
+
+def test_the_file_is_in_the_format_of_safetensors(path):
+    safetensors = pytest.importorskip("safetensors.torch")
+    found, _ = read_tensors(path)
+    for name, value in safetensors.load_file(path).items():
+        assert found[name].equal(value)
+
+
+def test_save_and_load_and_save_give_the_same_file(path, tmp_path):
+    again = Predictor.load(path)
+    assert repr(again) == repr(predictor())
+    assert again(X).equal(predictor()(X))
+    again.save(tmp_path / "b")
+    assert (tmp_path / "b").read_bytes() == path.read_bytes()
+    assert again.layout.matches(LAYOUT)
+    with pytest.raises(ValueError, match=r"'reading' must have shape \(4, 3\)"):
+        again(X[..., :2])
+
+
+def test_an_adapted_session_is_saved(tmp_path):
+    scaler = SessionZScore().fit(StaticData(x=X, session=torch.zeros(6)))
+    adapted = predictor(transform=scaler)
+    adapted.adapt(3 * X)
+    adapted.save(tmp_path / "a")
+    assert Predictor.load(tmp_path / "a")(X).equal(adapted(X))
+
+
+def test_precision_of_the_weights_is_kept(tmp_path):
+    double = predictor(TactileFNN(4, 2, widths=(5,), pools=(1,)).double())
+    double.save(tmp_path / "a")
+    again = Predictor.load(tmp_path / "a")
+    assert again(X).dtype == torch.double
+    assert again(X).equal(double(X))
+
+
+class Mine(Module):
+    def __init__(self, width=2):
+        super().__init__()
+        self.lin = Linear(3, width)
+
+    def forward(self, x, edge_index):
+        return self.lin(x).mean(dim=1)
+
+
+def test_a_model_of_ones_own_is_given_again(tmp_path):
+    mine = predictor(Mine())
+    mine.save(tmp_path / "a")
+    given = Mine()
+    before = given.lin.weight.clone()
+    assert Predictor.load(tmp_path / "a", model=given)(X).equal(mine(X))
+    assert given.lin.weight.equal(before)  # a copy has the weights
+    with pytest.raises(ValueError, match=r"a' is no predictor.*'model' must be given.*Mine"):
+        Predictor.load(tmp_path / "a")
+    with pytest.raises(ValueError, match=r"'model' must be a Mine \(got Linear\)"):
+        Predictor.load(tmp_path / "a", model=Linear(3, 2))
+    text = r"'model' must have 'lin.weight' of shape \(2, 3\), as the file \(got \(4, 3\)\)"
+    with pytest.raises(ValueError, match=text):
+        Predictor.load(tmp_path / "a", model=Mine(4))
+    more = Mine()
+    more.other = Linear(1, 1)
+    with pytest.raises(ValueError, match=r"\('other.weight': model only\)"):
+        Predictor.load(tmp_path / "a", model=more)
+
+
+def changed(path, change):
+    """The file with another header: change(header of the file, header of the predictor)."""
+    content = path.read_bytes()
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    inner = json.loads(header["__metadata__"][KEY])
+    change(header, inner)
+    if KEY in header["__metadata__"]:
+        header["__metadata__"][KEY] = json.dumps(inner)
+    text = json.dumps(header).encode()
+    path.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + length :])
+    return path
+
+
+HOSTILE = {
+    "another format": (lambda h, p: p.update(format=99), "its format must be 1 .got 99"),
+    "no format": (lambda h, p: p.pop("format"), "its format must be 1 .got None"),
+    "task": (lambda h, p: p.update(task="x"), "its task must be one of"),
+    "no layout": (lambda h, p: p.pop("layout"), "KeyError: 'layout'"),
+    "layout": (lambda h, p: p["layout"].update(taxels=[]), "at least one taxel"),
+    "other layout": (lambda h, p: p["layout"]["taxels"].pop(), "'pos' must have shape|joins?"),
+    "a class by path": (
+        lambda h, p: p["model"].update({"class": "os.system"}),
+        "there is no model 'os.system' in this version",
+    ),
+    "a transform by path": (
+        lambda h, p: p["transform"].update({"class": "builtins.exec"}),
+        "there is no transform 'builtins.exec'",
+    ),
+    "arguments": (
+        lambda h, p: p["model"]["arguments"].update(spam=1),
+        "model 'TactileFNN' does not take its arguments",
+    ),
+    "a model too large": (
+        lambda h, p: p["model"]["arguments"].update(widths=[10**7]),
+        "the model must not be larger than its weights in the file",
+    ),
+    "a model far too large": (
+        lambda h, p: p["model"]["arguments"].update(widths=[10**15]),
+        "is no predictor that can be read here",
+    ),
+    "another model": (
+        lambda h, p: p["model"]["arguments"].update(widths=[6]),
+        r"'model' must have 'head.* of shape \(5",
+    ),
+    "state": (lambda h, p: p["transform"]["state"].update(scale=1.0), "the state of ZScore"),
+    "a tensor that is not there": (
+        lambda h, p: p["transform"]["state"].update(scale={"$tensor": "x"}),
+        "it must hold the tensor 'x'",
+    ),
+    "no metadata": (lambda h, p: h["__metadata__"].clear(), "it is not a file of Predictor.save"),
+    "dtype": (lambda h, p: first(h).update(dtype="OBJECT"), "must have a dtype"),
+    "shape": (lambda h, p: first(h).update(shape=[-1]), "must have a dtype, a shape"),
+    "a shape beyond memory": (
+        lambda h, p: first(h).update(shape=[10**9, 10**9]),
+        "must have its .* bytes in the file",
+    ),
+    "an empty shape beyond all": (
+        lambda h, p: first(h).update(shape=[0, 2**62, 2**62], data_offsets=[0, 0]),
+        "is no predictor that can be read here",
+    ),
+    "offsets": (lambda h, p: shift(first(h)), "damaged or was cut off|must fill it"),
+    "the same bytes twice": (
+        lambda h, p: h.update({f"more{i}": dict(first(h)) for i in range(3)}),
+        "its tensors must fill it",
+    ),
+    "no entry": (lambda h, p: h.update(a=3), "'a' must have a JSON object"),
+}
+
+
+def first(header):
+    return next(entry for name, entry in header.items() if name != "__metadata__")
+
+
+def shift(entry):
+    size = math.prod(entry["shape"]) * 8
+    entry["data_offsets"] = [10**9, 10**9 + size]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_headers_are_refused(path, name):
+    change, text = HOSTILE[name]
+    changed(path, change)
+    with pytest.raises(ValueError, match=text) as caught:
+        Predictor.load(path)
+    assert str(caught.value).startswith(f"'{path}' is no predictor that can be read here: ")
+
+
+def test_damaged_files_are_refused(path):
+    content = path.read_bytes()
+    for cut in (0, 4, 8, 100, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:cut])
+        with pytest.raises(ValueError, match="is no predictor that can be read here"):
+            Predictor.load(path)
+    path.write_bytes(content + b"x")
+    with pytest.raises(ValueError, match="its tensors must fill it"):
+        Predictor.load(path)
+    path.write_bytes((2**40).to_bytes(8, "little") + content[8:])
+    with pytest.raises(ValueError, match="it has no header"):
+        Predictor.load(path)
+    deep = b"[" * 100_000
+    path.write_bytes(len(deep).to_bytes(8, "little") + deep)
+    with pytest.raises(ValueError, match="its header is no JSON"):
+        Predictor.load(path)
+    path.write_bytes(bytes(1000))
+    with pytest.raises(ValueError, match="its header is no JSON"):
+        Predictor.load(path)
+
+
+class Attack:
+    def __reduce__(self):
+        return os.mkdir, ("attacked",)
+
+
+def test_pickles_are_not_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").write_bytes(pickle.dumps(Attack()))
+    torch.save({"predictor": Attack()}, tmp_path / "b")
+    for name in ("a", "b"):
+        with pytest.raises(ValueError, match=rf"'{name}' is "):
+            Predictor.load(name)
+        with pytest.raises(ValueError, match=rf"'{name}' is no checkpoint that can be read here"):
+            Predictor.from_checkpoint(name)
+    assert not (tmp_path / "attacked").exists()
+
+
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no predictor '.*a'; write one with"):
+        Predictor.load(tmp_path / "a")
+    with pytest.raises(FileNotFoundError, match="there is no checkpoint"):
+        Predictor.from_checkpoint(tmp_path / "a")
+    torch.save({"state_dict": {}}, tmp_path / "b")
+    with pytest.raises(ValueError, match=r"is a checkpoint: read it with Predictor\.from_"):
+        Predictor.load(tmp_path / "b")
+    with pytest.raises(ValueError, match=r"it has no predictor: .*train again"):
+        Predictor.from_checkpoint(tmp_path / "b")
+
+
+def test_a_state_that_is_no_tensor_is_refused(tmp_path):
+    class Extra(Mine):
+        def get_extra_state(self):
+            return "text"
+
+    with pytest.raises(ValueError, match=r"'model' must have tensors only .*_extra_state"):
+        predictor(Extra()).save(tmp_path / "a")
+    assert not (tmp_path / "a").exists()

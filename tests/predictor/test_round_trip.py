@@ -1,0 +1,238 @@
+"""Every transform and model of the package goes through the file of a predictor, or is a user's
+own, which is given again when the file is read."""
+
+import inspect
+import json
+
+import pytest
+import small_models
+import torch
+import torch_geometric.transforms as pyg
+from torch_geometric.data import Data
+from torch_geometric.transforms import BaseTransform, Compose
+
+from torch_geometric_tactile import Predictor, nn, transforms
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn.models import GraspGCN
+from torch_geometric_tactile.predictor import MissingOwnError, classes
+from torch_geometric_tactile.predictor.builder import Builder
+from torch_geometric_tactile.predictor.describer import Describer
+from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout
+
+HAND = HandKinematics(
+    [
+        Joint("a", "base", "middle", (0.0, 0.1, 0.2), (0.1, 0.2, 0.3), (1.0, 2.0, 3.0), -1.0, 2.0),
+        Joint("b", "middle", "tip", axis=(0.0, 0.0, 1.0)),
+    ],
+    name="finger",
+)
+LAYOUT = TaxelLayout(
+    "finger",
+    pos=torch.rand(6, 3, generator=torch.Generator().manual_seed(0)) / 10,
+    normal=torch.eye(3).repeat(2, 1),
+    link=torch.tensor([0, 0, 1, 1, 2, 2]),
+    patch=torch.tensor([0, 0, 0, 1, 1, 1]),
+    digit=torch.tensor([0, 0, 1, 1, 1, 1]),
+    link_names=("base", "middle", "tip"),
+    patch_names=("left", "right"),
+    digit_names=("one", "two"),
+    adjacency={"ring": torch.tensor([[0, 1, 2, 3, 4, 5], [1, 2, 3, 4, 5, 0]])},
+)
+OTHER = TaxelLayout("other", pos=LAYOUT.pos + 1, patch=LAYOUT.patch, patch_names=("a", "b"))
+
+
+def samples():
+    draw = torch.Generator().manual_seed(1)
+    return StaticData(
+        x=torch.randn(8, 6, 2, generator=draw) + 3,
+        pos=LAYOUT.pos,
+        edge_index=LAYOUT.edge_index("ring"),
+        edge_attr=torch.rand(6, 2, generator=draw),
+        joint=torch.randn(8, 2, generator=draw),
+        session=torch.arange(8) // 4,
+        trial=torch.arange(8) // 2,
+        time=torch.arange(8) / 10,
+    )
+
+
+OURS = {
+    "AbsoluteMorphology": [
+        lambda: transforms.AbsoluteMorphology(),
+        lambda: transforms.AbsoluteMorphology((0.1, 0.2, 0.3), cat=True),
+    ],
+    "DropPatches": [
+        lambda: transforms.DropPatches(LAYOUT, patches=["right"], value=float("nan")),
+        lambda: transforms.DropPatches(OTHER, p=0.0),
+    ],
+    "DropTaxels": [
+        lambda: transforms.DropTaxels(taxels=[1, 4], value=-1.0),
+        lambda: transforms.DropTaxels(p=1.0),
+    ],
+    "FillMissing": [lambda: transforms.FillMissing(0.5)],
+    "GeometricEdgeAttr": [
+        lambda: transforms.GeometricEdgeAttr(),
+        lambda: transforms.GeometricEdgeAttr(norm=True, max_value=0.3, cat=False),
+    ],
+    "KNNGraph": [lambda: transforms.KNNGraph(2), lambda: transforms.KNNGraph(1, symmetric=False)],
+    "Normalize": [lambda: transforms.Normalize(0.0, 2.0, attr="joint")],
+    "SessionZScore": [
+        lambda: transforms.SessionZScore(),
+        lambda: transforms.SessionZScore("trial", attr="joint"),
+    ],
+    "Tare": [
+        lambda: transforms.Tare("trial", first=1),
+        lambda: transforms.Tare(seconds=0.15),
+    ],
+    "TaxelPose": [
+        lambda: transforms.TaxelPose(LAYOUT, HAND),
+        lambda: transforms.TaxelPose(LAYOUT, HAND, normal=False),
+    ],
+    "TopologicalSegmentation": [
+        lambda: transforms.TopologicalSegmentation("patch", LAYOUT),
+        lambda: transforms.TopologicalSegmentation("digit", LAYOUT, drop=False),
+        lambda: transforms.TopologicalSegmentation([4, 4, 7, 7, 7, 9]),
+    ],
+    "ZScore": [lambda: transforms.ZScore(), lambda: transforms.ZScore(attr="joint")],
+}
+PYG = {
+    "AddRemainingSelfLoops": lambda: pyg.AddRemainingSelfLoops("edge_attr", 2.0),
+    "AddSelfLoops": lambda: pyg.AddSelfLoops("edge_attr", "mean"),
+    "Cartesian": lambda: pyg.Cartesian(norm=False),
+    "Center": lambda: pyg.Center(),
+    "Compose": lambda: Compose([pyg.Distance(), Compose([transforms.FillMissing(1.0)])]),
+    "Constant": lambda: pyg.Constant(2.0),
+    "Distance": lambda: pyg.Distance(max_value=0.5, cat=False, interval=(-1.0, 1.0)),
+    "LocalCartesian": lambda: pyg.LocalCartesian(cat=False),
+    "LocalDegreeProfile": lambda: pyg.LocalDegreeProfile(),
+    "NormalizeFeatures": lambda: pyg.NormalizeFeatures(["x"]),
+    "NormalizeScale": lambda: pyg.NormalizeScale(),
+    "OneHotDegree": lambda: pyg.OneHotDegree(3, cat=False),
+    "RemoveDuplicatedEdges": lambda: pyg.RemoveDuplicatedEdges(["edge_attr"], "mean"),
+    "RemoveSelfLoops": lambda: pyg.RemoveSelfLoops("edge_attr"),
+    "Spherical": lambda: pyg.Spherical(norm=False),
+    "TargetIndegree": lambda: pyg.TargetIndegree(norm=False),
+    "ToUndirected": lambda: pyg.ToUndirected(reduce="mean"),
+}
+EXAMPLES = [make for makes in OURS.values() for make in makes]
+
+
+def through_text(transform, own=None):
+    """The transform, described, as text, and built again."""
+    describer = Describer(LAYOUT)
+    text = json.dumps(describer.transform(transform), allow_nan=False)
+    layout = TaxelLayout.from_dict(json.loads(json.dumps(LAYOUT.to_dict())))
+    return Builder(layout, describer.tensors, own).transform(json.loads(text))
+
+
+def equal(a, b):
+    assert a.keys() == b.keys()
+    for key in list(a.keys()):
+        torch.testing.assert_close(a[key], b[key], rtol=0, atol=0, equal_nan=True)
+
+
+def test_every_transform_has_an_example():
+    ours = {n for n in transforms.__all__ if inspect.isclass(getattr(transforms, n))}
+    assert set(OURS) == ours - {"FittedTransform"}  # the base class
+    assert set(classes.transform_classes()) == ours | set(PYG)
+
+
+@pytest.mark.parametrize("make", EXAMPLES, ids=lambda make: repr(make()).replace("\n", ""))
+def test_transforms_of_ours_are_built_again(make):
+    transform = make()
+    if isinstance(transform, transforms.FittedTransform):
+        unfitted = through_text(transform)
+        assert unfitted.center is None
+        transform.fit(samples())
+    again = through_text(transform)
+    assert type(again) is type(transform)
+    assert repr(again) == repr(transform)
+    equal(again(samples()), transform(samples()))
+
+
+@pytest.mark.parametrize("name", PYG)
+def test_transforms_of_pyg_are_built_again(name):
+    transform = PYG[name]()
+    again = through_text(transform)
+    assert type(again) is type(transform)
+    assert repr(again) == repr(transform)
+    data = samples().sample(0)
+    keys = ("x", "pos", "edge_index", "edge_attr")
+    data = Data(**{key: data[key].clone() for key in keys})
+    equal(again(data.clone()), transform(data.clone()))
+
+
+class Shift(BaseTransform):
+    def __init__(self, by):
+        self.by = by
+
+    def forward(self, data):
+        data.x = data.x + self.by
+        return data
+
+    def __repr__(self):
+        return f"Shift({self.by})"
+
+
+class Gain(transforms.ZScore):
+    """A fitted transform of one's own."""
+
+
+def plain(data):
+    return data
+
+
+def test_transforms_of_ones_own_are_given_again():
+    gain = Gain().fit(samples())
+    generator = torch.Generator().manual_seed(0)
+    random = transforms.DropTaxels(p=0.5, generator=generator)  # a state that no file has
+    chain = Compose([transforms.FillMissing(), Shift(1), gain, plain, random])
+    given = [Gain(), plain, Compose([Shift(2), Shift(1), random]), transforms.FillMissing(9.0)]
+    again = through_text(chain, given)
+    assert repr(again) == repr(chain)
+    data = samples()
+    for part, other in zip(chain.transforms[:4], again.transforms[:4], strict=True):
+        equal(part(data), other(data))
+    assert again.transforms[2].center.equal(gain.center)
+    assert given[0].center is None  # a copy was fitted
+    for own in (None, [Shift(2)], [Gain()]):
+        with pytest.raises(MissingOwnError, match=r"the transform of your own 'Shift\(1\)'"):
+            through_text(chain, own)
+
+
+# Parts of models, and the base class: no model of readings.
+PARTS = {"CNNThread", "GCNThread", "PooledMLP", "SegmentedThread", "TactileModel", "Thread"}
+MODELS = {
+    **small_models.MODELS,
+    "grasp": lambda: GraspGCN(11, 3, in_channels=1, hidden_channels=5, num_fingers=3),
+    "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
+}
+OWN = {"gcn_patch"}  # with an encoder that is given as a module
+
+
+def test_every_model_has_an_example():
+    assert {type(make()).__name__ for make in MODELS.values()} == set(nn.models.__all__) - PARTS
+    assert set(classes.model_classes()) == set(nn.models.__all__)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_models_are_built_again(name, tmp_path):
+    torch.manual_seed(0)
+    model = MODELS[name]().eval()
+    predictor = Predictor(model, small_models.LAYOUT, adjacency="original")
+    predictor.save(tmp_path / "a.predictor")
+    own = None
+    if name in OWN:
+        with pytest.raises(MissingOwnError, match=r"'model' must be given.*TactileGCN"):
+            Predictor.load(tmp_path / "a.predictor")
+        own = MODELS[name]()
+    state = torch.get_rng_state()
+    again = Predictor.load(tmp_path / "a.predictor", model=own)
+    assert torch.get_rng_state().equal(state)
+    assert type(again.model) is type(model)
+    assert repr(again.model) == repr(model)
+    assert not again.model.training
+    data = StaticData(x=torch.randn(3, 11, 3), edge_index=small_models.EDGE_INDEX)
+    for key in getattr(model, "modalities", ()):
+        data[key] = torch.randn(3, *small_models.SIZES[key])
+    with torch.no_grad():
+        assert again.logits(data).equal(predictor.logits(data))

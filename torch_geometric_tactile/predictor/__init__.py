@@ -1,0 +1,7 @@
+r"""A model with all that its readings go through, in one file; without the extra ``train``."""
+
+from torch_geometric_tactile.predictor.builder import MissingOwnError
+from torch_geometric_tactile.predictor.content import checkpoint_entry, is_checkpoint
+from torch_geometric_tactile.predictor.predictor import Predictor
+
+__all__ = ["MissingOwnError", "Predictor", "checkpoint_entry", "is_checkpoint"]

@@ -1,0 +1,231 @@
+r"""Transforms and models from plain data. Only classes that :mod:`classes` lists are built."""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import Module
+from torch.overrides import TorchFunctionMode
+
+from torch_geometric_tactile.predictor.classes import (
+    describe_own,
+    flat,
+    model_classes,
+    transform_classes,
+)
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.transforms import FittedTransform
+
+_ROOM = 2**28  # bytes that building a model may ask for beside its own
+
+
+class MissingOwnError(ValueError):
+    r"""A model or transform of the user's own that must be given and was not.
+
+    Args:
+        text (str): The message.
+        argument (str): What must be given: :obj:`"model"` or :obj:`"transforms"`.
+    """
+
+    def __init__(self, text: str, argument: str) -> None:
+        super().__init__(text)
+        self.argument = argument
+
+
+class Builder:
+    r"""Builds transforms and models from what :class:`Describer` returned.
+
+    Args:
+        layout (TaxelLayout): The layout of the sensor.
+        tensors (Mapping of str to torch.Tensor): The tensors.
+        own (sequence, optional): Transforms with the user's own among them.
+    """
+
+    def __init__(
+        self, layout: TaxelLayout, tensors: Mapping[str, Tensor], own: Sequence[Any] | None = None
+    ) -> None:
+        self.layout = layout
+        self.tensors = tensors
+        self._own = [part for transform in own or () for part in flat(transform)]
+
+    def transform(self, described: Any) -> Any:
+        r"""Returns a transform, with its state.
+
+        Args:
+            described (dict): What :meth:`Describer.transform` returned.
+
+        Raises:
+            ValueError: If it is unknown, or the user's own is missing or another one.
+        """
+        state = None if "state" not in described else self.value(described["state"])
+        if "own" in described:
+            transform = self._given(described)
+            transform = copy.deepcopy(transform)  # its state is that of the file from now on
+        else:
+            classes = transform_classes()
+            transform = self._object(described, classes, "transform")
+        if state is not None:
+            if isinstance(transform, FittedTransform):
+                _check_state(transform, state)
+            transform.load_state_dict(state)
+        return transform
+
+    def model(self, described: Any, given: Module | None = None) -> Module:
+        r"""Returns a model, with weights that are still to be loaded.
+
+        Args:
+            described (dict): What :meth:`Describer.model` returned.
+            given (torch.nn.Module, optional): The user's own; it is copied.
+
+        Raises:
+            ValueError: If it is unknown, or the user's own is missing or another one.
+        """
+        if given is not None:
+            name = described.get("own", described.get("class"))
+            if type(given).__name__ != name:
+                raise ValueError(f"'model' must be a {name} (got {type(given).__name__})")
+            return copy.deepcopy(given)
+        if "own" in described:
+            raise MissingOwnError(
+                f"'model' must be given: the file has the weights of a {described['own']}, which "
+                "is not built by name",
+                "model",
+            )
+        held = sum(value.numel() * value.element_size() for value in self.tensors.values())
+        with torch.random.fork_rng(devices=[]), _AllocationLimit(_ROOM + 4 * held):
+            model: Module = self._object(described, model_classes(), "model")
+        return model
+
+    def _given(self, described: Mapping[str, Any]) -> Any:
+        for i, transform in enumerate(self._own):
+            if all(described.get(key) == value for key, value in describe_own(transform).items()):
+                return self._own.pop(i)
+        given = [describe_own(transform)["text"] for transform in self._own]
+        raise MissingOwnError(
+            f"'transforms' must hold the transform of your own '{described.get('text')}', which is "
+            f"not built by name (got {given})",
+            "transforms",
+        )
+
+    def _object(self, described: Any, classes: Mapping[str, type], what: str) -> Any:
+        name = described.get("class")
+        if name not in classes:
+            raise ValueError(
+                f"there is no {what} '{name}' in this version; known are {', '.join(classes)}"
+            )
+        arguments = self.value(described["arguments"])
+        try:
+            return classes[name](**arguments)
+        except ValueError:
+            raise
+        except Exception as error:  # whatever a constructor makes of arguments that it cannot take
+            raise ValueError(f"{what} '{name}' does not take its arguments ({error})") from error
+
+    def value(self, value: Any) -> Any:
+        r"""Returns an argument or a state.
+
+        Args:
+            value (object): What :meth:`Describer.value` returned.
+        """
+        if isinstance(value, list):
+            return [self.value(item) for item in value]
+        if not isinstance(value, dict):
+            return value
+        if len(value) == 1:
+            (key, item) = next(iter(value.items()))
+            if key in _READERS:
+                return _READERS[key](self, item)
+        return {key: self.value(item) for key, item in value.items()}
+
+    def tensor(self, name: Any) -> Tensor:
+        r"""Returns a tensor by its name.
+
+        Args:
+            name (str): The name.
+        """
+        if name not in self.tensors:
+            raise ValueError(f"it must hold the tensor '{name}' (got none)")
+        return self.tensors[name]
+
+
+_READERS: dict[str, Callable[[Builder, Any], Any]] = {
+    "$float": lambda builder, item: float(item),
+    "$tensor": lambda builder, item: builder.tensor(item),
+    "$layout": lambda builder, item: (
+        builder.layout if item is None else TaxelLayout.from_dict(item)
+    ),
+    "$kinematics": lambda builder, item: HandKinematics.from_dict(item),
+    "$transform": lambda builder, item: builder.transform(item),
+}
+
+
+def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
+    r"""Loads weights into a model of the same names and shapes.
+
+    Args:
+        model (torch.nn.Module): The model.
+        weights (Mapping of str to torch.Tensor): Its state.
+
+    Raises:
+        ValueError: If a name or a shape differs; the message says which.
+    """
+    own = {name: tuple(value.shape) for name, value in model.state_dict().items()}
+    for name in [*weights, *own]:
+        if name not in own or name not in weights:
+            where = "file" if name in weights else "model"
+            raise ValueError(f"'model' must have the weights of the file ('{name}': {where} only)")
+        shape = tuple(weights[name].shape)
+        if own[name] != shape:
+            raise ValueError(
+                f"'model' must have '{name}' of shape {shape}, as the file (got {own[name]})"
+            )
+    # Takes over the numbers in the precision in which they were saved.
+    model.load_state_dict(dict(weights), assign=True)
+
+
+def _check_state(transform: FittedTransform, state: Any) -> None:
+    if state == {}:  # of one that was not fitted
+        return
+    found = {key: state.get(key) for key in ("center", "scale", "key_values")}
+    center, scale, values = found.values()
+    if (
+        not all(isinstance(value, Tensor) for value in found.values())
+        or values.dim() != 1
+        or center.shape[:1] != values.shape
+        or scale.shape != center.shape
+        or not (center.is_floating_point() and scale.is_floating_point())
+    ):
+        raise ValueError(f"the state of {transform!r} must be a centre and a scale for each key")
+
+
+class _AllocationLimit(TorchFunctionMode):
+    # Tensors are allocated before they are filled, so that a size beyond all measure in a damaged
+    # or hostile file is found before it takes the memory.
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most = most
+        self.used = 0
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        out = func(*args, **(kwargs or {}))
+        if isinstance(out, Tensor) and func in _FACTORIES:
+            self.used += out.numel() * out.element_size()
+            if self.used > self.most:
+                raise ValueError(
+                    f"the model must not be larger than its weights in the file (got more than "
+                    f"{self.most} bytes)"
+                )
+        return out
+
+
+_FACTORIES = (
+    torch.empty,
+    torch.zeros,
+    torch.ones,
+    torch.rand,
+    torch.randn,
+    torch.full,
+    torch.arange,
+)

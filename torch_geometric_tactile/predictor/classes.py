@@ -1,0 +1,71 @@
+r"""The transforms and models that may be built from a file, by their names."""
+
+import inspect
+from typing import Any
+
+import torch_geometric.transforms
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile import transforms
+from torch_geometric_tactile.nn import models
+from torch_geometric_tactile.typing import Transform
+
+# Deterministic transforms of PyG that need no compiled package and keep the number of taxels.
+_PYG_TRANSFORMS = (
+    "AddRemainingSelfLoops",
+    "AddSelfLoops",
+    "Cartesian",
+    "Center",
+    "Compose",
+    "Constant",
+    "Distance",
+    "LocalCartesian",
+    "LocalDegreeProfile",
+    "NormalizeFeatures",
+    "NormalizeScale",
+    "OneHotDegree",
+    "RemoveDuplicatedEdges",
+    "RemoveSelfLoops",
+    "Spherical",
+    "TargetIndegree",
+    "ToUndirected",
+)
+
+
+def transform_classes() -> dict[str, type]:
+    r"""Returns the transforms that are built by name: ours, and some of PyG's."""
+    ours = {name: getattr(transforms, name) for name in transforms.__all__}
+    classes = {name: getattr(torch_geometric.transforms, name) for name in _PYG_TRANSFORMS}
+    return classes | {name: cls for name, cls in ours.items() if inspect.isclass(cls)}
+
+
+def model_classes() -> dict[str, type]:
+    r"""Returns the models that are built by name."""
+    classes = {name: getattr(models, name) for name in models.__all__}
+    return {name: cls for name, cls in classes.items() if inspect.isclass(cls)}
+
+
+def describe_own(value: Any) -> dict[str, Any]:
+    r"""Returns the name and the text of a user's own transform or model.
+
+    Args:
+        value (object): The transform or model.
+    """
+    kind = type(value).__name__
+    if inspect.isroutine(value):
+        return {"own": kind, "text": value.__qualname__}
+    is_told = type(value).__repr__ is not object.__repr__  # which tells an address
+    return {"own": kind, "text": repr(value) if is_told else kind}
+
+
+def flat(transform: Transform | None) -> list[Any]:
+    r"""Returns the parts of a transform in their order.
+
+    Args:
+        transform (callable, optional): A transform or PyG's :class:`Compose` of transforms.
+    """
+    if transform is None:
+        return []
+    if isinstance(transform, Compose):
+        return [part for inner in transform.transforms for part in flat(inner)]
+    return [transform]

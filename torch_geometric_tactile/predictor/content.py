@@ -1,0 +1,244 @@
+r"""The content of the file of a predictor, and of its entry in a checkpoint."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import Module
+
+from torch_geometric_tactile import __version__
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.predictor.builder import Builder, MissingOwnError, load_weights
+from torch_geometric_tactile.predictor.describer import Describer
+from torch_geometric_tactile.predictor.preparation import Preparation
+from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike, Transform
+
+TASKS = ("multiclass", "multilabel", "regression")
+_FORMAT = 1
+_KEY = "torch_geometric_tactile.predictor"
+_WEIGHT = "model."
+
+
+class Content(NamedTuple):
+    r"""What a predictor is made of.
+
+    Args:
+        preparation (Preparation): From a reading to the input of the model.
+        model (torch.nn.Module): The model.
+        class_names (tuple of str): Names of the classes or labels.
+        task (str): What the model does.
+    """
+
+    preparation: Preparation
+    model: Module
+    class_names: tuple[str, ...]
+    task: str
+
+
+def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    r"""Returns the header of a predictor, JSON values, and its tensors without the weights.
+
+    Args:
+        content (Content): The parts of the predictor.
+    """
+    preparation, model = content.preparation, content.model
+    describer = Describer(preparation.layout)
+    shared = preparation.shared
+    attributes = {key: shared[key] for key in shared.to_dict() if key != "x"}
+    header = {
+        "format": _FORMAT,
+        "package": __version__,
+        "task": content.task,
+        "class_names": list(content.class_names),
+        "layout": preparation.layout.to_dict(),
+        "num_channels": preparation.num_channels,
+        "num_joints": preparation.num_joints,
+        "session": preparation.session,
+        "shared": describer.value(attributes),
+        "schema": shared.schema,
+        "model": describer.model(model),
+    }
+    for key in ("pre_transform", "transform"):
+        transform = getattr(preparation, key)
+        header[key] = None if transform is None else describer.transform(transform)
+    return header, describer.tensors
+
+
+def checkpoint_entry(
+    model: Module, dataset: StaticDataset, transform: Transform | None, task: str
+) -> dict[str, Any]:
+    r"""Returns what a checkpoint must hold beside its weights to be read as a predictor, as plain
+    data and tensors.
+
+    Args:
+        model (torch.nn.Module): The model.
+        dataset (StaticDataset): The data set that it is trained on.
+        transform (callable, optional): What comes after the data set's own transform, fitted.
+        task (str): What the model does.
+    """
+    names = tuple(dataset.class_names)
+    content = Content(Preparation.of_dataset(dataset, transform), model, names, task)
+    header, tensors = describe(content)
+    # Copies: a view would drag its whole storage into the checkpoint.
+    return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
+
+
+def build(
+    header: Mapping[str, Any],
+    tensors: Mapping[str, Tensor],
+    weights: Mapping[str, Tensor],
+    model: Module | None = None,
+    transforms: Sequence[Transform] | None = None,
+) -> Content:
+    r"""Builds the parts of a predictor.
+
+    Args:
+        header (Mapping): The header that :func:`describe` returned.
+        tensors (Mapping of str to torch.Tensor): The tensors that it returned.
+        weights (Mapping of str to torch.Tensor): The state of the model.
+        model (torch.nn.Module, optional): The model, if it is the user's own.
+        transforms (sequence of callable, optional): Transforms with the user's own among them.
+
+    Raises:
+        ValueError: If a part is missing or does not fit.
+    """
+    if header.get("format") != _FORMAT:
+        raise ValueError(
+            f"its format must be {_FORMAT} (got {header.get('format')}, written by version "
+            f"{header.get('package')} of this package)"
+        )
+    if header.get("task") not in TASKS:
+        raise ValueError(f"its task must be one of {list(TASKS)} (got {header.get('task')!r})")
+    layout = TaxelLayout.from_dict(header["layout"])
+    builder = Builder(layout, {**tensors, **weights}, transforms)
+    shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), **header["schema"])
+    for key, value in builder.value(header["shared"]).items():
+        shared[key] = value
+    parts = [
+        None if header[key] is None else builder.transform(header[key])
+        for key in ("pre_transform", "transform")
+    ]
+    num_channels, num_joints = header["num_channels"], header["num_joints"]
+    preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
+    preparation.session = header["session"]
+    built = builder.model(header["model"], model)
+    load_weights(built, weights)
+    return Content(preparation, built, tuple(map(str, header["class_names"])), header["task"])
+
+
+def save(content: Content, path: PathLike) -> None:
+    r"""Writes a predictor to a file, whole or not at all.
+
+    Args:
+        content (Content): The parts of the predictor.
+        path (str or PathLike): The file.
+
+    Raises:
+        ValueError: If the state of the model is not all tensors.
+    """
+    header, tensors = describe(content)
+    for name, value in content.model.state_dict().items():
+        if not isinstance(value, Tensor):
+            raise ValueError(
+                f"'model' must have tensors only in its state (got {type(value).__name__} in "
+                f"'{name}')"
+            )
+        tensors[_WEIGHT + name] = value
+    write_tensors(tensors, {_KEY: json.dumps(header)}, path)
+
+
+def load(
+    path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
+) -> Content:
+    r"""Reads a predictor from a file.
+
+    Args:
+        path (str or PathLike): The file.
+        model (torch.nn.Module, optional): The model, if it is the user's own.
+        transforms (sequence of callable, optional): Transforms with the user's own among them.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is damaged, of another format, or does not fit what was given.
+    """
+    if not Path(path).is_file():
+        raise FileNotFoundError(
+            f"there is no predictor '{path}'; write one with Predictor.save, or from a checkpoint "
+            "with: tactile predict CHECKPOINT --save FILE"
+        )
+    if is_checkpoint(path):
+        raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
+    with _explained(f"'{path}' is no predictor that can be read here"):
+        tensors, metadata = read_tensors(path)
+        if _KEY not in metadata:
+            raise ValueError("it is not a file of Predictor.save")
+        header = json.loads(metadata[_KEY])
+        weights = {
+            name.removeprefix(_WEIGHT): tensors.pop(name)
+            for name in list(tensors)
+            if name.startswith(_WEIGHT)
+        }
+        return build(header, tensors, weights, model, transforms)
+
+
+def load_checkpoint(
+    path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
+) -> Content:
+    r"""Reads a predictor from a checkpoint of ``tactile fit``.
+
+    Args:
+        path (str or PathLike): The checkpoint.
+        model (torch.nn.Module, optional): The model, if it is the user's own.
+        transforms (sequence of callable, optional): Transforms with the user's own among them.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is damaged, holds no predictor, or does not fit what was given.
+    """
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"there is no checkpoint '{path}'")
+    with _explained(f"'{path}' is no checkpoint that can be read here"):
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        entry = content.get("predictor") if isinstance(content, dict) else None
+        if entry is None:
+            raise ValueError(
+                "it has no predictor: it was written by an older version, or trained without "
+                "TactileDataModule; train again, or build one with Predictor.from_dataset"
+            )
+        weights = {
+            name.removeprefix(_WEIGHT): value
+            for name, value in content["state_dict"].items()
+            if name.startswith(_WEIGHT)
+        }
+        return build(entry["header"], entry["tensors"], weights, model, transforms)
+
+
+def is_checkpoint(path: PathLike) -> bool:
+    r"""Tells whether a file is one of :func:`torch.save`, such as a checkpoint.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    with Path(path).open("rb") as file:
+        return file.read(4) == b"PK\x03\x04"
+
+
+class _explained:  # noqa: N801
+    # Whatever a damaged or hostile file breaks becomes one error that names the file.
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, MissingOwnError):
+            raise MissingOwnError(f"{self.text}: {error}", error.argument) from error
+        if isinstance(error, Exception) and not isinstance(error, OSError):
+            text = str(error) if isinstance(error, ValueError) else f"{kind.__name__}: {error}"
+            raise ValueError(f"{self.text}: {text}") from error

@@ -1,0 +1,382 @@
+r"""From a reading to probabilities."""
+
+import copy
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import Module
+
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor.content import Content
+from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike, Transform
+
+Task = Literal["multiclass", "multilabel", "regression"]
+
+# What gives a sample the attributes that models ask for.
+_SOURCES = {
+    "edge_index": "give 'adjacency', or add KNNGraph() to the transform",
+    "edge_attr": "add GeometricEdgeAttr() to the transform",
+    "absolute": "add AbsoluteMorphology() to the transform",
+}
+
+
+class Predictor:
+    r"""A trained model with all that a reading goes through before it, the layout of the sensor
+    and the fitted transforms, and with the names of its classes. It takes readings as the sensor
+    gives them.
+
+    Model and transforms are copied, and the model is always in evaluation mode. Whatever depends
+    on the layout only, such as a nearest-neighbour graph, is computed once.
+
+    A missing reading (NaN) goes through the transforms like any other. Without
+    :class:`~torch_geometric_tactile.transforms.FillMissing` among them, the probabilities of its
+    frame are NaN, and :meth:`labels` gives it no label; other frames are not affected.
+
+    Args:
+        model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes
+            that its :obj:`modalities` names, if it has them, by keyword; returns logits
+            :math:`(B, C)`.
+        layout (TaxelLayout): The taxels.
+        transform (callable, optional): What a reading goes through: one transform, fitted where it
+            must be, or PyG's :class:`~torch_geometric.transforms.Compose` of several.
+        class_names (sequence of str): Names of the classes or labels; their numbers if left out.
+        task (str): :obj:`"multiclass"` (one class a frame), :obj:`"multilabel"` (0 or 1 for each
+            label) or :obj:`"regression"` (numbers).
+        adjacency (str or torch.Tensor, optional): The edges before any transform: an adjacency of
+            the layout by its name, or :math:`(2, |\mathcal{E}|)`.
+        pre_transform (callable, optional): What a reading goes through first, once; data given to
+            :meth:`prepare_samples` has been through it.
+        num_channels (int, optional): Number of channels of a taxel; not checked if left out.
+        num_joints (int, optional): Number of joint angles of a frame; likewise.
+
+    Shapes:
+        - **reading:** :math:`(N, F)` or :math:`(B, N, F)`
+        - **joint:** angles in radians :math:`(J,)` or :math:`(B, J)`
+        - **output:** probabilities :math:`(C,)` for one frame, or :math:`(B, C)`; for a regression
+          the numbers themselves
+
+    Raises:
+        ValueError: If :obj:`task` is unknown; on a call, if a reading has another shape, or what
+            the transforms or the model need is missing.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.nn.models import GraspGCN
+        >>> from torch_geometric_tactile.transforms import KNNGraph
+        >>> dataset = FakeTactileDataset(num_samples=100, pre_transform=KNNGraph(k=2))
+        >>> predictor = Predictor.from_dataset(GraspGCN(), dataset)
+        >>> predictor
+        Predictor(GraspGCN, 'biotac_sp', classes=['stable', 'slip'], task='multiclass')
+        >>> predictor(dataset[0].x).shape
+        torch.Size([2])
+    """
+
+    def __init__(
+        self,
+        model: Module,
+        layout: TaxelLayout,
+        transform: Transform | None = None,
+        class_names: Sequence[str] = (),
+        task: Task = "multiclass",
+        *,
+        adjacency: str | Tensor | None = None,
+        pre_transform: Transform | None = None,
+        num_channels: int | None = None,
+        num_joints: int | None = None,
+    ) -> None:
+        edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
+        shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), pos=layout.pos)
+        for key, value in (("normal", layout.normal), ("edge_index", edges)):
+            if value is not None:
+                shared[key] = value
+        preparation = Preparation(
+            layout, shared, pre_transform, transform, num_channels, num_joints
+        )
+        self._set(Content(preparation, copy.deepcopy(model), tuple(class_names), task))
+
+    def _set(self, parts: Content) -> None:
+        if parts.task not in content.TASKS:
+            raise ValueError(f"'task' must be one of {list(content.TASKS)} (got '{parts.task}')")
+        self.preparation, self.model, self.class_names, _ = parts
+        self.task = parts.task
+        self.model.eval()
+        numbers = [p for p in self.model.parameters() if p.is_floating_point()]
+        self._dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
+        self._names = tuple(getattr(self.model, "modalities", ()))
+        if "joint" in self._names:
+            self.preparation.needs_joint = True
+        self.to(numbers[0].device if numbers else "cpu")
+
+    @classmethod
+    def _of(cls, parts: Content) -> Self:
+        predictor = cls.__new__(cls)
+        predictor._set(parts)
+        return predictor
+
+    @classmethod
+    def from_dataset(
+        cls,
+        model: Module,
+        dataset: StaticDataset,
+        transform: Transform | None = None,
+        task: Task = "multiclass",
+    ) -> Self:
+        r"""Returns the predictor of a model that was trained on a data set, with the data set's
+        layout, edges, transforms and class names.
+
+        Args:
+            model (torch.nn.Module): The model.
+            dataset (StaticDataset): The data set.
+            transform (callable, optional): What came after the data set's own transform in
+                training, such as a fitted scaler.
+            task (str): As of the class.
+        """
+        preparation = Preparation.of_dataset(dataset, transform)
+        names = tuple(dataset.class_names)
+        return cls._of(Content(preparation, copy.deepcopy(model), names, task))
+
+    @classmethod
+    def from_checkpoint(
+        cls,
+        path: PathLike,
+        model: Module | None = None,
+        transforms: Sequence[Transform] | None = None,
+    ) -> Self:
+        r"""Returns the predictor of a checkpoint of ``tactile fit``, without Lightning.
+
+        Args:
+            path (str or PathLike): The checkpoint.
+            model (torch.nn.Module, optional): As of :meth:`load`.
+            transforms (sequence of callable, optional): As of :meth:`load`.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If the file cannot be read, or as :meth:`load`.
+        """
+        return cls._of(content.load_checkpoint(path, model, transforms))
+
+    @classmethod
+    def load(
+        cls,
+        path: PathLike,
+        model: Module | None = None,
+        transforms: Sequence[Transform] | None = None,
+    ) -> Self:
+        r"""Reads a predictor from a file of :meth:`save`. Only models and transforms of this
+        package (and some of PyG's) are built by their names; nothing in the file runs.
+
+        Args:
+            path (str or PathLike): The file.
+            model (torch.nn.Module, optional): A model of your own, of the class and sizes of the
+                one that was saved; its weights are those of the file.
+            transforms (sequence of callable, optional): Transforms of your own among those that
+                were saved, with the same class and :obj:`repr`; what they were fitted to is taken
+                from the file. Others are ignored.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If the file is damaged or of another version, or :obj:`model` or
+                :obj:`transforms` are missing or others than those that were saved.
+        """
+        return cls._of(content.load(path, model, transforms))
+
+    def save(self, path: PathLike) -> None:
+        r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. The
+        file is written whole or not at all.
+
+        Args:
+            path (str or PathLike): The file.
+        """
+        parts = Content(self.preparation, self.model, self.class_names, self.task)
+        content.save(parts, path)
+
+    @property
+    def layout(self) -> TaxelLayout:
+        r"""The layout of the sensor."""
+        return self.preparation.layout
+
+    @property
+    def transform(self) -> Transform | None:
+        r"""What the samples of a data set go through, with its fitted state."""
+        return self.preparation.transform
+
+    def to(self, device: torch.device | str) -> Self:
+        r"""Moves the predictor to a device.
+
+        Args:
+            device (torch.device or str): The device.
+        """
+        self._device = torch.device(device)
+        self.model.to(self._device)
+        self.preparation.to(self._device)
+        return self
+
+    def __call__(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        session: int | None = None,
+    ) -> Tensor:
+        r"""Returns the probabilities of the classes or labels.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings of one frame or of many.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians, for all frames
+                or one row each.
+            session (int, optional): The recording session, where a transform measures each by
+                itself: one of the training, or one that :meth:`adapt` returned; the last of these
+                if left out.
+        """
+        with torch.inference_mode():
+            out = self.probability(self.logits(self.prepare(reading, joint, session)))
+        num_dims = reading.ndim if hasattr(reading, "ndim") else np.ndim(reading)
+        return out[0] if num_dims == 2 else out
+
+    def adapt(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> int:
+        r"""Measures a new recording session by some of its readings, without labels, and returns
+        its number; it is the session of the calls that follow. See
+        :class:`~torch_geometric_tactile.transforms.SessionZScore` and
+        :class:`~torch_geometric_tactile.transforms.Tare`.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
+            time (torch.Tensor or numpy.ndarray, optional): Time of each in seconds :math:`(B,)`,
+                where :class:`~torch_geometric_tactile.transforms.Tare` needs it.
+
+        Raises:
+            ValueError: If no transform measures sessions, or as for a call.
+        """
+        if not self.preparation.keys:
+            raise ValueError("no transform of this predictor measures sessions: there is no need")
+        data = self._data(reading, joint, session=-1)
+        if time is not None:
+            data.time = torch.as_tensor(time, dtype=torch.double)
+        return self.preparation.adapt(data)
+
+    def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
+        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`.
+
+        Args:
+            recording (Recording): The recording, in the unit and at the rest (tare) of those that
+                the model was trained on.
+            batch_size (int): Number of frames that are computed at a time.
+
+        Raises:
+            ValueError: If it has other taxels, channels or joints.
+        """
+        recording.check(self.layout)
+        parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
+        return torch.cat(parts)
+
+    def prepare(
+        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
+    ) -> StaticData:
+        r"""Returns readings as the model takes them, after all transforms.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): As for a call.
+            joint (torch.Tensor or numpy.ndarray, optional): As for a call.
+            session (int, optional): As for a call.
+        """
+        return self.preparation.prepared(self._data(reading, joint, session))
+
+    def prepare_samples(self, data: StaticData) -> StaticData:
+        r"""Returns samples of a data set as the model takes them.
+
+        Args:
+            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
+                before its :obj:`transform`.
+        """
+        return self.preparation.prepared_samples(data)
+
+    def _data(self, reading: ArrayLike, joint: ArrayLike | None, session: int | None) -> StaticData:
+        return self.preparation.data(
+            reading, joint, session, dtype=self._dtype, device=self._device
+        )
+
+    def logits(self, data: StaticData) -> Tensor:
+        r"""Returns what the model makes of prepared data :math:`(B, C)`, with gradients.
+
+        Args:
+            data (StaticData): What :meth:`prepare` or :meth:`prepare_samples` returned.
+        """
+        if self.model.training:
+            self.model.eval()
+        inputs = {name: getattr(data, name, None) for name in self._names}
+        for name, value in inputs.items():
+            if value is None:
+                source = _SOURCES.get(name, "add a transform that sets it")
+                raise ValueError(f"the model needs '{name}' (got none): {source}")
+        out: Tensor = self.model(data.x, data.edge_index, **inputs)
+        return out
+
+    def probability(self, logits: Tensor) -> Tensor:
+        r"""Returns the probabilities of the classes or labels, or for a regression the numbers.
+
+        Args:
+            logits (torch.Tensor): What the model returned :math:`(B, C)`.
+        """
+        if self.task == "regression":
+            return logits
+        return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
+
+    def names(self, num_outputs: int) -> list[str]:
+        r"""Returns the names of the outputs: of the classes or labels, or their numbers.
+
+        Args:
+            num_outputs (int): Number of outputs :math:`C`.
+
+        Raises:
+            ValueError: If there are names, but not as many.
+        """
+        if self.class_names and len(self.class_names) != num_outputs:
+            raise ValueError(
+                f"'class_names' must have {num_outputs} names, as the model has outputs "
+                f"(got {len(self.class_names)})"
+            )
+        return list(self.class_names) or [str(i) for i in range(num_outputs)]
+
+    def labels(self, probability: Tensor) -> list[list[str]]:
+        r"""Returns the predicted class of each frame, or all its labels with a probability above
+        one half; none for a frame whose probabilities are NaN.
+
+        Args:
+            probability (torch.Tensor): What a call returned :math:`(C,)` or :math:`(B, C)`.
+
+        Raises:
+            ValueError: If :obj:`task` is :obj:`"regression"`.
+        """
+        if self.task == "regression":
+            raise ValueError("a regression has no labels (task='regression')")
+        rows = probability.view(-1, probability.size(-1)).cpu()
+        names = self.names(rows.size(1))
+        if self.task == "multilabel":
+            return [[names[i] for i in (row > 0.5).nonzero().view(-1).tolist()] for row in rows]
+        missing = rows.isnan().any(dim=1).tolist()
+        best = rows.argmax(dim=1).tolist() if len(rows) else []
+        return [[] if is_nan else [names[i]] for i, is_nan in zip(best, missing, strict=True)]
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({type(self.model).__name__}, '{self.layout.name}', "
+            f"classes={list(self.class_names)}, task='{self.task}')"
+        )
+
+
+def _chunks(recording: Recording, size: int) -> Iterator[Any]:
+    if size < 1:
+        raise ValueError(f"'batch_size' must be at least 1 (got {size})")
+    for start in range(0, max(recording.num_frames, 1), size):
+        yield recording.select(slice(start, start + size))

@@ -1,0 +1,297 @@
+r"""From a reading to the input of a model."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch_geometric.transforms import (
+    AddSelfLoops,
+    Cartesian,
+    Compose,
+    Distance,
+    ToUndirected,
+)
+
+from torch_geometric_tactile import transforms as T
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.predictor.classes import flat
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
+from torch_geometric_tactile.typing import Transform
+
+ArrayLike = Tensor | np.ndarray | Sequence[Any]
+
+_EDGES = ("edge_index", "edge_attr", "edge_weight")
+_GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
+# Which attributes these transforms read and write. If all that a transform reads is the same for
+# every frame, its result is computed once. A transform that is not listed is applied to every
+# frame, and so is everything after it.
+_ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    T.AbsoluteMorphology: (("pos",), ("absolute",)),
+    T.DropPatches: (("x", "dropped"), ("x", "dropped")),
+    T.DropTaxels: (("x", "dropped"), ("x", "dropped")),
+    T.FillMissing: (("x", "missing"), ("x", "missing")),
+    T.GeometricEdgeAttr: _GEOMETRY,
+    T.KNNGraph: (("pos", *_EDGES), _EDGES),
+    T.TaxelPose: (("x", "joint"), ("pos", "normal")),
+    T.TopologicalSegmentation: (
+        (*_EDGES, "edge_is_within"),
+        (*_EDGES, "segment_batch", "edge_is_within"),
+    ),
+    Cartesian: _GEOMETRY,
+    Distance: _GEOMETRY,
+    AddSelfLoops: (_EDGES, _EDGES),
+    ToUndirected: (_EDGES, _EDGES),
+}
+
+
+class Preparation:
+    r"""What turns a reading into the input of a model: the layout, what all frames share, and the
+    transforms.
+
+    Args:
+        layout (TaxelLayout): The taxels.
+        shared (StaticData): One sample with the attributes that all frames share, such as
+            :obj:`pos` and :obj:`edge_index`, before any transform; its own are not used.
+        pre_transform (callable, optional): Applied to a reading first. What a data set holds has
+            been through it.
+        transform (callable, optional): Applied to all.
+        num_channels (int, optional): Number of channels of a taxel; not checked if left out.
+        num_joints (int, optional): Number of joint angles of a frame; likewise.
+    """
+
+    def __init__(
+        self,
+        layout: TaxelLayout,
+        shared: StaticData,
+        pre_transform: Transform | None = None,
+        transform: Transform | None = None,
+        num_channels: int | None = None,
+        num_joints: int | None = None,
+    ) -> None:
+        self.layout = layout
+        self.shared = _only_shared(shared)
+        self.pre_transform = copy.deepcopy(pre_transform)
+        self.transform = copy.deepcopy(transform)
+        self.num_channels = num_channels
+        self.num_joints = num_joints
+        self.session: int | None = None
+        parts = [*flat(self.pre_transform), *flat(self.transform)]
+        self.fitted = fitted_parts(Compose(parts))
+        self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
+        reads = {name for part in parts for name in _access(part)[0] or ()}
+        self.needs_joint = "joint" in reads
+        self._constant, self._parts = settle(self.shared, parts)
+
+    @classmethod
+    def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
+        r"""Returns what a data set does to its readings, and a transform after it.
+
+        Args:
+            dataset (StaticDataset): The data set; it must have a sample.
+            transform (callable, optional): Applied after the transform of the data set.
+        """
+        stored = copy.copy(dataset)
+        stored.transform = None
+        sample = stored.batch([0])
+        # What was computed from the layout once is there to be taken; the rest is not.
+        rest = [part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)]
+        for part in rest:
+            for key in _access(part)[1] or ():
+                if key in sample and key != "x" and not sample.is_shared(key):
+                    del sample[key]
+        joint = sample.joint if "joint" in sample else None
+        return cls(
+            dataset.layout,
+            sample,
+            Compose(rest) if rest else None,
+            Compose([*flat(dataset.transform), *flat(transform)]),
+            num_channels=None if rest else sample.num_features,
+            num_joints=0 if joint is None else joint.size(-1),
+        )
+
+    def data(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        session: int | None = None,
+        *,
+        dtype: torch.dtype = torch.float,
+        device: torch.device | None = None,
+    ) -> StaticData:
+        r"""Returns readings as data, before any transform.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): One frame :math:`(N, F)` or many
+                :math:`(B, N, F)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Angles in radians :math:`(J,)`, for
+                all frames, or :math:`(B, J)`.
+            session (int, optional): The recording session.
+            dtype (torch.dtype): Type of the numbers.
+            device (torch.device, optional): Where to compute.
+        """
+        x = _tensor("reading", reading, dtype, device)
+        num_taxels = self.layout.num_taxels
+        if x.dim() == 2:
+            x = x.unsqueeze(0)
+        if x.dim() != 3 or x.size(1) != num_taxels or self.num_channels not in (None, x.size(2)):
+            channels = self.num_channels or "num_channels"
+            raise ValueError(
+                f"'reading' must have shape ({num_taxels}, {channels}), a frame of layout "
+                f"'{self.layout.name}', or (num_frames, {num_taxels}, {channels}) "
+                f"(got {tuple(_shape(reading))})"
+            )
+        data = copy.copy(self._constant)
+        data.x = x
+        if joint is not None and self.num_joints != 0:
+            data.joint = self._joint(_tensor("joint", joint, dtype, device), len(x))
+        elif self.needs_joint:
+            raise ValueError(
+                f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, which "
+                "the transform or the model needs (got None)"
+            )
+        for key in self.keys:
+            data[key] = torch.full((len(x),), self._session(session), device=device)
+        return data
+
+    def _joint(self, joint: Tensor, num_frames: int) -> Tensor:
+        given = tuple(joint.shape)
+        if joint.dim() == 1:
+            joint = joint.expand(num_frames, -1)
+        if (
+            joint.dim() != 2
+            or len(joint) != num_frames
+            or self.num_joints
+            not in (
+                None,
+                joint.size(1),
+            )
+        ):
+            raise ValueError(
+                f"'joint' must have shape ({self.num_joints or 'num_joints'},) or ({num_frames}, "
+                f"{self.num_joints or 'num_joints'}), angles in radians (got {given})"
+            )
+        return joint
+
+    def _session(self, session: int | None) -> int:
+        session = self.session if session is None else session
+        if session is None:
+            names = " and ".join(repr(part) for part in self.fitted if part.key is not None)
+            raise ValueError(
+                f"'session' must be given, or adapt to a new one first: {names} measures each "
+                "session by itself; call 'adapt' with some unlabelled readings of this session"
+            )
+        return session
+
+    def prepared(self, data: StaticData) -> StaticData:
+        r"""Applies the transforms to readings.
+
+        Args:
+            data (StaticData): What :meth:`data` returned.
+        """
+        for part in self._parts:
+            data = apply_transform(part, data)
+        return data
+
+    def prepared_samples(self, data: StaticData) -> StaticData:
+        r"""Applies :obj:`transform` to samples of a data set.
+
+        Args:
+            data (StaticData): The samples.
+        """
+        if data.num_nodes != self.layout.num_taxels:
+            raise ValueError(
+                f"'data' must have {self.layout.num_taxels} taxels, as layout "
+                f"'{self.layout.name}' (got {data.num_nodes})"
+            )
+        return apply_transform(self.transform, data)
+
+    def adapt(self, data: StaticData) -> int:
+        r"""Measures a session that is new, without labels, and returns its number.
+
+        Args:
+            data (StaticData): Its readings, as :meth:`data` returned them for any session.
+        """
+        known = [int(p.key_values.max()) for p in self.fitted if p.key and p.key_values is not None]
+        number = 1 + max(known, default=-1)
+        for key in self.keys:
+            data[key] = torch.full((data.num_samples,), number)
+        fit_parts(Compose(self._parts), data, adapt=True)
+        self.session = number
+        return number
+
+    def to(self, device: torch.device) -> None:
+        r"""Moves what all frames share to a device.
+
+        Args:
+            device (torch.device): The device.
+        """
+        self._constant = self._constant.to(device)
+
+
+def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
+    r"""Applies those of some transforms whose result is the same for all frames, and returns what
+    frames share then, and the other transforms.
+
+    Args:
+        shared (StaticData): What frames share.
+        parts (sequence of BaseTransform): The transforms, in their order.
+    """
+    rest: list[Any] = []
+    changing, used = {"x", "joint"}, set[str]()  # what differs, and what later parts may not change
+    for i, part in enumerate(parts):
+        reads, writes = _access(part)
+        if reads is None or writes is None:
+            return shared, [*rest, *parts[i:]]
+        if changing.isdisjoint((*reads, *writes)) and used.isdisjoint(writes):
+            shared = apply_transform(part, shared)
+        else:
+            rest.append(part)
+            changing.update(writes)
+            used.update(reads)
+    return shared, rest
+
+
+def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+    # The attributes that a transform reads and writes, where they are known.
+    if isinstance(part, FittedTransform):
+        return (part.attr, *((part.key, "x") if part.key else ())), (part.attr,)
+    reads, writes = _ACCESS.get(type(part), (None, None))
+    if isinstance(part, T.AbsoluteMorphology) and part.cat:
+        return ("pos", "x"), ("x",)
+    return reads, writes
+
+
+def _is_settled(part: Any, sample: StaticData) -> bool:
+    # Whether its results are among what the samples of a data set share.
+    _, writes = _access(part)
+    if writes is None or "x" in writes:
+        return False
+    return all(key not in sample or sample.is_shared(key) for key in writes)
+
+
+def _only_shared(data: StaticData) -> StaticData:
+    # One empty frame with what all share; edges first, by which their features are checked.
+    schema: dict[str, Any] = data.schema
+    out = StaticData(x=torch.zeros(1, data.num_nodes, 0), **schema)
+    keys = [key for key, value in data.to_dict().items() if isinstance(value, Tensor)]
+    for key in sorted(keys, key=lambda key: key != "edge_index"):
+        if key != "x" and data.is_shared(key):
+            out[key] = data[key]
+    return out
+
+
+def _tensor(name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None) -> Tensor:
+    try:
+        if isinstance(value, np.ndarray) and not value.flags.writeable:
+            value = value.copy()  # PyTorch has no tensors that cannot be written
+        return torch.as_tensor(value).to(device=device, dtype=dtype)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
+
+
+def _shape(value: Any) -> Sequence[int]:
+    return tuple(value.shape) if hasattr(value, "shape") else np.shape(value)

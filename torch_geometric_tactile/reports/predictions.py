@@ -1,0 +1,112 @@
+r"""Predictions as a table."""
+
+import csv
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.typing import PathLike
+
+_BATCH_SIZE = 256
+
+_Rows = Iterator[tuple[list[Any], Tensor]]  # the first cells of a row, and its probabilities
+
+
+def write_recordings(
+    predictor: Predictor, paths: Sequence[PathLike], out: PathLike, adapt: bool = False
+) -> Counter[str]:
+    r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
+    probabilities.
+
+    Args:
+        predictor (Predictor): The predictor.
+        paths (sequence of str or PathLike): The recordings, in any format of :mod:`io`.
+        out (str or PathLike): The CSV file, written whole or not at all.
+        adapt (bool): Whether to measure each recording as a session of its own first, without
+            labels, where a transform measures sessions.
+
+    Returns:
+        Counter: How often each prediction was made.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        ValueError: If a recording cannot be read or does not fit; the message names it.
+    """
+
+    def rows() -> _Rows:
+        for path in paths:
+            recording = read_recording(path)
+            try:
+                if adapt:
+                    predictor.adapt(recording.tactile, recording.joint, recording.time)
+                probability = predictor.recording(recording, _BATCH_SIZE)
+            except ValueError as error:
+                raise ValueError(f"'{path}': {error}") from error
+            for i, (time, row) in enumerate(zip(recording.time, probability, strict=True)):
+                yield [str(path), i, f"{time:.6f}"], row
+
+    return _write(predictor, ["recording", "frame", "time"], rows(), out)
+
+
+def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -> Counter[str]:
+    r"""Writes a row for each sample of a data set: index, prediction and probabilities.
+
+    Args:
+        predictor (Predictor): The predictor.
+        samples (StaticDataset): The samples, without the transform of their data set.
+        out (str or PathLike): The CSV file, written whole or not at all.
+
+    Returns:
+        Counter: How often each prediction was made.
+    """
+
+    def rows() -> _Rows:
+        for index in torch.arange(len(samples)).split(_BATCH_SIZE):
+            with torch.inference_mode():
+                logits = predictor.logits(predictor.prepare_samples(samples.batch(index)))
+            yield from zip(
+                ([i] for i in index.tolist()), predictor.probability(logits), strict=True
+            )
+
+    return _write(predictor, ["index"], rows(), out)
+
+
+def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike) -> Counter[str]:
+    has_labels = predictor.task != "regression"
+    count: Counter[str] = Counter()
+    with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        for cells, probability in rows:
+            if not count:
+                names = predictor.names(len(probability))
+                prefix, label = ("p_", ["prediction"]) if has_labels else ("", [])
+                writer.writerow([*head, *label, *(f"{prefix}{name}" for name in names)])
+            prediction = ";".join(predictor.labels(probability)[0]) if has_labels else ""
+            count[prediction] += 1
+            numbers = [f"{value:.6f}" for value in probability.tolist()]
+            writer.writerow([*cells, *([prediction] if has_labels else []), *numbers])
+        if not count:
+            raise ValueError("there must be at least one frame to predict (got none)")
+    return count
+
+
+def describe_counts(count: Counter[str], out: PathLike) -> str:
+    r"""Returns what was written, in words.
+
+    Args:
+        count (Counter): How often each prediction was made.
+        out (str or PathLike): The file.
+    """
+    total = sum(count.values())
+    parts: Iterable[str] = (f"{name or 'none'} {n}" for name, n in count.most_common(8))
+    more = ", ..." if len(count) > 8 else ""
+    told = "" if set(count) == {""} else f": {', '.join(parts)}{more}"
+    return f"{Path(out)}: {total} frame{'s' if total > 1 else ''}{told}"
