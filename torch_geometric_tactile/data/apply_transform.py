@@ -184,7 +184,8 @@ def _blank(data: StaticData) -> StaticData:
         key: value if data.is_shared(key) else value.new_zeros((1, *value.shape[1:]))
         for key, value in data.to_dict().items()
     }
-    return StaticData(**values, **data.schema)
+    arguments: dict[str, Any] = values | data.schema
+    return StaticData(**arguments)
 
 
 def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:

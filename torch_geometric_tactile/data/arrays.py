@@ -53,7 +53,8 @@ def static_data_from_arrays(
     if edge_index is not None:
         edges = check_edges(as_tensor("edge_index", edge_index), layout.num_taxels)
     places = {} if {"pos", "normal"} & values.keys() else _places(layout)
-    return StaticData(x=x, edge_index=edges, **places, **values, **schema), found
+    arguments: dict[str, Any] = {**places, **values, **schema}
+    return StaticData(x=x, edge_index=edges, **arguments), found
 
 
 def _places(layout: TaxelLayout) -> dict[str, Tensor]:

@@ -47,6 +47,8 @@ class StaticDataset(FromArrays, ProcessedDataset):
             with other settings and the raw files are missing.
     """
 
+    _indices: Sequence[int] | None
+
     def __init__(
         self,
         root: PathLike | None = None,
