@@ -1,7 +1,7 @@
 r"""Reading a wide CSV recording of full size, against `numpy.loadtxt` on the same file.
 
-The readings are random numbers: 17 s of 384 taxels at 100 Hz with 16 joints. Both sides are measured
-in turn; the figure is the ratio of their medians.
+The readings are random numbers: 17 s of 384 taxels at 100 Hz with 16 joints. Both sides are
+measured in turn; the figure is the ratio of their medians.
 
 Examples:
     python benchmarks/wide_csv.py --rounds 5

@@ -84,3 +84,35 @@ def grasps(tmp_path_factory):
     simulation["preset"] = {"duration": 0.08, "rate": 100.0}
     (root / "simulation.json").write_text(json.dumps(simulation))
     return root
+
+
+class NumberedDataset(StaticDataset):
+    """Sixty samples in ten trials on four taxels, whose targets are linear in the joints."""
+
+    def __init__(self, targets=1, seed=0, offset=0.0, names=(), **kwargs):
+        self.layout = grid(2, 2, pitch=0.01)
+        self.targets = targets
+        self.seed = seed
+        self.offset = offset
+        self.target_names = names
+        super().__init__(None, **kwargs)
+
+    def read(self):
+        generator = torch.Generator().manual_seed(self.seed)
+        joint = torch.randn(60, 3, generator=generator)
+        y = joint[:, : self.targets] * 2 + self.offset
+        data = StaticData(
+            x=torch.randn(60, 4, 2, generator=generator),
+            edge_index=self.layout.edge_index("original"),
+            edge_attr=torch.randn(60, 8, 4, generator=generator),
+            y=y[:, 0] if self.targets == 1 else y,
+            joint=joint,
+            trial=torch.arange(60) // 6,
+        )
+        return data, {"class": list(self.target_names)}
+
+
+@pytest.fixture
+def numbered():
+    """The class of a small data set with one or more numbers as targets."""
+    return NumberedDataset

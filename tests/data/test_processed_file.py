@@ -1,5 +1,4 @@
 import os
-import warnings
 from pathlib import Path
 
 import pytest
@@ -7,12 +6,39 @@ import torch
 from torch_geometric.transforms import RandomJitter
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data.static_dataset import load_static, save_static
+from torch_geometric_tactile.data.processed_file import (
+    OtherFormatError,
+    load_static,
+    read_processed,
+    save_static,
+)
 from torch_geometric_tactile.transforms import KNNGraph
 
 
 def files(folder):
     return sorted(path.name for path in Path(folder).rglob("*") if path.is_file())
+
+
+@pytest.fixture
+def raw_toy(toy, tmp_path):
+    """The class of a small data set that is read from a raw file, which says by how much."""
+
+    class RawToy(toy):
+        @property
+        def raw_file_names(self):
+            return ["a.txt"]
+
+        def raw_state(self):
+            return [f"a.txt={Path(self.raw_paths[0]).read_text()}"]
+
+        def read(self):
+            data, names = super().read()
+            data.x = data.x + float(Path(self.raw_paths[0]).read_text())
+            return data, names
+
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / "a.txt").write_text("1")
+    return RawToy
 
 
 def test_processed_file_is_read_the_second_time(toy, tmp_path):
@@ -21,7 +47,7 @@ def test_processed_file_is_read_the_second_time(toy, tmp_path):
     assert second.data.x.equal(first.data.x)
     assert second.class_names == first.class_names
     assert second.data.to_dict().keys() == first.data.to_dict().keys()
-    assert files(tmp_path) == ["pre_filter.pt", "pre_transform.pt", "toy.pt"]
+    assert files(tmp_path) == ["toy.pt"]
 
 
 def test_force_reload_reads_again(toy, tmp_path):
@@ -34,17 +60,6 @@ def test_force_reload_under_an_open_dataset(toy, tmp_path):
     dataset = toy(tmp_path)
     toy(tmp_path, force_reload=True, pre_filter=lambda data: int(data.y) == 1)
     assert dataset.data.x.equal(torch.arange(48.0).view(6, 4, 2))
-
-
-def test_other_pre_transform_and_pre_filter_warn(toy, tmp_path):
-    toy(tmp_path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        toy(tmp_path)
-    with pytest.warns(UserWarning, match="The `pre_transform` argument differs"):
-        assert toy(tmp_path, pre_transform=KNNGraph(k=3))[0].num_edges == 8
-    with pytest.warns(UserWarning, match="The `pre_filter` argument differs"):
-        toy(tmp_path, pre_filter=bool)
 
 
 def test_processed_file_is_memory_mapped(toy, tmp_path, monkeypatch):
@@ -83,15 +98,32 @@ def test_cut_processed_file_says_what_to_do(toy, tmp_path, keep):
     assert len(toy(tmp_path, force_reload=True)) == len(toy(tmp_path)) == 6
 
 
-@pytest.mark.parametrize("content", [{"format": 0}, {}, [1, 2], torch.zeros(3)])
-def test_processed_file_of_another_format(toy, tmp_path, content):
-    torch.save(content, toy(tmp_path).processed_paths[0])
-    with pytest.raises(ValueError, match="is not in format 2; delete it"):
-        toy(tmp_path)
+@pytest.mark.parametrize("content", [{"format": 2}, {}, [1, 2], torch.zeros(3)])
+def test_processed_file_of_another_format_is_made_again(toy, tmp_path, caplog, content):
+    path = Path(toy(tmp_path).processed_paths[0])
+    torch.save(content, path)
+    with pytest.raises(OtherFormatError, match="is not in format 3; delete it"):
+        read_processed(path)
+    assert len(toy(tmp_path)) == 6
+    assert toy.reads == 2
+    (record,) = caplog.records
+    assert record.getMessage() == (
+        f"processing '{path}' again: it is not of this version of torch_geometric_tactile"
+    )
+    toy(tmp_path)
+    assert toy.reads == 2
+
+
+def test_processed_file_of_another_format_without_raw_files(raw_toy, tmp_path):
+    dataset = raw_toy(tmp_path)
+    torch.save({"format": 1}, dataset.processed_paths[0])
+    (tmp_path / "raw" / "a.txt").unlink()
+    with pytest.raises(ValueError, match=r"cannot be used \(it is not of this version.*missing in"):
+        raw_toy(tmp_path)
 
 
 def test_processed_file_with_a_pickled_object_is_refused(toy, tmp_path):
-    torch.save({"format": 1, "attributes": {"x": Path("a")}}, toy(tmp_path).processed_paths[0])
+    torch.save({"format": 3, "attributes": {"x": Path("a")}}, toy(tmp_path).processed_paths[0])
     with pytest.raises(ValueError, match="cannot be read"):
         toy(tmp_path)
 
@@ -118,7 +150,7 @@ def test_failure_while_reading_leaves_the_old_file(toy, tmp_path):
 
     with pytest.raises(RuntimeError, match="broken transform"):
         toy(tmp_path, force_reload=True, pre_transform=fail)
-    assert files(tmp_path) == ["pre_filter.pt", "pre_transform.pt", "toy.pt"]
+    assert files(tmp_path) == ["toy.pt"]
     assert len(toy(tmp_path)) == 6
 
 

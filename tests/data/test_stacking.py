@@ -30,16 +30,23 @@ def test_to_data_list_and_back():
         y=torch.tensor([1, 0, 1]),
         joint=torch.rand(3, 16),
         bias=torch.rand(2, 7),
+        mask=torch.rand(3, 2) > 0.5,
+        length=torch.rand(3, 2),
         gain=torch.ones(3),
+        object_index=torch.arange(3),
         note="dry",
-        shared=["gain"],
+        node=["bias", "mask"],
+        edge=["length"],
+        shared=["bias", "gain"],
     )
-    back = StaticData.from_data_list(data.to_data_list(), shared=data.shared)
+    back = StaticData.from_data_list(data.to_data_list(), **data.schema)
+    assert back.schema == data.schema
     assert sorted(back.keys()) == sorted(data.keys())
     assert back.note == "dry"
     for key in set(data.keys()) - {"note"}:
         assert back[key].equal(data[key]), key
         assert back.is_shared(key) == data.is_shared(key), key
+        assert back.level(key) == data.level(key), key
 
 
 def test_from_data_list_single_sample():
@@ -61,10 +68,50 @@ def test_from_data_list_stacks_scalar_labels():
     assert data.y.tolist() == [0.5, 1.5]
 
 
-def test_from_data_list_shares_what_has_a_row_for_each_taxel():
-    data = StaticData.from_data_list([sample(0, bias=torch.ones(2)), sample(1, bias=torch.ones(2))])
-    assert data.is_shared("bias")
-    assert data.sample(1).bias.tolist() == [1.0, 1.0]
+def test_from_data_list_brings_in_own_attributes():
+    samples = [
+        sample(
+            i, mask=torch.tensor([i > 0, True]), length=torch.tensor([1.0, i]), bias=torch.ones(2)
+        )
+        for i in range(3)
+    ]
+    declared = {"node": ("mask", "bias"), "edge": ("length",), "shared": ("bias",)}
+    data = StaticData.from_data_list(iter(samples), **declared)
+    assert data.mask.tolist() == [[False, True], [True, True], [True, True]]
+    assert data.length.tolist() == [[1, 0], [1, 1], [1, 2]]
+    assert data.bias.tolist() == [1, 1]
+    for i, expected in enumerate(samples):
+        for key in expected.keys():  # noqa: SIM118
+            assert torch.equal(data[i][key], expected[key]), key
+
+
+def test_from_data_list_stores_declared_attributes_for_each_sample():
+    mask = torch.ones(2)
+    data = StaticData.from_data_list([sample(0, mask=mask), sample(1, mask=mask)], node=["mask"])
+    assert data.mask.shape == (2, 2)
+    weight = torch.ones(2)
+    samples = [sample(0, edge_attr=weight), sample(1, edge_attr=2 * weight)]
+    data = StaticData.from_data_list(samples, edge=["edge_attr"])
+    assert data.edge_attr.tolist() == [[1, 1], [2, 2]]
+    assert data[1].edge_attr.tolist() == [2, 2]
+
+
+def test_from_data_list_takes_numbers_of_known_attributes():
+    data = StaticData.from_data_list([sample(y=0), sample(y=2)])
+    assert data.y.tolist() == [0, 2]
+    assert StaticData.from_data_list([sample(y=True), sample(y=False)]).y.dtype == torch.bool
+    assert StaticData.from_data_list([sample(rate=50.0), sample(rate=50.0)]).rate == 50.0
+    with pytest.raises(ValueError, match="sample 1 must have the same 'rate'"):
+        StaticData.from_data_list([sample(rate=50.0), sample(rate=60.0)])
+
+
+def test_from_data_list_shares_sparse_edges():
+    samples = [Data(x=torch.ones(2, 1), adj_t=torch.eye(2).to_sparse_csr()) for _ in range(2)]
+    data = StaticData.from_data_list(samples)
+    assert data.is_shared("adj_t")
+    samples[1].adj_t = torch.ones(2, 2).to_sparse_csr()
+    with pytest.raises(ValueError, match="sample 1 must have the same 'adj_t'"):
+        StaticData.from_data_list(samples)
 
 
 @pytest.mark.parametrize(
@@ -85,14 +132,25 @@ def test_from_data_list_rejects(second, message):
         StaticData.from_data_list([sample(0), second])
 
 
-def test_from_data_list_rejects_other_text_and_rows():
-    with pytest.raises(ValueError, match="sample 1 must have the same 'note'"):
-        StaticData.from_data_list([sample(note="dry"), sample(note="wet")])
-    with pytest.raises(ValueError, match=r"'bias' .* first dimension of size 1"):
-        StaticData.from_data_list([sample(bias=torch.ones(2)), sample(bias=torch.zeros(2))])
-    several = [sample(gain=torch.ones(1)), sample(gain=torch.zeros(1))]
-    with pytest.raises(ValueError, match="sample 1 must have the same 'gain'"):
-        StaticData.from_data_list(several, shared=["gain"])
+SAME = "sample 1 must have the same '{}' as sample 0"
+
+
+@pytest.mark.parametrize(
+    ("key", "first", "second", "declared", "message"),
+    [
+        ("note", "dry", "wet", [], SAME),
+        ("gain", torch.ones(1), torch.zeros(1), ["shared"], SAME),
+        ("bias", torch.ones(2), torch.zeros(2), ["node", "shared"], SAME),
+        ("parts", [torch.ones(2)], [torch.zeros(2)], ["shared"], SAME),
+        ("bias", torch.ones(2), torch.ones(2), [], r"'{}' must have a first .* \(2,\)\); name it"),
+        ("pos", torch.ones(2), torch.zeros(2), [], "'{}' must have 2 dimensions in a sample"),
+        ("edge_attr", torch.ones(2), torch.zeros(2), [], "'{}' must be named in 'edge' if it"),
+    ],
+)
+def test_from_data_list_rejects_other_values(key, first, second, declared, message):
+    samples = [sample(**{key: first}), sample(**{key: second})]
+    with pytest.raises(ValueError, match=message.format(key)):
+        StaticData.from_data_list(samples, **{argument: [key] for argument in declared})
 
 
 def test_from_data_list_rejects_x_without_features():
@@ -117,7 +175,14 @@ class StaticDouble(Double):
 
 def square():
     pos = torch.tensor([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]])
-    return StaticData(x=torch.ones(3, 2, 1), edge_index=EDGES, pos=pos, bias=torch.zeros(2))
+    return StaticData(
+        x=torch.ones(3, 2, 1),
+        edge_index=EDGES,
+        pos=pos,
+        bias=torch.zeros(2),
+        node=["bias"],
+        shared=["bias"],
+    )
 
 
 @pytest.mark.parametrize("transform", [Double(), StaticDouble()])
@@ -160,7 +225,7 @@ def test_apply_transform_sees_all_samples_at_once_where_it_can():
 
 
 def test_apply_transform_keeps_once_what_stands_once():
-    data = square()
+    data = square().declare(shared=["rest"])
     data.rest = torch.zeros(1, 16)
     assert apply_transform(Double(), data).rest.shape == (1, 16)
 
@@ -175,6 +240,24 @@ def test_apply_transform_gives_samples_positions_of_their_own():
 def test_apply_transform_no_samples(transform):
     out = apply_transform(transform, square().index_select(slice(0, 0)))
     assert out.x.shape == (0, 2, 1)
+
+
+class Heights(BaseTransform):
+    """Adds an attribute that nobody knows."""
+
+    def forward(self, data):
+        data.height = data.pos[:, 2]
+        return data
+
+
+def test_apply_transform_needs_new_attributes_declared():
+    with pytest.raises(ValueError, match=r"'height' .* name it in 'node' or 'edge'"):
+        apply_transform(Heights(), square())
+    data = square().declare(node=["height"])  # before it is there
+    out = apply_transform(Heights(), data)
+    assert out.height.shape == (3, 2)
+    assert out[1].height.tolist() == [0, 0]
+    assert out.schema == data.schema
 
 
 def test_apply_transform_rejects_topologies_that_differ():

@@ -1,9 +1,12 @@
 import copy
 import pickle
 
+import numpy as np
 import pytest
 import torch
+from torch.utils.data import DataLoader
 from torch_geometric.data import Data
+from torch_geometric.transforms import NormalizeFeatures, ToUndirected
 
 from torch_geometric_tactile.data import StaticData
 
@@ -49,47 +52,37 @@ def test_static_data_rejects_x_of_other_dimensions(shape):
         StaticData(x=torch.zeros(shape))
 
 
-def test_is_shared_tells_by_dimensions_of_known_names():
-    shared = {"pos": torch.zeros(2, 3), "edge_attr": torch.zeros(2, 1), "edge_weight": EDGES[0]}
-    own = {key: torch.stack([value] * 3) for key, value in shared.items()}
-    assert all(two_taxels(**shared).is_shared(key) for key in shared)
-    assert not any(two_taxels(**own).is_shared(key) for key in own)
-    assert two_taxels(**own).sample(1).edge_attr.shape == (2, 1)
-
-
-@pytest.mark.parametrize("key", ["pos", "normal"])
-def test_is_shared_where_there_are_as_many_taxels_as_samples(key):
-    data = two_taxels(samples=2, **{key: torch.zeros(2, 3)})
-    assert data.is_shared(key)
-    assert data.sample(0)[key].shape == (2, 3)
-
-
-def test_is_shared_says_no_to_x_and_yes_to_index_text_and_scalars():
-    data = two_taxels(patch_index=torch.tensor([0, 1, 2]), note="dry", rate=torch.tensor(50.0))
-    assert not data.is_shared("x")
-    assert data.is_shared("patch_index")
-    assert data.is_shared("note")
-    assert data.is_shared("rate")
-
-
-def test_shared_names_win_over_sizes():
-    gain = torch.tensor([1.0, 2.0, 3.0])
-    assert not two_taxels(gain=gain).is_shared("gain")
-    data = two_taxels(gain=gain, shared=["gain"])
-    assert data.shared == {"gain"}
-    assert data.sample(0).gain is gain
-    assert data.index_select(torch.tensor([2])).gain is gain
-
-
 @pytest.mark.parametrize(
     "duplicate",
-    [copy.copy, copy.deepcopy, StaticData.clone, lambda d: pickle.loads(pickle.dumps(d))],
+    [
+        copy.copy,
+        copy.deepcopy,
+        StaticData.clone,
+        lambda data: pickle.loads(pickle.dumps(data)),
+        lambda data: data.to("cpu"),
+        lambda data: data.index_select(slice(None)),
+        lambda data: next(iter(DataLoader([data], collate_fn=lambda x: x[0], num_workers=1))),
+    ],
+    ids=["copy", "deepcopy", "clone", "pickle", "to", "index_select", "worker"],
 )
-def test_copies_keep_shared(duplicate):
-    data = duplicate(two_taxels(gain=torch.ones(3), shared=["gain"]))
-    assert isinstance(data, StaticData)
-    assert data.shared == {"gain"}
+def test_copies_keep_the_levels(duplicate):
+    original = two_taxels(gain=torch.ones(3), mask=torch.ones(3, 2), shared=["gain"], node=["mask"])
+    data = duplicate(original)
+    assert type(data) is StaticData
+    assert data.schema == {"node": ["mask"], "edge": [], "shared": ["gain"]}
     assert data.sample(0).gain.shape == (3,)
+    assert data.sample(0).mask.shape == (2,)
+    with pytest.raises(ValueError, match="'y' must have 3 rows"):
+        data.y = torch.zeros(6)
+    if data is not original:  # PyG moves attributes in place
+        data.declare(shared=["other"])
+        assert original.schema["shared"] == ["gain"]
+
+
+def test_dtype_changes_keep_the_levels():
+    data = two_taxels(mask=torch.ones(3, 2), node=["mask"]).apply(lambda value: value.double())
+    assert data.mask.dtype == torch.double
+    assert data.level("mask") == "node"
 
 
 @pytest.mark.parametrize(
@@ -99,12 +92,17 @@ def test_copies_keep_shared(duplicate):
         (torch.tensor([2, 0, 2]), [2, 0, 2]),
         (torch.tensor([True, False, True]), [0, 2]),
         (torch.tensor([-1]), [2]),
+        ([2, 1], [2, 1]),
+        ([], []),
+        (np.array([0, 2]), [0, 2]),
+        (np.array([False, True, False]), [1]),
         (torch.tensor([], dtype=torch.long), []),
     ],
 )
 def test_index_select_takes(index, kept):
     data = two_taxels()
     out = data.index_select(index)
+    assert torch.equal(data[index].x, out.x)
     assert out.y.tolist() == kept
     assert out.x.equal(data.x[kept])
     assert out.x.shape == (len(kept), 2, 2)
@@ -117,13 +115,6 @@ def test_index_select_slice_copies_nothing():
     assert data.index_select(slice(0, 2)).x.data_ptr() == data.x.data_ptr()
 
 
-def test_index_select_to_as_many_samples_as_a_shared_attribute_has_rows():
-    bias = torch.tensor([0.5, 1.5])
-    data = two_taxels(bias=bias)
-    assert data.sample(0).bias is bias
-    assert data.index_select(torch.tensor([0, 1])).sample(0).bias is bias
-
-
 def test_index_select_lets_samples_get_positions_of_their_own():
     data = two_taxels(pos=torch.zeros(2, 3)).index_select(slice(0, 2))
     data.pos = torch.ones(2, 2, 3)
@@ -134,6 +125,8 @@ def test_empty_static_data():
     data = two_taxels(samples=0)
     assert (data.num_samples, data.num_nodes) == (0, 2)
     assert data.to_data_list() == []
+    assert data.index_select([]).num_samples == 0
+    assert data
     with pytest.raises(IndexError, match="'i' must be below 0"):
         data.sample(0)
 
@@ -144,46 +137,80 @@ def test_single_taxel_and_sample():
     assert data.sample(0).x.shape == (1, 1)
     assert data.sample(0).pos.shape == (1, 3)
     assert data.sample(0).y.tolist() == [1]
+    assert data.to_batch()[0].pos.shape == (1, 3)
 
 
-MARKS = {"absolute": torch.zeros(2, 4), "dropped": torch.zeros(2), "missing": torch.zeros(2)}
+@pytest.mark.parametrize("i", [1, -2, np.int64(1), torch.tensor(1), np.array(1)])
+def test_an_index_gives_a_sample(i):
+    data = two_taxels()
+    for sample in (data[i], data.get_example(int(i))):
+        assert type(sample) is Data
+        assert sample.y.tolist() == [1]
 
 
-@pytest.mark.parametrize("samples", [1, 2, 3])  # also as many as taxels
-@pytest.mark.parametrize("key", MARKS)
-def test_is_shared_of_marks_of_the_taxels(key, samples):
-    once, own = MARKS[key], torch.stack([MARKS[key]] * samples)
-    data = two_taxels(samples, **{key: once})
-    assert data.is_shared(key)
-    assert not data.has_elements(key)
-    assert data.sample(0)[key] is once
-    assert data.index_select(slice(0, 1)).sample(0)[key] is once
-    data = two_taxels(samples, **{key: own + torch.arange(samples).view(-1, *[1] * once.dim())})
-    assert not data.is_shared(key)
-    assert data.has_elements(key)
-    assert data.sample(0)[key].shape == once.shape
-    assert data.index_select(slice(0, 1))[key].shape == (1, *once.shape)
-    again = StaticData.from_data_list(data.to_data_list())
-    assert torch.equal(again.sample(-1)[key], data.sample(-1)[key])
+def test_a_name_gives_an_attribute():
+    data = two_taxels()
+    assert data["x"] is data.x
+    with pytest.raises(KeyError, match="force"):
+        data["force"]
 
 
-@pytest.mark.parametrize("key", MARKS)
-def test_is_shared_leaves_marks_of_the_samples_alone(key):
-    value = torch.arange(3.0) if MARKS[key].dim() == 1 else torch.arange(15.0).view(3, 5)
-    data = two_taxels(**{key: value})
-    assert not data.is_shared(key)
-    assert not data.has_elements(key)
-    assert torch.equal(data.sample(1)[key], value[1:2])
-    assert torch.equal(data.index_select(torch.tensor([2]))[key], value[2:])
-    again = StaticData.from_data_list(data.to_data_list())
-    assert torch.equal(again[key], value)
-    assert not again.is_shared(key)
+def test_number_of_graphs_is_that_of_samples():
+    data = two_taxels()
+    assert data.num_graphs == len(data) == len(data.to_data_list()) == 3
 
 
-def test_share_adds_to_the_shared_of_this_one_only():
-    data = two_taxels(gain=torch.ones(3), shared=["bias"])
-    other = copy.copy(data)
-    other.share("gain")
-    assert other.shared == {"bias", "gain"}
-    assert other.sample(0).gain.shape == (3,)
-    assert data.shared == {"bias"}
+def test_number_of_samples_without_readings():
+    assert StaticData(joint=torch.zeros(5, 16)).num_samples == 5
+    assert StaticData(pos=torch.zeros(5, 3)).num_samples == 0
+    assert StaticData().num_samples == 0
+    assert StaticData(joint=torch.zeros(2, 3)).sample(1).joint.shape == (1, 3)
+
+
+@pytest.mark.parametrize("key", ["batch", "ptr"])
+def test_stacked_samples_have_no_batch(key):
+    data = two_taxels()
+    assert not hasattr(data, key)
+    assert key not in data
+    with pytest.raises(AttributeError, match=rf"has no '{key}': .* call 'to_batch\(\)'"):
+        getattr(data, key)
+    with pytest.raises(ValueError, match=rf"has no '{key}': call 'to_batch\(\)'"):
+        data[key] = torch.zeros(6, dtype=torch.long)
+    assert hasattr(data.to_batch(), key)
+
+
+def test_other_missing_attributes_are_told_as_pyg_does():
+    with pytest.raises(AttributeError, match="no attribute 'force'"):
+        _ = two_taxels().force
+
+
+def test_pyg_counts_taxels_and_edges_by_level():
+    data = two_taxels(samples=2, edge_attr=torch.zeros(2, 2, 5), pos=torch.zeros(2, 2, 3))
+    assert (data.num_nodes, data.num_edges) == (2, 2)
+    assert data.is_node_attr("x")
+    assert data.is_edge_attr("edge_attr")
+    assert not data.is_node_attr("y")  # as many labels as taxels
+    assert not data.is_edge_attr("y")
+    assert sorted(data.edge_attrs()) == ["edge_attr", "edge_index"]
+    assert StaticData(edge_attr=torch.zeros(3, 7, 5)).num_edges == 7
+    assert StaticData(pos=torch.zeros(3, 7, 3)).num_nodes == 7
+
+
+def test_pyg_transform_that_writes_to_the_store_is_checked_too():
+    data = two_taxels()
+    data._store["mask"] = torch.ones(3)
+    with pytest.raises(ValueError, match="'mask' must have 3 rows"):
+        data._store["mask"] = torch.ones(2)
+    assert NormalizeFeatures()(two_taxels()).x.sum(-1).allclose(torch.ones(3, 2))
+
+
+def test_pyg_transform_of_edges_takes_edge_attributes_along():
+    one_way = StaticData(
+        x=torch.zeros(2, 2, 1),
+        edge_index=torch.tensor([[0], [1]]),
+        edge_weight=torch.tensor([0.5]),
+    )
+    both = ToUndirected()(one_way)
+    assert both.edge_index.tolist() == [[0, 1], [1, 0]]
+    assert both.edge_weight.tolist() == [0.5, 0.5]
+    assert both.to_batch().edge_weight.tolist() == [0.5] * 4

@@ -3,6 +3,7 @@ import pickle
 from functools import partial
 
 import pytest
+import torch
 from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import Compose, Distance, RandomJitter, ToUndirected
@@ -154,3 +155,74 @@ def test_dataset_pickles(cut):
     assert loaded.data.x.equal(dataset.data.x)
     assert loaded.batch([1]).edge_index.equal(dataset.batch([1]).edge_index)
     assert loaded.layout.matches(dataset.layout)
+
+
+def test_dataset_attributes_are_those_of_the_selection(build):
+    dataset = build()
+    assert dataset.y.tolist() == [0, 1, 0, 1, 0, 1]
+    assert dataset[[5, 0]].y.tolist() == [1, 0]
+    assert dataset[[5, 0]].pos.shape == (4, 3)
+    assert dataset[[5, 0]].edge_index.shape == (2, 8)
+    with pytest.raises(AttributeError, match="'ToyDataset' object has no attribute 'z'"):
+        dataset.z
+    assert not hasattr(dataset, "joint")
+
+
+@pytest.mark.parametrize(
+    ("idx", "trial"),
+    [
+        (None, [0, 1, 2]),
+        (slice(1, None), [1, 2]),
+        ([2, 0], [2, 0]),
+        (torch.tensor([True, False, True]), [0, 2]),
+    ],
+)
+def test_dataset_copy(build, idx, trial):
+    part = build()[[1, 3, 5]]
+    copied = part.copy(idx)
+    assert type(copied) is type(part)
+    assert copied.trial.tolist() == trial
+    assert len(copied) == copied.len() == len(trial)  # without the samples left out
+    copied.data.x.zero_()
+    copied.data.pos.zero_()
+    copied.data.edge_index.zero_()
+    assert part.data.x.min() > 0
+    assert part.data.pos.max() > 0
+    assert part.data.edge_index.max() > 0
+    assert copied.class_names == ["stable", "slip"]
+
+
+def test_dataset_to_a_device(build):
+    dataset = build(transform=KNNGraph(k=2))
+    part = dataset[2:]
+    assert part.to("meta") is part
+    assert part.x.device.type == part.pos.device.type == part.edge_index.device.type == "meta"
+    assert part.x.shape == (4, 4, 2)
+    assert part.len() == 4
+    assert dataset.cpu().x.device.type == "cpu"  # its own samples stay
+    assert dataset[0].x.device.type == "cpu"
+    assert dataset.trial.tolist() == [0, 0, 1, 1, 2, 2]
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_dataset_on_a_gpu(build):
+    dataset = build(transform=Distance()).cuda()
+    assert dataset[[3, 1]].batch([0]).edge_attr.is_cuda
+    assert dataset.cpu()[0].x.device.type == "cpu"
+
+
+def test_dataset_getitems_is_a_lazy_list(build):
+    calls = []
+
+    def watch(data):
+        calls.append(int(data.trial))
+        return data
+
+    samples = build(transform=watch)[[4, 0]].__getitems__([1, 0])
+    assert len(samples) == 2
+    assert calls == []
+    assert [int(data.trial) for data in samples] == [0, 2]
+    assert samples[1].x.equal(samples[-1].x)
+    assert calls == [0, 2]
+    assert type(pickle.loads(pickle.dumps(samples))) is list
+    assert samples.batch().trial.tolist() == [0, 2]

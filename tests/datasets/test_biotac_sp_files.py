@@ -48,7 +48,7 @@ def test_all_splits_come_from_one_processed_file(root):
     for split in ("train", "test", "all"):
         BioTacSP(root, split=split, checksum=False)
     names = sorted(path.name for path in (root / "processed").iterdir())
-    assert names == ["biotac_sp_unverified.pt", "pre_filter.pt", "pre_transform.pt"]
+    assert names == ["biotac_sp_unverified.pt"]
 
 
 def test_unverified_files_do_not_pass_for_verified_ones_later(root):

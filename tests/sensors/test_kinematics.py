@@ -465,6 +465,37 @@ def test_load_edited_table_has_the_edit(write):
     assert torch.allclose(moved, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("hand", [HAND, HandKinematics(CHAIN, name="arm")])
+def test_plain_data_gives_the_same_hand(hand):
+    content = json.loads(json.dumps(hand.to_dict()))
+    again = HandKinematics.from_dict(content)
+    assert again.joints == hand.joints
+    assert again.name == hand.name
+    assert again.link_names == hand.link_names
+    assert again.to_dict() == hand.to_dict()
+
+
+def test_slanted_axis_survives_copies_exactly():
+    joint = Joint("a", "b", "c", axis=(0.1, 0.7, -0.3))
+    assert Joint(**joint.to_dict()) == joint
+    assert math.hypot(*joint.axis) == pytest.approx(1.0, abs=1e-15)
+    assert "lower" not in joint.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"name": "hand"}, "the key 'joints'"),
+        ([], "the key 'joints'"),
+        ({"joints": [{"name": "a"}]}, "'joints' must list the arguments of Joint: .*missing"),
+        ({"joints": []}, "at least one joint that moves"),
+    ],
+)
+def test_from_dict_rejects(content, message):
+    with pytest.raises(ValueError, match=message):
+        HandKinematics.from_dict(content)
+
+
 def test_missing_files_are_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"gone\.json"):
         HandKinematics.load(tmp_path / "gone.json")

@@ -1,6 +1,6 @@
 import pytest
 import torch
-from torch_geometric.transforms import Compose
+from torch_geometric.transforms import BaseTransform, Compose
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
@@ -8,7 +8,7 @@ from torch_geometric_tactile.data import Protocol, Split
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import TactileDataModule
-from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, Tare, ZScore
+from torch_geometric_tactile.transforms import DropTaxels, KNNGraph, SessionZScore, Tare, ZScore
 
 
 def fake(split="train", **kwargs):
@@ -47,6 +47,56 @@ def test_transforms_are_fitted_one_after_the_other_and_the_callers_stay_unfitted
     data.setup()
     assert transform.transforms[0].center is None
     assert data.transform.transforms[1].center.abs().max() < 1e-2
+
+
+def test_augmentation_is_for_training_batches_only(labelled):
+    data = TactileDataModule(
+        labelled(transform=Shift(10.0)),
+        labelled(seed=1),
+        val=0.2,
+        transform=ZScore(),
+        train_transform=DropTaxels(taxels=[1], value=7.0),
+        batch_size=64,
+    )
+    data.setup()
+    (train,) = data.train_dataloader()
+    assert (train.x[:, 1] == 7).all()  # after scaling, which would have moved it
+    assert "dropped" in train
+    rest = train.x[:, [0, 2, 3]]
+    torch.testing.assert_close(rest.mean(0), torch.zeros(3, 2), rtol=0, atol=1e-5)
+    plain = data.part("train").data.x + 10  # scaling has measured all taxels, after the data set's
+    torch.testing.assert_close(data.transform.center[0].float(), plain.mean(0))
+    for loader in (data.val_dataloader(), data.test_dataloader(), data.predict_dataloader()):
+        (batch,) = loader
+        assert "dropped" not in batch
+        assert not (batch.x == 7).any()
+    assert "dropped" not in data.example()
+
+
+def test_augmentation_is_not_fitted(labelled):
+    match = r"'train_transform' must have no parts that are fitted \(got ZScore\); put them into"
+    with pytest.raises(ValueError, match=match):
+        TactileDataModule(labelled(), train_transform=Compose([DropTaxels(), ZScore()]))
+
+
+class Shift(BaseTransform):
+    supports_static = True
+
+    def __init__(self, by):
+        self.by = by
+
+    def forward(self, data):
+        data.x = data.x + self.by
+        return data
+
+
+def test_example_has_the_shapes_of_a_batch_but_no_scaling(labelled):
+    data = TactileDataModule(labelled(transform=Shift(1.0)), transform=ZScore(), val=0.0)
+    example = data.example(3)  # before it is set up
+    torch.testing.assert_close(example.x, data.dataset.data.x[[0, 29, 59]] + 1)
+    data.setup()
+    assert data.peek(data.part("train"), 60).x.mean(0).abs().max() < 1e-5  # scaled
+    assert len(data.peek(data.part("test"), 2).x) == 0
 
 
 @pytest.mark.parametrize("fold", [0, 2])

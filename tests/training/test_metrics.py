@@ -31,6 +31,16 @@ def test_multiclass_by_hand():
     assert values["auroc"] == pytest.approx(1.0)
 
 
+def test_two_classes_by_hand():
+    score = torch.tensor([[0.2, 0.8], [0.4, 0.6], [0.9, 0.1], [0.7, 0.3]])
+    values = classification_metrics(score, torch.tensor([1, 0, 0, 0]))
+    assert set(values) == {"accuracy", "f1", "f1_positive", "auroc"}
+    assert values["f1_positive"] == pytest.approx(2 / 3)
+    assert values["f1"] == pytest.approx((2 / 3 + 4 / 5) / 2)
+    nobody = classification_metrics(torch.tensor([[0.9, 0.1]]), torch.tensor([0]))
+    assert (nobody["f1"], nobody["f1_positive"]) == (1.0, 0.0)
+
+
 def test_multilabel_by_hand():
     score = torch.tensor([[0.9, 0.2], [0.4, 0.8], [0.6, 0.7], [0.5, 0.1]])
     values = classification_metrics(
@@ -67,6 +77,21 @@ def test_collected_in_batches_is_the_same(task, lacking):
     found = read_metrics(metrics)
     expected = classification_metrics(score, y, task)
     assert {name: float(value) for name, value in found.items()} == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("classes", [[0, 1], [0]])
+def test_two_classes_collected_in_batches_are_the_same(classes):
+    score, y = (torch.from_numpy(value) for value in draw("multiclass", num_classes=2))
+    y = torch.where(torch.tensor(len(classes) == 2), y, 0)
+    metrics = make_metrics(2)
+    for part in torch.arange(200).split(64):
+        metrics.update(score[part], y[part])
+    found = {name: float(value) for name, value in read_metrics(metrics).items()}
+    expected = classification_metrics(score, y)
+    assert found == pytest.approx(expected, nan_ok=True)
+    predicted = score.argmax(1)
+    assert found["f1_positive"] == pytest.approx(f1_score(y, predicted, zero_division=0.0))
+    assert found["f1"] == pytest.approx(f1_score(y, predicted, average="macro"))
 
 
 def test_class_that_is_absent_does_not_count():

@@ -15,8 +15,10 @@ from torch_geometric_tactile.training import (
     AtomicCheckpointIO,
     TactileClassifier,
     TactileDataModule,
+    TactileModule,
     classifier_from_config,
 )
+from torch_geometric_tactile.training.metrics import read_metrics
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, ZScore
 
 CONFIG = {
@@ -72,12 +74,14 @@ def test_classifier_learns_generated_grasps(tmp_path):
     assert sum(by_session) / 3 == pytest.approx(metrics["test/accuracy"], abs=1e-6)
 
 
-def test_classifier_f1_is_that_of_slip():
-    classifier = TactileClassifier(torch.nn.Identity())
+def test_f1_is_macro_and_that_of_class_1_has_its_own_name():
+    classifier = TactileModule(torch.nn.Identity())
     logits = torch.tensor([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0], [1.0, 0.0]])
     classifier.test_metrics.update(logits, torch.tensor([1, 0, 0, 0]))
-    # One true positive, one false positive, no false negative: 2 / (2 + 1).
-    assert float(classifier.test_metrics.compute()["f1"][1]) == pytest.approx(2 / 3)
+    values = read_metrics(classifier.test_metrics)
+    # Class 1: one true positive, one false positive: 2 / (2 + 1). Class 0: 4 / (4 + 1).
+    assert float(values["f1_positive"]) == pytest.approx(2 / 3)
+    assert float(values["f1"]) == pytest.approx((2 / 3 + 4 / 5) / 2)
 
 
 def test_checkpoint_is_plain_data_and_builds_the_classifier_again(tmp_path):

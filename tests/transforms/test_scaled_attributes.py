@@ -118,7 +118,7 @@ def test_no_sample_and_no_edge(attr):
 def test_one_value_for_all_samples_cannot_be_scaled_by_session():
     data = hand(3).declare(shared=["force"])
     transform = SessionZScore(attr="force").fit(hand())
-    with pytest.raises(ValueError, match=r"'force' must have a value for each sample .*'shared'"):
+    with pytest.raises(ValueError, match=r"'force' must have a value for each sample, .*'shared'"):
         transform(data)
 
 

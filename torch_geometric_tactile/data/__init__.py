@@ -1,10 +1,11 @@
 r"""Recordings as data: one topology, many samples."""
 
 from torch_geometric_tactile.data import splits
+from torch_geometric_tactile.data.apply_transform import StaticRule, apply_transform
 from torch_geometric_tactile.data.protocol import Protocol, Split
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.data.splits import Fold
-from torch_geometric_tactile.data.static_data import StaticData, apply_transform
+from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Split",
     "StaticData",
     "StaticDataset",
+    "StaticRule",
     "apply_transform",
     "splits",
 ]

@@ -1,5 +1,6 @@
 r"""From one topology and many samples to PyG's block-diagonal batch."""
 
+import copy
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
@@ -13,6 +14,10 @@ _NUM_CACHED = 4
 _BYTES_CACHED = 2**26  # of all cached edges together
 
 
+# A batch of Data, of which copies are made: PyG builds a class for every batch.
+_EMPTY = Batch(_base_cls=Data)
+
+
 def to_batch(data: "StaticData") -> Batch:
     r"""Returns what :meth:`~torch_geometric.data.Batch.from_data_list` makes of the samples,
     without building a :class:`~torch_geometric.data.Data` object for each.
@@ -21,22 +26,23 @@ def to_batch(data: "StaticData") -> Batch:
         data (StaticData): The samples.
     """
     num_samples = data.num_samples
+    numbers = torch.arange(num_samples + 1)
     sample = data.sample(0) if num_samples else _empty_sample(data)
-    out = Batch(_base_cls=Data)
+    out = copy.copy(_EMPTY)
+    joined = out._store._mapping  # as fast as a dictionary
     # PyG takes a batch apart by these: where the values of each sample begin, and what was added.
     slices: dict[str, Any] = {}
     increments: dict[str, Any] = {}
     others = []
-    for key, value in data._store.items():
+    for key, value in data._store._mapping.items():
         if key == "num_nodes":
+            joined[key] = value * num_samples
             out._num_nodes = [value] * num_samples
-            out.num_nodes = value * num_samples
         elif type(value) is Tensor and value.layout == torch.strided:
-            joined = _join(data, sample, key, value, num_samples)
-            out[key], slices[key], increments[key] = joined
+            joined[key], slices[key], increments[key] = _join(data, sample, key, value, numbers)
         elif isinstance(value, str):
-            out[key] = [value] * num_samples
-            slices[key], increments[key] = torch.arange(num_samples + 1), None
+            joined[key] = [value] * num_samples
+            slices[key], increments[key] = numbers, None
         else:
             others.append(key)
     if others and num_samples:
@@ -44,10 +50,11 @@ def to_batch(data: "StaticData") -> Batch:
     # As PyG has it, a batch of which nothing tells the number of nodes gets no 'batch' vector.
     if sample._store.can_infer_num_nodes:
         num_nodes = sample.num_nodes or 0
-        device = next((v.device for v in data._store.values() if isinstance(v, Tensor)), None)
-        index = torch.arange(num_samples, device=device)
-        out.batch = index.view(-1, 1).expand(-1, num_nodes).reshape(-1)
-        out.ptr = num_nodes * torch.arange(num_samples + 1, device=device)
+        values = data._store._mapping.values()
+        device = next((v.device for v in values if isinstance(v, Tensor)), None)
+        numbers = numbers.to(device)
+        joined["batch"] = numbers[:-1].repeat_interleave(num_nodes)
+        joined["ptr"] = num_nodes * numbers
     out._num_graphs = num_samples
     out._slice_dict = slices
     out._inc_dict = increments
@@ -60,44 +67,48 @@ def _empty_sample(data: "StaticData") -> Data:
         if data.is_shared(key):
             out[key] = value
         else:
-            out[key] = value.new_empty(value.shape[1:] if data.level(key) != "sample" else (1,))
+            sample_level = data.level(key) == "sample"
+            out[key] = value.new_zeros((1, *value.shape[1:]) if sample_level else value.shape[1:])
     return out
 
 
 def _join(
-    data: "StaticData", sample: Data, key: str, value: Tensor, num_samples: int
+    data: "StaticData", sample: Data, key: str, value: Tensor, numbers: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     one: Tensor = sample[key]
+    num_samples = len(numbers) - 1
     shared = data.is_shared(key)
-    dim = sample.__cat_dim__(key, one)
-    dim = 0 if dim is None or one.dim() == 0 else dim % one.dim()
-    size = one.size(dim) if one.dim() else 1
-    steps = _steps(sample, key, value, shared, num_samples)
-    starts = steps.cumsum(0) - steps
-    moved = num_samples > 0 and int(starts[-1]) != 0
-    slices = size * torch.arange(num_samples + 1)
-    if moved and key == "edge_index" and "batch" not in key:
-        return _edges.get(value, int(steps[0]), num_samples), slices, starts
+    dim, size = 0, 1
+    if one.dim():
+        dim = sample.__cat_dim__(key, one) % one.dim()
+        size = one.size(dim)
+    if "batch" in key and not shared:
+        rows = value.flatten(1) if value.dim() > 1 else value.view(-1, 1)
+        steps = rows.amax(1).long().cpu() + 1
+        starts = steps.cumsum(0) - steps
+        moved = num_samples > 1 and int(starts[-1]) != 0
+    else:
+        step = sample.__inc__(key, one)
+        if step is None:  # PyG 2.6 does not say so
+            raise RuntimeError(f"Unable to infer 'num_nodes', which '{key}' needs; please set it")
+        starts = step * numbers[:-1]
+        moved = num_samples > 1 and step != 0
+        if moved and key == "edge_index":
+            return _edges.get(value, step, num_samples), size * numbers, starts
     if shared:
-        value = one.unsqueeze(0).expand(num_samples, *one.shape)
+        value = one.expand(num_samples, *one.shape)
     elif data.level(key) == "sample":
-        value = value.unsqueeze(1)  # PyG keeps a row for each sample
+        value = value.unsqueeze(1)  # a sample of PyG keeps a row of its own
     if moved:
         # A number without dimensions does not change the type of a tensor of its kind.
         dtype = torch.result_type(one, starts[0])
         start = starts.to(dtype=dtype, device=value.device)
         value = value.to(dtype) + start.view(-1, *[1] * (value.dim() - 1))
     if one.dim() == 0:
-        return value.contiguous(), slices, starts
-    return value.movedim(0, dim).flatten(dim, dim + 1), slices, starts
-
-
-def _steps(sample: Data, key: str, value: Tensor, shared: bool, num_samples: int) -> Tensor:
-    # What PyG adds to the values of a sample more than to those of the one before.
-    if "batch" in key and not shared and value.numel():
-        return value.flatten(1).amax(1).long().cpu() + 1
-    step = sample.__inc__(key, sample[key]) if num_samples else 0
-    return torch.full((num_samples,), step)
+        return value.clone(), numbers, starts
+    if dim > 0:
+        value = value.movedim(0, dim)
+    return value.flatten(dim, dim + 1), size * numbers, starts
 
 
 def _join_others(
@@ -157,7 +168,8 @@ class _EdgeCache:
         if edges.is_inference():  # has no version
             return edges
         entry = _Entry(edge_index.clone(), num_nodes, num_samples, edges, edges._version)
-        entries, size = [], 0
+        entries: list[_Entry] = []
+        size = 0
         for kept in (entry, *self.entries):
             size += kept.edges.numel() * kept.edges.element_size()
             if size <= _BYTES_CACHED and len(entries) < _NUM_CACHED:

@@ -255,7 +255,6 @@ class Schema:
                 "'shared', to declare another shape"
             )
 
-
     def _num_nodes(self, attributes: Mapping[str, Any]) -> int | None:
         for key in ("x", "pos"):
             value = attributes.get(key)

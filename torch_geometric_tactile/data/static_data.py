@@ -10,12 +10,10 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.storage import GlobalStorage
-from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data.block_diagonal import to_batch
 from torch_geometric_tactile.data.levels import Level, Schema
 from torch_geometric_tactile.data.stacking import stack_samples
-from torch_geometric_tactile.typing import Transform
 
 _Index = Tensor | slice | Sequence[int] | np.ndarray
 
@@ -136,7 +134,7 @@ class StaticData(Data):
         r"""Raises an :class:`AttributeError`: only :meth:`to_batch` has it."""
         raise AttributeError  # continues in __getattr__
 
-    @overload  # type: ignore[override]
+    @overload
     def __getitem__(self, key: str) -> Any: ...
 
     @overload
@@ -167,9 +165,13 @@ class StaticData(Data):
 
     def __cat_dim__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> Any:
         # The dimension of the taxels or edges, from which PyG reads their number.
-        if isinstance(value, Tensor) and value.layout == torch.strided and key != "edge_index":
-            if self.level(key) != "sample":
-                return 0 if self._schema.is_shared(key, value) else 1
+        if (
+            isinstance(value, Tensor)
+            and value.layout == torch.strided
+            and key != "edge_index"
+            and self.level(key) != "sample"
+        ):
+            return 0 if self._schema.is_shared(key, value) else 1
         return super().__cat_dim__(key, value, *args, **kwargs)
 
     @property
@@ -268,11 +270,12 @@ class StaticData(Data):
         i %= num_samples
         schema: Schema = self._schema
         out = Data()
-        for key, value in self._store.items():
+        sample = out._store._mapping  # a third of the time of out[key] = ...
+        for key, value in self._store._mapping.items():
             if schema.is_shared(key, value):
-                out[key] = value
+                sample[key] = value
             else:
-                out[key] = value[i : i + 1] if schema.level(key) == "sample" else value[i]
+                sample[key] = value[i : i + 1] if schema.level(key) == "sample" else value[i]
         return out
 
     def get_example(self, idx: int) -> Data:
@@ -351,34 +354,5 @@ class StaticData(Data):
                 attributes or their shapes.
         """
         schema = Schema.of(node, edge, shared)
-        return cls(**stack_samples(list(data_list), schema), **schema.to_dict())
-
-
-def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
-    r"""Applies a transform to many samples at once, with the result of applying it to each.
-
-    Transforms that declare :obj:`supports_static = True` see all samples in one call; any other PyG
-    transform is called sample by sample.
-
-    Args:
-        transform (callable, optional): From :class:`~torch_geometric.data.Data` to
-            :class:`~torch_geometric.data.Data`.
-        data (StaticData): The samples.
-
-    Raises:
-        ValueError: If the transform gives the samples different topologies.
-    """
-    if transform is None:
-        return data
-    if isinstance(transform, Compose):
-        for part in transform.transforms:
-            data = apply_transform(part, data)
-        return data
-    if getattr(transform, "supports_static", False):
-        out: StaticData = transform(data)
-        return out
-    if data.num_samples == 0:
-        return data
-    return StaticData.from_data_list(
-        [transform(sample) for sample in data.to_data_list()], **data.schema
-    )
+        attributes = stack_samples(list(data_list), schema)
+        return cls(node=schema.node, edge=schema.edge, shared=schema.shared, **attributes)

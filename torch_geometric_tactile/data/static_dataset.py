@@ -1,31 +1,38 @@
 r"""The base class of data sets with one topology."""
 
+import copy
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor
-from torch_geometric.data import Data, Dataset
+from torch_geometric.data import Data
 
-from torch_geometric_tactile.data.static_data import StaticData, apply_transform
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.data.apply_transform import apply_transform
+from torch_geometric_tactile.data.from_arrays import FromArrays
+from torch_geometric_tactile.data.processed_dataset import ProcessedDataset
+from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.data.static_samples import StaticSamples
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
-_FORMAT = 2
 
-
-class StaticDataset(Dataset):
-    r"""A PyG data set whose samples share one topology and stand in one tensor.
+class StaticDataset(FromArrays, ProcessedDataset):
+    r"""A PyG data set whose samples share one topology and are held in one tensor.
 
     :obj:`dataset[i]` is an ordinary :class:`~torch_geometric.data.Data` object, so that PyG's
     :class:`~torch_geometric.loader.DataLoader`, transforms and explainers work;
-    :class:`~torch_geometric_tactile.loader.StaticLoader` cuts whole batches instead. The processed
-    file is memory-mapped, so that a data set may be larger than memory.
+    :class:`~torch_geometric_tactile.loader.StaticLoader` cuts whole batches instead. The attributes
+    of all samples are attributes of the data set: :obj:`dataset.y`. The processed file is
+    memory-mapped, so that a data set may be larger than memory.
 
-    A subclass sets :obj:`layout` and defines :meth:`read`; with a :obj:`root` also
-    :obj:`raw_file_names`, :obj:`processed_file_names` and, if it can, :meth:`download`.
+    For data of your own see :meth:`from_arrays` and :meth:`from_data_list`. A subclass sets
+    :obj:`layout` and defines :meth:`read`; with a :obj:`root` also :obj:`raw_file_names`,
+    :obj:`processed_file_names` and, if it can, :meth:`download`.
+
+    The processed file records the class, the arguments of its constructor, :obj:`layout`,
+    :obj:`pre_transform`, :obj:`pre_filter` and :meth:`raw_state`. If one of them differs, the raw
+    files are processed again and a warning is logged that names it.
 
     Args:
         root (str or PathLike, optional): Folder of the raw and the processed files. Without one,
@@ -36,10 +43,9 @@ class StaticDataset(Dataset):
         force_reload (bool): Whether to process the raw files anew.
 
     Raises:
-        ValueError: If the processed file is damaged, or holds samples of another layout.
+        ValueError: If the processed file is damaged, holds samples of another layout, or was made
+            with other settings and the raw files are missing.
     """
-
-    layout: TaxelLayout
 
     def __init__(
         self,
@@ -59,39 +65,28 @@ class StaticDataset(Dataset):
         if root is None:
             self._data, self._names = self._build()
         else:
-            self._data, self._names = load_static(self.processed_paths[0])
+            self._data, self._names = self._take_file()
+        self.__dict__.pop("_given", None)
         if self._data.num_nodes != self.layout.num_taxels:
             raise ValueError(
                 f"the samples of {type(self).__name__} must have {self.layout.num_taxels} taxels, "
                 f"as layout '{self.layout.name}' (got {self._data.num_nodes})"
             )
 
-    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
-        r"""Returns all samples, and the names behind their integer attributes.
-
-        The names are those of :obj:`y` (:obj:`"class"`), :obj:`group` (:obj:`"group"`) and
-        :obj:`session` (:obj:`"session"`).
-        """
-        raise NotImplementedError
-
-    @property
-    def has_process(self) -> bool:
-        r"""Whether there are files to process: not so in memory."""
-        return self.root != "???"  # PyG's mark of a missing root
-
-    def _build(self) -> tuple[StaticData, dict[str, list[str]]]:
-        data, names = self.read()
-        if self.pre_filter is not None:
-            kept = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
-            if not kept:
-                raise ValueError("'pre_filter' must keep at least one sample (kept none)")
-            data = data.index_select(torch.tensor(kept))
-        return apply_transform(self.pre_transform, data), names
-
-    def process(self) -> None:
-        r"""Reads, filters and transforms the samples, and saves them whole or not at all."""
-        data, names = self._build()
-        save_static(data, names, self.processed_paths[0])
+    @classmethod
+    def _of(
+        cls,
+        source: tuple[StaticData, dict[str, list[str]]],
+        layout: TaxelLayout,
+        transform: Transform | None,
+        pre_transform: Transform | None,
+        pre_filter: Filter | None,
+    ) -> Self:
+        dataset = cls.__new__(cls)
+        dataset.layout = layout
+        dataset.__dict__["_source"] = source
+        StaticDataset.__init__(dataset, None, transform, pre_transform, pre_filter)
+        return dataset
 
     def len(self) -> int:
         r"""Returns the number of samples stored."""
@@ -125,6 +120,49 @@ class StaticDataset(Dataset):
             index = self._index()[index]
         return apply_transform(self.transform, self._data.index_select(index))
 
+    def __getitems__(self, index: Sequence[int]) -> StaticSamples:
+        r"""Returns some samples, read when they are asked for: what loaders call for a batch.
+
+        Args:
+            index (sequence of int): Indices into this selection :math:`(B,)`.
+        """
+        return StaticSamples(self, index)
+
+    def copy(self, idx: Any = None) -> Self:
+        r"""Returns a copy with the samples of this selection only, which shares no memory with this
+        data set.
+
+        Args:
+            idx (optional): Which of them: a slice, a list, or a tensor or array of integers or
+                booleans. All if left out.
+        """
+        dataset = copy.copy(self if idx is None else self.index_select(idx))
+        dataset._data = dataset.data.clone()
+        dataset._indices = None
+        return dataset
+
+    def to(self, device: Any) -> Self:
+        r"""Moves the samples of this selection to a device; other selections keep theirs.
+
+        Args:
+            device (torch.device or str): The device.
+        """
+        self._data = copy.copy(self.data).to(device)
+        self._indices = None
+        return self
+
+    def cpu(self) -> Self:
+        r"""Moves the samples of this selection to the CPU."""
+        return self.to("cpu")
+
+    def cuda(self, device: Any = None) -> Self:
+        r"""Moves the samples of this selection to a GPU.
+
+        Args:
+            device (torch.device or str or int, optional): The device; the current one if left out.
+        """
+        return self.to("cuda" if device is None else torch.device("cuda", device))
+
     def _index(self) -> Tensor:
         # PyG keeps a selection as a list, and converting it costs more than cutting a batch.
         indices, tensor = self.__dict__.get("_cached_index", (None, None))
@@ -145,9 +183,15 @@ class StaticDataset(Dataset):
         value: Tensor | None = None
         if key in self._data:
             value = self._data[key]
-        if value is None or self._indices is None:
+        if value is None or self._indices is None or self._data.is_shared(key):
             return value
         return value[self._index()]
+
+    def __getattr__(self, key: str) -> Any:
+        data = self.__dict__.get("_data")  # not there while PyG's constructor runs
+        if isinstance(data, StaticData) and key in data:
+            return self.column(key)
+        raise AttributeError(f"'{type(self).__name__}' object has no attribute '{key}'")
 
     @property
     def num_classes(self) -> int:
@@ -171,53 +215,3 @@ class StaticDataset(Dataset):
     def session_names(self) -> list[str]:
         r"""The names of the recording sessions in :obj:`session`."""
         return list(self._names.get("session", ()))
-
-
-def save_static(data: StaticData, names: dict[str, list[str]], path: PathLike) -> None:
-    r"""Writes samples to a file, whole or not at all.
-
-    Args:
-        data (StaticData): The samples.
-        names (dict): The names behind their integer attributes.
-        path (str or PathLike): The file.
-    """
-    attributes: dict[str, Any] = {}
-    for key, value in data.to_dict().items():
-        attributes[key] = value.clone() if _is_view(value) else value
-    schema = data.schema
-    content = {"format": _FORMAT, "attributes": attributes, "schema": schema, "names": names}
-    with atomic_path(path) as temporary:
-        torch.save(content, temporary)
-
-
-def _is_view(value: Any) -> bool:
-    # It would drag its whole storage into the file. Others need no copy, which may not fit.
-    if not isinstance(value, Tensor):
-        return False
-    if type(value) is not Tensor or value.layout != torch.strided:
-        return True
-    return value.untyped_storage().nbytes() != value.numel() * value.element_size()
-
-
-def load_static(path: PathLike) -> tuple[StaticData, dict[str, list[str]]]:
-    r"""Reads samples from a file, memory-mapped.
-
-    Args:
-        path (str or PathLike): A file of :func:`save_static`.
-
-    Raises:
-        ValueError: If the file is damaged or of another format.
-    """
-    mend = "delete it or pass 'force_reload=True' to process the raw files again"
-    if Path(path).stat().st_size == 0:
-        raise ValueError(f"processed file '{path}' is empty; {mend}")
-    try:
-        content = torch.load(path, mmap=True, weights_only=True)
-    except Exception as error:  # torch raises five kinds for a cut file
-        raise ValueError(f"processed file '{path}' cannot be read; {mend} ({error})") from error
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise ValueError(f"processed file '{path}' is not in format {_FORMAT}; {mend}")
-    data = StaticData(**content["schema"])
-    for key, value in content["attributes"].items():
-        data[key] = value
-    return data, content["names"]

@@ -88,6 +88,7 @@ class BioTacSP(StaticDataset):
     """
 
     url = "https://raw.githubusercontent.com/3dperceptionlab/biotacsp-stability-set-v2/master"
+    selection_args = ("split", "palm")
 
     def __init__(
         self,

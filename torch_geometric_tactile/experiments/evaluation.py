@@ -213,7 +213,7 @@ def train_classifier(
         **trainer_arguments: Of :class:`lightning.Trainer`; without any, nothing is shown or kept.
     """
     L.seed_everything(seed, verbose=False)
-    classifier = classifier_from_config(config["model"])
+    classifier = classifier_from_config(config["model"], data)
     with quiet():
         trainer = L.Trainer(
             accelerator="cpu",

@@ -150,7 +150,7 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     memory = PeakMemory("cuda" if experiment.accelerator == "gpu" else "cpu")
     memory.start()
     L.seed_everything(experiment.seed, verbose=False)
-    classifier = classifier_from_config(config["model"])
+    classifier = classifier_from_config(config["model"], data)
     clock = _Clock()
     with quiet():
         trainer = _trainer(callbacks=[clock], **config["trainer"])

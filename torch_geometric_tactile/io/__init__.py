@@ -1,6 +1,7 @@
 r"""File formats: one per file, the only home of byte layouts."""
 
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
+from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_files import (
     read_recording,
     recording_format,
@@ -32,6 +33,7 @@ __all__ = [
     "read_biotac_sp_csv",
     "read_hdf5",
     "read_hdf5_head",
+    "read_named_csv",
     "read_npz",
     "read_recording",
     "read_wide_csv",

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
 from torch_geometric_tactile.io.recording_schema import checked_file
-from torch_geometric_tactile.io.wide_csv import read_wide_csv, write_wide_csv
+from torch_geometric_tactile.io.wide_csv import has_own_names, read_wide_csv, write_wide_csv
 from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
 from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 from torch_geometric_tactile.typing import PathLike
@@ -19,6 +20,7 @@ _READERS: dict[str, Callable[..., Recording]] = {
     "HDF5": read_hdf5,
     "npz": read_npz,
     "wide CSV": read_wide_csv,
+    "named CSV": read_named_csv,
     "XELA log CSV": read_xela_log_csv,
     "XELA messages": read_xela_messages,
 }
@@ -46,10 +48,11 @@ _XELA_LOG = re.compile(rb"(\xef\xbb\xbf)?\s*\"?receive time", re.IGNORECASE)
 
 def recording_format(path: PathLike) -> str:
     r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"wide CSV"`,
-    :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
+    :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
 
-    The suffix must be a known one; what stands at the beginning of the file decides between the
-    two kinds of CSV, and overrules a suffix that is wrong.
+    The suffix must be a known one; the beginning of the file decides between the kinds of CSV, and
+    overrules a suffix that is wrong. CSV files with a header of names are named CSV, unless these
+    are the names of :func:`write_wide_csv`, or as many as the hand data of the papers have columns.
 
     Args:
         path (str or PathLike): The file.
@@ -69,6 +72,8 @@ def recording_format(path: PathLike) -> str:
             return name
     if _XELA_LOG.match(head):
         return "XELA log CSV"
+    if _SUFFIXES[suffix] == "wide CSV" and has_own_names(path):
+        return "named CSV"
     return _SUFFIXES[suffix]
 
 
@@ -86,13 +91,22 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
             read.
     """
     name = recording_format(path)
+    if name in ("wide CSV", "named CSV"):
+        # A header of other names does not tell the sizes, so that they may be given.
+        sizes = {"num_taxels", "num_joints"} & kwargs.keys()
+        own = {*_options(read_named_csv)} - {*_options(read_wide_csv)}
+        name = "wide CSV" if sizes else "named CSV" if own & kwargs.keys() else name
     reader = _READERS[name]
-    options = [*inspect.signature(reader).parameters][1:]
+    options = _options(reader)
     for key in kwargs:
         if key not in options:
             known = ", ".join(options) or "none"
             raise ValueError(f"'{key}' must be an option of the format {name}: {known} ('{path}')")
     return reader(path, **kwargs)
+
+
+def _options(reader: Callable[..., Recording]) -> list[str]:
+    return [*inspect.signature(reader).parameters][1:]
 
 
 def write_recording(recording: Recording, path: PathLike) -> None:

@@ -160,6 +160,22 @@ def read_wide_csv(
     )
 
 
+def has_own_names(path: PathLike) -> bool:
+    r"""Tells whether a CSV file has a header whose names and number are not those of a recording
+    that :func:`read_wide_csv` reads without arguments.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    try:
+        _, row = next(csv_rows(checked_file(path)), (0, []))
+    except ValueError:  # is reported when the file is read
+        return False
+    if not row or not _is_header(row) or any(_TAXEL.fullmatch(cell.strip()) for cell in row):
+        return False
+    return len(row) - NUM_TAXELS * NUM_CHANNELS - NUM_JOINTS not in (0, 1)
+
+
 def _is_header(row: Sequence[str]) -> bool:
     def is_name(cell: str) -> bool:
         try:

@@ -5,7 +5,8 @@ with the :math:`(N, F \cdot B)` matrix then serves the whole batch, the linear m
 product over the taxels, and the maximum over channels runs along contiguous memory.
 """
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Union
 
 import torch
 from torch import Tensor
@@ -14,12 +15,51 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.conv.static_adjacency import StaticAdjacency
+from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv
+from torch_geometric_tactile.nn.conv.plain import is_hooked
+from torch_geometric_tactile.nn.conv.static_adjacency import MAX_DENSE_NODES, StaticAdjacency
+from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 # The widest activation of a block of this size stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**20
 # Below the difference of any two numbers that are not equal, and above zero.
 _TINY = 1e-37
+# From this number of samples on, the layout of this module pays.
+_MIN_SAMPLES = 8
+
+
+def may_run_fast(x: Tensor) -> bool:
+    r"""Tells whether :func:`pooled_gcn` pays for features: those of many samples on a processor.
+
+    Args:
+        x (torch.Tensor): Node features.
+    """
+    return (
+        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
+        and x.dim() == 3
+        and x.size(0) >= _MIN_SAMPLES
+        and x.size(1) <= MAX_DENSE_NODES
+        and x.device.type == "cpu"
+        and x.dtype in (torch.float32, torch.float64)
+    )
+
+
+def may_merge(
+    layers: Iterable[tuple[Union[StaticGCNConv, SegmentedGCNConv], ChannelMaxPool]],
+) -> bool:
+    r"""Tells whether layers may be computed in one step, without calling them one by one.
+
+    They may if each is exactly the layer of this package with its default arguments, and nothing is
+    attached to it or to its linear map: no hook, no explainer, no wrapped, pruned or
+    reparametrised weight.
+
+    Args:
+        layers (iterable): The convolutions, each with the pooling behind it.
+    """
+    return all(
+        conv.is_plain() and type(pool) is ChannelMaxPool and not is_hooked(pool)
+        for conv, pool in layers
+    )
 
 
 def pooled_gcn(

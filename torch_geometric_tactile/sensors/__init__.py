@@ -4,7 +4,8 @@ from torch_geometric_tactile.sensors.allegro import allegro_uskin, allegro_uskin
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment
 from torch_geometric_tactile.sensors.grid import grid
-from torch_geometric_tactile.sensors.kinematics import HandKinematics, Joint, LinkPose, PosedTaxels
+from torch_geometric_tactile.sensors.joints import Joint
+from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.patches import expand_patches
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path

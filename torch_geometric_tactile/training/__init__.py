@@ -1,4 +1,4 @@
-r"""Training, evaluation and the command line's subcommands; needs the extra ``train``."""
+r"""Training and evaluation with Lightning; needs the extra ``train``."""
 
 try:
     import jsonargparse  # noqa: F401
@@ -13,18 +13,27 @@ except ImportError as error:
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import classification_metrics
-from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+from torch_geometric_tactile.training.metrics import classification_metrics, regression_metrics
+from torch_geometric_tactile.training.module import (
+    TactileClassifier,
+    TactileModule,
+    classifier_from_config,
+)
 from torch_geometric_tactile.training.prediction_writer import PredictionWriter
+from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 __all__ = [
     "AtomicCheckpointIO",
+    "DataSizes",
     "PredictionWriter",
     "TactileClassifier",
     "TactileDataModule",
+    "TactileModule",
     "classification_metrics",
     "classifier_from_config",
     "config_names",
+    "fill_sizes",
     "find_config",
     "load_config",
+    "regression_metrics",
 ]

@@ -44,7 +44,7 @@ def find_config(name: str) -> Path:
     if template in TEMPLATES:
         configs = expand_template(template)
         if experiment in configs:
-            expanded = _scratch() / template / f"{experiment}.yaml"
+            expanded = scratch_folder() / template / f"{experiment}.yaml"
             expanded.parent.mkdir(exist_ok=True)
             text = yaml.safe_dump(configs[experiment], sort_keys=False)
             expanded.write_text(f"# {name}, expanded\n{text}", encoding="utf-8")
@@ -105,7 +105,7 @@ def expand_template(template: str) -> dict[str, dict[str, Any]]:
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     r"""Lays one configuration over another: mappings are joined key by key, everything else, also
-    a list, is replaced.
+    a list, is replaced. So are the arguments of a class by those of another class.
 
     Args:
         base (Mapping): The configuration below.
@@ -119,7 +119,9 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in over.items():
         below = out.get(key)
         if isinstance(value, Mapping) and isinstance(below, Mapping):
-            value = merged(below, value)
+            other_class = value.get("class_path", below.get("class_path"))
+            if other_class == below.get("class_path"):
+                value = merged(below, value)
         out[key] = value
     return out
 
@@ -129,7 +131,8 @@ def _folder() -> Path:
 
 
 @cache
-def _scratch() -> Path:
+def scratch_folder() -> Path:
+    r"""Returns a temporary folder that lives as long as this process."""
     folder = Path(tempfile.mkdtemp(prefix="tactile_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -4,12 +4,14 @@ import copy
 from typing import Any, Literal
 
 import lightning as L
+import torch
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile.data import Protocol, Split, StaticDataset
+from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import fit_parts, fitted_parts
+from torch_geometric_tactile.training.kept_rng import kept_rng
+from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 
 _SPLITS = ("frame", "trial", "group")
 
@@ -21,7 +23,11 @@ class TactileDataModule(L.LightningDataModule):
     given in its parts: :obj:`dataset` with :obj:`split="train"`, :obj:`val_dataset` with
     :obj:`split="val"` and :obj:`test_dataset` with :obj:`split="test"`.
 
-    The state of a fitted :obj:`transform` is stored in checkpoints. Of validation, test and
+    Samples pass the transform of their data set, then :obj:`transform`, and in training batches
+    :obj:`train_transform` last. An augmentation so works on scaled readings, where zero is the mean
+    of a taxel, and changes neither what the scaling measures nor validation, test and prediction.
+
+    The state of a fitted :obj:`transform` is stored in checkpoints. For validation, test and
     prediction samples, a transform that works session by session measures the sessions that the
     training part did not have, without labels.
 
@@ -38,6 +44,8 @@ class TactileDataModule(L.LightningDataModule):
         test (float): The part of :obj:`dataset` for the test.
         transform (BaseTransform, optional): Applied to every batch, after the transform of the data
             set; fitted on the training part where it can be.
+        train_transform (BaseTransform, optional): Applied to training batches only, after
+            :obj:`transform`, such as an augmentation; never fitted.
         batch_size (int): Number of samples of a batch.
         num_workers (int): Number of processes that load batches; none by default, since a batch is
             one piece of a tensor.
@@ -47,19 +55,22 @@ class TactileDataModule(L.LightningDataModule):
         fold (int): Which fold of a protocol with folds is tested on.
 
     Raises:
-        ValueError: If :obj:`split` is unknown, parts of :obj:`dataset` are kept for what
-            :obj:`val_dataset` or :obj:`test_dataset` is for, the data sets have different layouts,
-            or the samples have no edges.
+        ValueError: If :obj:`split` is unknown, a part of :obj:`dataset` is asked for although
+            :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
+            layouts, :obj:`train_transform` has parts that must be fitted, or the samples have no
+            edges.
     """
 
     def __init__(
         self,
         dataset: StaticDataset,
         test_dataset: StaticDataset | None = None,
+        *,
         split: Literal["frame", "trial", "group"] | Protocol | Split = "trial",
         val: float | None = None,
         test: float = 0.0,
         transform: BaseTransform | None = None,
+        train_transform: BaseTransform | None = None,
         batch_size: int = 128,
         num_workers: int = 0,
         seed: int = 0,
@@ -69,6 +80,12 @@ class TactileDataModule(L.LightningDataModule):
         super().__init__()
         if isinstance(split, str) and split not in _SPLITS:
             raise ValueError(f"'split' must be one of {list(_SPLITS)} (got '{split}')")
+        scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
+        if scalers:
+            raise ValueError(
+                f"'train_transform' must have no parts that are fitted (got {', '.join(scalers)}); "
+                "put them into 'transform'"
+            )
         if isinstance(split, Protocol):
             for name, part in (("val", val), ("test", test)):
                 if part:
@@ -98,6 +115,7 @@ class TactileDataModule(L.LightningDataModule):
         self.val = val
         self.test = test
         self.transform = copy.deepcopy(transform)  # fitting must not change the caller's
+        self.train_transform = copy.deepcopy(train_transform)
         self.batch_size = batch_size
         self.num_workers = num_workers
         self.seed = seed
@@ -130,6 +148,41 @@ class TactileDataModule(L.LightningDataModule):
             return {}
         names = dict(enumerate(part.session_names))
         return {i: names.get(i, str(i)) for i in session.unique().tolist()}
+
+    def part(self, name: Literal["train", "val", "test"]) -> StaticDataset:
+        r"""Returns a part of the data, before :obj:`transform`; it is empty if there is none.
+
+        Args:
+            name (str): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`.
+        """
+        self.setup()
+        return self._parts[name]
+
+    def example(self, count: int = 1) -> StaticData:
+        r"""Returns the first samples of :obj:`dataset` as a batch has them, except that scaling is
+        left out: it needs no fit, and leaves every shape as it is. No random number is used up.
+
+        Args:
+            count (int): Number of samples, at most.
+        """
+        return self.peek(self.dataset, count, scaled=False)
+
+    def peek(self, part: StaticDataset, count: int, *, scaled: bool = True) -> StaticData:
+        r"""Returns samples of a part as its batches have them, evenly spaced. No random number is
+        used up.
+
+        Args:
+            part (StaticDataset): Of :meth:`part`.
+            count (int): Number of samples, at most.
+            scaled (bool): Whether to scale them, for which the transform must be fitted.
+        """
+        count = min(count, len(part))
+        index = torch.linspace(0, len(part) - 1, count).long() if count else torch.empty(0).long()
+        steps = [step for step in _steps(self.transform) if scaled or not _is_fitted(step)]
+        part = copy.copy(part)
+        with kept_rng():  # a copy, since a transform may have a generator of its own
+            part.transform = copy.deepcopy(Compose([*_steps(part.transform), *steps]))
+            return part.batch(index)
 
     def setup(self, stage: str | None = None) -> None:
         r"""Splits the data set and fits the scaling."""
@@ -189,7 +242,7 @@ class TactileDataModule(L.LightningDataModule):
 
     def train_dataloader(self) -> StaticLoader:
         r"""Loads the training part, in a new order every epoch."""
-        return self._loader("train", shuffle=True)
+        return self._loader("train", self.train_transform, shuffle=True)
 
     def val_dataloader(self) -> StaticLoader | list[Any]:
         r"""Loads the validation part, if there is one."""
@@ -205,9 +258,12 @@ class TactileDataModule(L.LightningDataModule):
         r"""Loads the test part."""
         return self.test_dataloader()
 
-    def _loader(self, name: str, shuffle: bool = False) -> StaticLoader:
+    def _loader(
+        self, name: str, last: BaseTransform | None = None, shuffle: bool = False
+    ) -> StaticLoader:
         part = copy.copy(self._parts[name])
-        part.transform = Compose([t for t in (part.transform, self.transform) if t is not None])
+        steps = (part.transform, self.transform, last)
+        part.transform = Compose([step for step in steps if step is not None])
         return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
             part,
             batch_size=self.batch_size,
@@ -215,3 +271,13 @@ class TactileDataModule(L.LightningDataModule):
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
         )
+
+
+def _steps(transform: BaseTransform | None) -> list[BaseTransform]:
+    if isinstance(transform, Compose):
+        return [step for inner in transform.transforms for step in _steps(inner)]
+    return [] if transform is None else [transform]
+
+
+def _is_fitted(transform: BaseTransform) -> bool:
+    return isinstance(transform, FittedTransform)

@@ -1,25 +1,39 @@
 r"""The command line's ``fit``, ``validate``, ``test`` and ``predict``."""
 
+import sys
 import warnings
 from collections.abc import Sequence
 from typing import Any
 
+import lightning as L
+import yaml
+from jsonargparse import ActionConfigFile, ArgumentParser
 from lightning.pytorch.callbacks import ModelCheckpoint
-from lightning.pytorch.cli import ArgsType, LightningArgumentParser, LightningCLI
+from lightning.pytorch.cli import (
+    ArgsType,
+    LightningArgumentParser,
+    LightningCLI,
+    instantiate_module,
+)
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
-from torch_geometric_tactile.training.config import find_config
+from torch_geometric_tactile.training.config import find_config, scratch_folder
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.module import TactileClassifier, keep_config
+from torch_geometric_tactile.training.fit_summary import fit_summary
+from torch_geometric_tactile.training.given_arguments import GivenArguments, own_modules
+from torch_geometric_tactile.training.module import TactileModule, keep_config
 from torch_geometric_tactile.training.prediction_writer import PredictionWriter
+from torch_geometric_tactile.training.sizes import fill_sizes
 
 
 class TactileCLI(LightningCLI):
-    r"""Lightning's command line for :class:`TactileClassifier` and :class:`TactileDataModule`.
+    r"""Lightning's command line for :class:`TactileModule` and :class:`TactileDataModule`.
 
-    Checkpoints are plain data (read with :obj:`weights_only=True`) and written whole or not at
-    all; every run logs to CSV and TensorBoard and keeps the checkpoint of its last epoch.
+    The data is built before the rest is parsed, since the model's sizes follow from it (see
+    :func:`~torch_geometric_tactile.training.sizes.fill_sizes`). Checkpoints are plain data (read
+    with :obj:`weights_only=True`) and written whole or not at all; every run logs to CSV and
+    TensorBoard and keeps the checkpoint of its last epoch.
 
     Args:
         args (optional): The arguments; those of the process if left out.
@@ -28,8 +42,9 @@ class TactileCLI(LightningCLI):
     """
 
     def __init__(self, args: ArgsType = None, name: str = "tactile", run: bool = True) -> None:
+        self._data: TactileDataModule | None = None
         super().__init__(
-            TactileClassifier,
+            TactileModule,
             TactileDataModule,
             args=args,
             run=run,
@@ -38,7 +53,8 @@ class TactileCLI(LightningCLI):
             parser_kwargs={"prog": "tactile"},
             trainer_defaults={
                 "log_every_n_steps": 10,
-                "plugins": [AtomicCheckpointIO()],
+                # By name, such that the configuration that a run keeps can be read again.
+                "plugins": [{"class_path": f"{AtomicCheckpointIO.__module__}.AtomicCheckpointIO"}],
                 "callbacks": [ModelCheckpoint(save_last=True), PredictionWriter()],
                 "logger": [
                     {
@@ -53,15 +69,102 @@ class TactileCLI(LightningCLI):
             },
         )
 
+    def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
+        r"""Adds the arguments of trainer, model and data, which is built beforehand."""
+        parser.add_lightning_class_args(self.trainer_class, "trainer")
+        defaults = {f"trainer.{k}": v for k, v in self.trainer_defaults.items() if k != "callbacks"}
+        parser.set_defaults(defaults)
+        parser.add_lightning_class_args(TactileModule, "model")
+        _add_data(parser, instantiate=False)
+
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         r"""Reads checkpoints as plain data unless told otherwise."""
         if any(action.dest == "weights_only" for action in parser._actions):
             parser.set_defaults({"weights_only": True})
 
+    def parse_arguments(self, parser: LightningArgumentParser, args: ArgsType) -> None:
+        r"""Builds the data, fills in the sizes of the model, and parses the arguments."""
+        own_modules()
+        args = sys.argv[1:] if args is None else args
+        if isinstance(args, list):
+            args = self._with_sizes(args)
+        super().parse_arguments(parser, args)
+        if self._data is not None:  # once more, for sizes given on the command line
+            config = self.config.get(str(self.config.get("subcommand")), self.config)
+            fill_sizes(config["model"].as_dict(), self._data)
+
+    def _with_sizes(self, args: list[str]) -> list[str]:
+        given = GivenArguments.read(args)
+        has_data = bool(given.config.get("data")) or bool(given.of("data"))
+        if not has_data or (given.only_informs and not given.prints_config):
+            return args
+        try:
+            self._data = _build_data(given)
+        except (OSError, ValueError) as error:
+            if not given.prints_config:
+                raise
+            # What can be set must be printable before there is any data.
+            sys.stderr.write(f"tactile: the sizes of the model are not filled in: {error}\n")
+            return args
+        model = dict(given.config.get("model") or {})
+        chosen = given.last("model.model", "model.model.class_path")
+        if chosen is not None:
+            known = model.get("model")
+            same = isinstance(known, dict) and known.get("class_path") == chosen
+            model["model"] = known if same else {"class_path": chosen}
+        task = given.last("model.task")
+        model = fill_sizes({**model, "task": task} if task else model, self._data)
+        config = {**given.config, "model": model}
+        path = scratch_folder() / "filled_sizes.yaml"
+        path.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
+        subcommand = [arg for arg in given.others[:1] if not arg.startswith("-")]
+        others = given.others[len(subcommand) :]
+        return [*subcommand, "--config", str(path), *others]
+
+    def instantiate_classes(self) -> None:
+        r"""Builds the model and the trainer; the data is built already."""
+        config = self.config.clone()
+        section = config.get(str(self.subcommand), config)
+        if self._data is None:
+            self._data = instantiate_module(TactileDataModule, section["data"].as_dict())
+        del section["data"]
+        self.config_init = self.parser.instantiate_classes(config)
+        self.config_init.get(str(self.subcommand), self.config_init)["data"] = self._data
+        self.datamodule = self._data
+        self.model = self._get(self.config_init, "model")
+        self.trainer = self.instantiate_trainer()
+
     def after_instantiate_classes(self) -> None:
         r"""Keeps the model's configuration in its checkpoints."""
         config: dict[str, Any] = self.config_dump["model"]
         keep_config(self.model, config)
+
+    def after_fit(self) -> None:
+        r"""Prints what the training has come to."""
+        if self.trainer.is_global_zero:
+            sys.stdout.write(fit_summary(self.trainer) + "\n")
+            sys.stdout.flush()
+
+
+def _add_data(parser: ArgumentParser, instantiate: bool) -> None:
+    parser.add_class_arguments(
+        TactileDataModule, "data", fail_untyped=False, instantiate=instantiate, sub_configs=True
+    )
+
+
+def _build_data(given: GivenArguments) -> TactileDataModule:
+    seed = given.last("seed_everything") or given.config.get("seed_everything", 0)
+    if str(seed).lower() not in ("true", "false"):
+        L.seed_everything(int(seed), verbose=False)  # for data that is drawn
+    parser = ArgumentParser(exit_on_error=False)
+    parser.add_argument("--config", action=ActionConfigFile)
+    _add_data(parser, instantiate=True)
+    path = scratch_folder() / "data.yaml"
+    content = {"data": given.config.get("data") or {}}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return parser.instantiate_classes(
+        parser.parse_args(["--config", str(path), *given.of("data")])
+    ).data
 
 
 def main(args: Sequence[str]) -> None:
@@ -71,6 +174,7 @@ def main(args: Sequence[str]) -> None:
         args (list of str): Name of the subcommand and its arguments; :obj:`--config` may name a
             shipped configuration.
     """
+    own_modules()
     args, name = resolve_config_names(args)
     with warnings.catch_warnings():
         # The arguments are those of the process, but for names of configurations made paths.

@@ -1,42 +1,70 @@
-r"""What is measured of a classifier, for logs and for tables alike."""
+r"""What is measured of a model, for logs and for tables alike: one name, one meaning.
 
+============================  ==============================================================
+Name                          Meaning
+============================  ==============================================================
+``accuracy``                  Part of the samples whose class is right, or all of whose labels
+                              are (exact match).
+``f1``                        Mean F1 score of the classes or labels (macro).
+``f1_positive``               F1 score of class 1; only of two classes.
+``auroc``                     Mean area under the ROC curve of each class against the rest, or of
+                              each label (macro).
+``label_accuracy``            Mean over the labels of the part of the samples for which the label
+                              is right.
+``label_accuracy_<label>``    That of one label, by its name or number.
+``mae``, ``rmse``             Mean absolute error, and root of the mean squared error, over all
+                              numbers of all samples.
+``r2``                        Coefficient of determination, mean over the targets.
+``accuracy_<session>``        Accuracy of one recording session; ``mae_<session>`` of a regression.
+============================  ==============================================================
+"""
+
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
-from torchmetrics import Metric, MetricCollection
+from torchmetrics import (
+    MeanAbsoluteError,
+    MeanSquaredError,
+    Metric,
+    MetricCollection,
+    R2Score,
+)
 from torchmetrics.classification import (
     MulticlassAccuracy,
-    MulticlassF1Score,
+    MulticlassStatScores,
     MultilabelExactMatch,
     MultilabelStatScores,
 )
 from torchmetrics.functional.classification import binary_auroc
 from torchmetrics.utilities import dim_zero_cat
 
-Task = Literal["multiclass", "multilabel"]
-TASKS: tuple[Task, ...] = ("multiclass", "multilabel")
+Task = Literal["multiclass", "multilabel", "regression"]
+TASKS: tuple[Task, ...] = ("multiclass", "multilabel", "regression")
 
 
 def classification_metrics(
     score: Tensor | np.ndarray, y: Tensor | np.ndarray, task: Task = "multiclass"
 ) -> dict[str, float]:
-    r"""Measures predictions.
+    r"""Measures predicted classes or labels.
 
     The class with the highest score is predicted, or with :obj:`task="multilabel"` every label with
     a score above 0.5. The values, by name:
 
     * :obj:`accuracy`: the part of the samples whose class is right, or all of whose labels are
-      right (exact match);
+      (exact match);
     * :obj:`label_accuracy` and :obj:`label_accuracy_0`, :obj:`label_accuracy_1`, ... (multi-label
       only): the part of the samples for which one label is right, and the mean over the labels;
-    * :obj:`f1`: the mean F1 score of the classes or labels, but for those that are neither in
-      :obj:`y` nor predicted; NaN if none is left;
+    * :obj:`f1`: the mean F1 score of the classes or labels (macro), without those that are neither
+      in :obj:`y` nor predicted; NaN if none is left;
+    * :obj:`f1_positive` (two classes only): the F1 score of class 1; zero if it is neither in
+      :obj:`y` nor predicted, as in scikit-learn;
     * :obj:`auroc`: the mean area under the ROC curve of each class against the rest, or of each
-      label, but for those that :obj:`y` has in no sample or in all, since there is nothing to
-      rank; NaN if none is left, or a score is NaN.
+      label, without those that no sample or every sample has, since there is nothing to rank;
+      NaN if none is left, or a score is NaN.
 
     Args:
         score (torch.Tensor or numpy.ndarray): Probabilities.
@@ -60,7 +88,8 @@ def classification_metrics(
          'label_accuracy_1': 1.0, 'f1': 0.833, 'auroc': 1.0}
     """
     score, y = torch.as_tensor(score).detach(), torch.as_tensor(y)
-    check_task(task)
+    if task not in ("multiclass", "multilabel"):
+        raise ValueError(f"'task' must be one of ['multiclass', 'multilabel'] (got '{task}')")
     if score.dim() != 2 or 0 in score.shape:
         raise ValueError(
             f"'score' must have shape (num_samples, num_classes), both positive (got "
@@ -87,17 +116,48 @@ def classification_metrics(
     if task == "multilabel":
         values["label_accuracy"] = right
         values |= {f"label_accuracy_{i}": right[:, i] for i in range(num_classes)}
+    counts = (positive & predicted, ~positive & predicted, positive & ~predicted)
+    f1 = _f1_scores([count.sum(0) for count in counts], task)
     return {
         **{name: float(value.double().mean()) for name, value in values.items()},
-        "f1": float(
-            macro_f1(
-                (positive & predicted).sum(0),
-                (~positive & predicted).sum(0),
-                (positive & ~predicted).sum(0),
-            )
-        ),
+        **{name: float(value) for name, value in f1.items()},
         "auroc": float(macro_auroc(score, positive)),
     }
+
+
+def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) -> dict[str, float]:
+    r"""Measures predicted numbers. The values, by name:
+
+    * :obj:`mae`: the mean absolute error, over all numbers;
+    * :obj:`rmse`: the root of the mean squared error, over all numbers;
+    * :obj:`r2`: the coefficient of determination, the mean over the targets; NaN if there is one
+      sample.
+
+    Args:
+        prediction (torch.Tensor or numpy.ndarray): The predicted numbers.
+        y (torch.Tensor or numpy.ndarray): The true ones.
+
+    Shapes:
+        - **input:** :math:`(S, C)` or :math:`(S,)` each
+
+    Raises:
+        ValueError: If there is no sample, or the shapes differ.
+
+    Examples:
+        >>> values = regression_metrics(np.array([1.0, 2.0, 4.0]), np.array([1.0, 2.0, 3.0]))
+        >>> {name: round(value, 3) for name, value in values.items()}
+        {'mae': 0.333, 'rmse': 0.577, 'r2': 0.5}
+    """
+    prediction, y = torch.as_tensor(prediction).detach(), torch.as_tensor(y)
+    prediction, y = (value.view(-1, 1) if value.dim() == 1 else value for value in (prediction, y))
+    if prediction.dim() != 2 or 0 in prediction.shape or prediction.shape != y.shape:
+        raise ValueError(
+            "'prediction' and 'y' must have one shape, (S,) or (S, C), both positive (got "
+            f"{tuple(prediction.shape)} and {tuple(y.shape)})"
+        )
+    metrics = make_metrics(y.size(1), "regression").to(y.device)
+    metrics.update(prediction.double(), y.double())
+    return {name: float(value) for name, value in read_metrics(metrics).items()}
 
 
 def check_task(task: str) -> None:
@@ -111,7 +171,7 @@ def check_task(task: str) -> None:
 
 
 def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tensor) -> Tensor:
-    r"""Returns the mean F1 score of the classes, but for those neither present nor predicted; NaN
+    r"""Returns the mean F1 score of the classes, without those neither present nor predicted; NaN
     if none is left.
 
     Args:
@@ -126,6 +186,14 @@ def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tens
     of_all = 2 * true_positive + false_positive + false_negative
     counts = of_all > 0
     return (2 * true_positive[counts] / of_all[counts]).mean()
+
+
+def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
+    # True positives, false positives and false negatives of each class.
+    scores = {"f1": macro_f1(*counts)}
+    if task == "multiclass" and len(counts[0]) == 2:
+        scores["f1_positive"] = macro_f1(*(count[1:] for count in counts)).nan_to_num()
+    return scores
 
 
 def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
@@ -195,47 +263,56 @@ def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollectio
     r"""Returns what is collected batch by batch, to be read with :func:`read_metrics`.
 
     Args:
-        num_classes (int): Number of classes or labels :math:`C`.
-        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+        num_classes (int): Number of classes, labels or targets :math:`C`.
+        task (str): What :obj:`y` means.
     """
-    auroc = MacroAUROC(num_classes, task)
-    if task == "multilabel":
-        return MetricCollection(
-            {
-                "accuracy": MultilabelExactMatch(num_classes),
-                "counts": MultilabelStatScores(num_classes, average=None),
-                "auroc": auroc,
-            },
-            compute_groups=False,
-        )
-    return MetricCollection(
-        {
+    metrics: dict[str, Metric | MetricCollection]
+    if task == "regression":
+        metrics = {
+            "mae": MeanAbsoluteError(),
+            "rmse": MeanSquaredError(squared=False),
+            "r2": R2Score(),
+        }
+    elif task == "multilabel":
+        metrics = {
+            "accuracy": MultilabelExactMatch(num_classes),
+            "counts": MultilabelStatScores(num_classes, average=None),
+            "auroc": MacroAUROC(num_classes, task),
+        }
+    else:
+        metrics = {
             "accuracy": MulticlassAccuracy(num_classes, average="micro"),
-            "f1": MulticlassF1Score(num_classes, average="none" if num_classes == 2 else "macro"),
-            "auroc": auroc,
-        },
-        compute_groups=False,
-    )
+            "counts": MulticlassStatScores(num_classes, average=None),
+            "auroc": MacroAUROC(num_classes, task),
+        }
+    return MetricCollection(metrics, compute_groups=False)
 
 
 def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
-    r"""Returns the values of :func:`classification_metrics` over all batches so far, but for two
-    classes with the F1 score of class 1.
+    r"""Returns the values of :func:`classification_metrics` or :func:`regression_metrics` over all
+    batches so far.
 
     Args:
         metrics (torchmetrics.MetricCollection): Of :func:`make_metrics`.
     """
+    if "r2" in metrics:
+        r2 = metrics["r2"]
+        # torchmetrics raises an error for less than two samples.
+        few = int(r2.total) < 2  # type: ignore[arg-type]
+        return {
+            "mae": metrics["mae"].compute(),
+            "rmse": metrics["rmse"].compute(),
+            "r2": torch.tensor(torch.nan, device=r2.device) if few else r2.compute(),
+        }
     value = metrics.compute()
-    if "counts" not in value:
-        f1 = value["f1"]
-        return {**value, "f1": f1[1] if f1.dim() else f1}
     true_positive, false_positive, true_negative, false_negative, _ = value["counts"].unbind(1)
-    num_samples = value["counts"][0, :4].sum()
-    right = (true_positive + true_negative) / num_samples
-    return {
-        "accuracy": value["accuracy"],
-        "label_accuracy": right.mean(),
-        **{f"label_accuracy_{i}": part for i, part in enumerate(right)},
-        "f1": macro_f1(true_positive, false_positive, false_negative),
-        "auroc": value["auroc"],
-    }
+    read = {"accuracy": value["accuracy"]}
+    task: Task = "multiclass"
+    if isinstance(metrics["counts"], MultilabelStatScores):
+        task = "multilabel"
+        num_samples = value["counts"][0, :4].sum()
+        right = (true_positive + true_negative) / num_samples
+        read["label_accuracy"] = right.mean()
+        read |= {f"label_accuracy_{i}": part for i, part in enumerate(right)}
+    read |= _f1_scores([true_positive, false_positive, false_negative], task)
+    return {**read, "auroc": value["auroc"]}

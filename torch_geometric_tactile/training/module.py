@@ -1,27 +1,37 @@
-r"""The training step of a classifier."""
+r"""The training, validation and test steps of a model."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import lightning as L
 import torch
-import torch.nn.functional as F
 from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, instantiate_module
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch_geometric.data import Data
-from torchmetrics import Metric, MetricCollection
+from torchmetrics import MeanAbsoluteError, Metric, MetricCollection
 from torchmetrics.classification import MulticlassAccuracy, MultilabelExactMatch
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.predictor import checkpoint_entry
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training.checks import check_data, num_outputs
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.losses import (
+    ClassWeights,
+    RegressionLoss,
+    balanced_weights,
+    check_loss,
+    numbers_like,
+    task_loss,
+)
 from torch_geometric_tactile.training.metrics import (
     Task,
     check_task,
     make_metrics,
     read_metrics,
 )
+from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
@@ -33,59 +43,85 @@ _SOURCES = {
 }
 
 
-class TactileClassifier(L.LightningModule):
-    r"""Trains a model to name the class of a sample, or each of its labels, and measures how well
-    it does.
+class TactileModule(L.LightningModule):
+    r"""Trains a model to tell the class of a sample, each of its labels, or numbers, and measures
+    how well it does.
 
     Batches may be :class:`~torch_geometric_tactile.data.StaticData` or PyG's
     :class:`~torch_geometric.data.Batch`. A checkpoint carries the layout of the sensor that it was
     trained on, and refuses to be loaded for another.
 
-    Of validation and test it logs :obj:`accuracy`, :obj:`f1` and :obj:`auroc`, which
-    :func:`~torch_geometric_tactile.training.metrics.classification_metrics` describes: a class or
-    label that the part lacks does not count in :obj:`auroc`, which is NaN if all are lacking.
-    For two classes, :obj:`f1` is that of class 1. With :obj:`task="multilabel"`, :obj:`accuracy`
-    asks for all labels of a sample to be right, and :obj:`label_accuracy` is the mean over the
-    labels; that of each stands beside it with the label's name, or its number where the data
-    has no names.
+    For the validation and test parts it logs the metrics of
+    :mod:`torch_geometric_tactile.training.metrics`. A class or label that the part lacks does not
+    count in :obj:`auroc`, which is NaN if all are lacking. The names of the data stand in place of
+    numbers, as in :obj:`label_accuracy_slippery`.
+
+    With a :class:`TactileDataModule`, labels, outputs and attributes are checked before the first
+    batch.
 
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes of
             the batch that its attribute :obj:`modalities` names, if it has one, by keyword; returns
-            logits :math:`(B, C)`.
+            logits or numbers :math:`(B, C)`.
         optimizer (callable): Makes an optimizer of parameters.
         lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
-        num_classes (int, optional): Number of classes or labels :math:`C`. If left out, that of the
-            data module, or two without one.
+        num_classes (int, optional): Number of classes, labels or targets :math:`C`. If left out,
+            that of the data module, or two without one.
         task (str): :obj:`"multiclass"`, where :obj:`y` is one class a sample :math:`(B,)`, trained
-            with the cross entropy; or :obj:`"multilabel"`, where it is a 0 or 1 for each label
-            :math:`(B, C)`, trained with the binary cross entropy.
+            with the cross entropy; :obj:`"multilabel"`, where it is a 0 or 1 for each label
+            :math:`(B, C)`, trained with the binary cross entropy; or :obj:`"regression"`, where it
+            is a number :math:`(B,)` or several :math:`(B, C)`.
+        loss (str, optional): Loss of a regression: :obj:`"mse"` (mean squared error, if left out),
+            :obj:`"l1"` (mean absolute error) or :obj:`"huber"`.
+        class_weights (sequence of float or str, optional): Weight of each class in the training
+            loss, or of the samples that have each label; :obj:`"balanced"` computes them from the
+            training part (see
+            :func:`~torch_geometric_tactile.training.losses.balanced_weights`).
+        label_smoothing (float): What part of the target is spread over all classes in the training
+            loss. Neither this nor the weights change the losses of validation and test, which stay
+            comparable.
 
     Raises:
-        ValueError: If :obj:`task` is unknown or does not fit :obj:`y`, a batch lacks what the model
-            needs, or a checkpoint of another layout is loaded.
+        ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, a batch lacks
+            what the model needs, or a checkpoint of another layout is loaded.
     """
+
+    class_weight: Tensor | None
 
     def __init__(
         self,
         model: nn.Module,
         optimizer: OptimizerCallable = torch.optim.Adam,
         lr_scheduler: LRSchedulerCallable | None = None,
+        *,
         num_classes: int | None = None,
         task: Task = "multiclass",
+        loss: RegressionLoss | None = None,
+        class_weights: ClassWeights | None = None,
+        label_smoothing: float = 0.0,
     ) -> None:
         check_task(task)
+        check_loss(task, loss, class_weights, label_smoothing)
         super().__init__()
         self.model = model
         self.optimizer = optimizer
         self.lr_scheduler = lr_scheduler
         self.task: Task = task
+        self.regression_loss = loss
+        self.class_weights = class_weights
+        self.label_smoothing = label_smoothing
         self.class_names: list[str] = []
         self.layout: TaxelLayout | None = None
         self.test_sessions: dict[int, str] = {}
         self._classes_given = num_classes is not None
-        self._set_num_classes(2 if num_classes is None else num_classes)
-        self.session_accuracy = nn.ModuleList()
+        if num_classes is None:
+            num_classes = 1 if task == "regression" else 2
+        self._set_num_classes(num_classes)
+        # Only of training, and made again by `setup`: a checkpoint need not have it.
+        self.register_buffer("class_weight", None, persistent=False)
+        if class_weights is not None and not isinstance(class_weights, str):
+            self.class_weight = torch.tensor(list(class_weights), dtype=torch.float)
+        self.session_metrics = nn.ModuleList()
 
     def _set_num_classes(self, num_classes: int) -> None:
         self.num_classes = num_classes
@@ -97,24 +133,47 @@ class TactileClassifier(L.LightningModule):
         data = self._datamodule()
         self.layout = getattr(data, "layout", None)
         self.class_names = list(getattr(data, "class_names", ()))
-        num_classes = getattr(data, "num_classes", 0)
-        # One class cannot be told from another; and no class is known where there are no labels.
+        of_data = isinstance(data, TactileDataModule)
+        num_classes = num_outputs(data, self.task) if of_data else 0
+        # One class cannot be told from another; and no class is known without labels.
         if not self._classes_given and num_classes > (self.task == "multiclass"):
             self._set_num_classes(num_classes)
         if stage == "test":
             # Every process must hold the same metrics, whatever sessions its own batches have.
             self.test_sessions = dict(getattr(data, "test_sessions", {}))
-            self.session_accuracy = nn.ModuleList(self._accuracy() for _ in self.test_sessions).to(
-                self.device
+            self.session_metrics = nn.ModuleList(
+                self._session_metric() for _ in self.test_sessions
+            ).to(self.device)
+        if of_data:
+            check_data(self, data, stage)
+        if stage == "fit":
+            self._set_class_weight(data if of_data else None)
+
+    def _set_class_weight(self, data: TactileDataModule | None) -> None:
+        if self.class_weights == "balanced":
+            y = None if data is None else data.part("train").column("y")
+            if y is None:
+                raise ValueError(
+                    "'class_weights' must be numbers without a TactileDataModule that has labels "
+                    "(got 'balanced')"
+                )
+            weight = balanced_weights(y, self.task, self.num_classes)
+            self.class_weight = weight.to(self.device)
+        if self.class_weight is not None and len(self.class_weight) != self.num_classes:
+            raise ValueError(
+                f"'class_weights' must have {self.num_classes} numbers, one for each class (got "
+                f"{len(self.class_weight)})"
             )
 
-    def _accuracy(self) -> Metric:
+    def _session_metric(self) -> Metric:
+        if self.task == "regression":
+            return MeanAbsoluteError()
         if self.task == "multilabel":
             return MultilabelExactMatch(self.num_classes)
         return MulticlassAccuracy(self.num_classes, average="micro")
 
     def forward(self, batch: Data) -> Tensor:
-        r"""Returns the logits of a batch :math:`(B, C)`."""
+        r"""Returns the logits of a batch, or its predicted numbers :math:`(B, C)`."""
         needed = getattr(self.model, "modalities", ())
         modalities = {name: getattr(batch, name, None) for name in needed}
         for name, value in modalities.items():
@@ -126,44 +185,41 @@ class TactileClassifier(L.LightningModule):
         return logits
 
     def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes, or of each label :math:`(B, C)`.
+        r"""Returns the probabilities of the classes or of each label :math:`(B, C)`; the numbers of
+        a regression as they are.
 
         Args:
             logits (torch.Tensor): What the model returned :math:`(B, C)`.
         """
+        if self.task == "regression":
+            return logits
         return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
 
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
-        r"""Returns the (binary) cross entropy of a batch.
+        r"""Returns the loss of a batch, without class weights and label smoothing.
 
         Args:
             logits (torch.Tensor): What the model returned :math:`(B, C)`.
-            y (torch.Tensor): Classes :math:`(B,)`, or labels :math:`(B, C)`.
+            y (torch.Tensor): Classes :math:`(B,)`, labels :math:`(B, C)` or numbers.
         """
-        expected = logits.shape if self.task == "multilabel" else logits.shape[:1]
-        if y.shape != expected:
-            other = "multiclass" if self.task == "multilabel" else "multilabel"
-            raise ValueError(
-                f"'y' must have shape {tuple(expected)} for task='{self.task}' (got "
-                f"{tuple(y.shape)}); is it task='{other}', or has the model another number of "
-                "outputs?"
-            )
-        if self.task == "multilabel":
-            return F.binary_cross_entropy_with_logits(logits, y.to(logits.dtype))
-        return F.cross_entropy(logits, y)
+        return task_loss(logits, y, self.task, loss=self.regression_loss)
 
     def training_step(self, batch: Data, batch_idx: int) -> Tensor:
-        r"""Returns the loss of a batch."""
-        loss = self.loss(self(batch), batch.y)
+        r"""Returns the training loss of a batch."""
+        loss = task_loss(
+            self(batch),
+            batch.y,
+            self.task,
+            loss=self.regression_loss,
+            weights=self.class_weight,
+            label_smoothing=self.label_smoothing,
+        )
         self.log("train/loss", loss, batch_size=len(batch.y), on_epoch=True, on_step=False)
         return loss
 
     def validation_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the validation part."""
-        logits = self(batch)
-        loss = self.loss(logits, batch.y)
-        self.val_metrics.update(self.probability(logits), self._target(batch))
-        self.log("val/loss", loss, batch_size=len(batch.y), sync_dist=True)
+        self._measure("val", batch, self.val_metrics)
 
     def on_validation_epoch_end(self) -> None:
         r"""Logs what was measured on the validation part."""
@@ -171,31 +227,41 @@ class TactileClassifier(L.LightningModule):
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the test part, also by recording session."""
-        logits = self(batch)
-        loss = self.loss(logits, batch.y)
-        self.log("test/loss", loss, batch_size=len(batch.y), sync_dist=True)
-        probability, y = self.probability(logits), self._target(batch)
-        self.test_metrics.update(probability, y)
+        score, y = self._measure("test", batch, self.test_metrics)
         if "session" in batch:
-            for session, metric in zip(self.test_sessions, self.session_accuracy, strict=True):
+            for session, metric in zip(self.test_sessions, self.session_metrics, strict=True):
                 assert isinstance(metric, Metric)
                 of_session = batch.session == session
                 if of_session.any():
-                    metric.update(probability[of_session], y[of_session])
+                    metric.update(score[of_session], y[of_session])
 
-    def _target(self, batch: Data) -> Tensor:
-        return batch.y.long() if self.task == "multilabel" else batch.y
+    def _measure(self, stage: str, batch: Data, metrics: MetricCollection) -> tuple[Tensor, Tensor]:
+        out = self(batch)
+        loss = self.loss(out, batch.y)
+        self.log(f"{stage}/loss", loss, batch_size=len(batch.y), sync_dist=True)
+        score, y = self.probability(out), batch.y
+        if self.task == "regression":  # in double: large numbers may vary little
+            score, y = score.double(), numbers_like(y, out).double()
+        elif self.task == "multilabel":
+            y = y.long()
+        metrics.update(score, y)
+        return score, y
 
     def on_test_epoch_end(self) -> None:
-        r"""Logs what was measured on the test part, and the accuracy of each session."""
+        r"""Logs what was measured on the test part, and the accuracy (or the mean absolute error)
+        of each session.
+        """
         self._log_metrics("test", self.test_metrics)
-        for name, metric in zip(self.test_sessions.values(), self.session_accuracy, strict=True):
+        name = "mae" if self.task == "regression" else "accuracy"
+        for session, metric in zip(self.test_sessions.values(), self.session_metrics, strict=True):
             assert isinstance(metric, Metric)
-            self.log(f"test/accuracy_{name}", metric.compute(), sync_dist=True)
+            self.log(f"test/{name}_{session}", metric.compute(), sync_dist=True)
             metric.reset()
 
     def predict_step(self, batch: Data, batch_idx: int) -> Tensor:
-        r"""Returns the probabilities of the classes, or of each label :math:`(B, C)`."""
+        r"""Returns the probabilities of the classes or of each label, or the predicted numbers
+        :math:`(B, C)`.
+        """
         return self.probability(self(batch))
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
@@ -234,7 +300,7 @@ class TactileClassifier(L.LightningModule):
         names = self.class_names if len(self.class_names) == self.num_classes else ()
         by_number = {f"label_accuracy_{i}": f"label_accuracy_{n}" for i, n in enumerate(names)}
         for name, value in read_metrics(metrics).items():
-            shown = name in ("accuracy", "f1")
+            shown = name in ("accuracy", "f1", "mae")
             name = by_number.get(name, name)
             self.log(f"{stage}/{name}", value, prog_bar=shown, sync_dist=True)
         metrics.reset()
@@ -243,24 +309,39 @@ class TactileClassifier(L.LightningModule):
         return None if self._trainer is None else getattr(self.trainer, "datamodule", None)
 
 
-def classifier_from_config(config: Mapping[str, Any]) -> TactileClassifier:
-    r"""Builds a classifier from the :obj:`model` section of a configuration, such that
-    :meth:`TactileClassifier.load_from_checkpoint` can build it again.
+# The name for classes and labels.
+TactileClassifier = TactileModule
+
+
+def classifier_from_config(
+    config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
+) -> TactileModule:
+    r"""Builds a module from the :obj:`model` section of a configuration, such that
+    :meth:`TactileModule.load_from_checkpoint` can build it again.
 
     Args:
-        config (Mapping): The arguments of :class:`TactileClassifier`, classes as
+        config (Mapping): The arguments of :class:`TactileModule`, classes as
             :obj:`{"class_path", "init_args"}`.
+        data (TactileDataModule or DataSizes, optional): The data that sizes are taken from if the
+            configuration leaves them out (see
+            :func:`~torch_geometric_tactile.training.sizes.fill_sizes`); the checkpoints have them,
+            so that loading one needs no data.
+
+    Raises:
+        ValueError: If the configuration has a size that is not that of the data.
     """
-    classifier: TactileClassifier = instantiate_module(TactileClassifier, dict(config))
+    if data is not None:
+        config = fill_sizes(config, data)
+    classifier: TactileModule = instantiate_module(TactileModule, dict(config))
     keep_config(classifier, config)
     return classifier
 
 
-def keep_config(classifier: TactileClassifier, config: Mapping[str, Any]) -> None:
-    r"""Stores a configuration in a classifier's checkpoints, as plain data.
+def keep_config(classifier: TactileModule, config: Mapping[str, Any]) -> None:
+    r"""Stores a configuration in a module's checkpoints, as plain data.
 
     Args:
-        classifier (TactileClassifier): The classifier.
+        classifier (TactileModule): The module.
         config (Mapping): The :obj:`model` section that it was built from.
     """
     classifier.save_hyperparameters(

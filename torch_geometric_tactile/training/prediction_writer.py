@@ -13,9 +13,11 @@ from torch_geometric_tactile.files import atomic_path
 
 
 class PredictionWriter(BasePredictionWriter):
-    r"""Writes what a model predicts to a CSV file: a row for each sample, with its index, predicted
-    class and the probabilities of all classes. Of a multi-label model the prediction is all labels
-    with a probability above one half, :obj:`;` between them, and empty if there is none.
+    r"""Writes what a model predicts to a CSV file, a row for each sample, beginning with its index.
+
+    For classes follow the predicted class and the probabilities of all; for labels, all labels with
+    a probability above one half, joined by :obj:`;`, and the probabilities; for a regression, the
+    predicted numbers, headed :obj:`prediction`, or, of several targets, by their names.
 
     In training on several machines each process writes a file of its own.
 
@@ -40,22 +42,18 @@ class PredictionWriter(BasePredictionWriter):
             path = path.with_name(f"{path.stem}_{trainer.global_rank}{path.suffix}")
         dataset = getattr(getattr(trainer, "datamodule", None), "dataset", None)
         names = getattr(dataset, "class_names", [])
-        multilabel = getattr(pl_module, "task", None) == "multilabel"
+        task = getattr(pl_module, "task", "multiclass")
         with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file)
             header_written = False
-            for indices, probability in _batches(batch_indices, predictions):
+            for indices, outputs in _batches(batch_indices, predictions):
                 if not header_written:
-                    num_classes = probability.size(1)
-                    has_names = len(names) == num_classes
-                    labels = names if has_names else [str(i) for i in range(num_classes)]
-                    writer.writerow(["index", "prediction", *(f"p_{name}" for name in labels)])
+                    width = outputs.size(1)
+                    labels = names if len(names) == width else [str(i) for i in range(width)]
+                    writer.writerow(["index", *_header(labels, task)])
                     header_written = True
-                for index, row in zip(indices, probability, strict=True):
-                    values = [f"{value:.6f}" for value in row.tolist()]
-                    best = (row > 0.5).nonzero() if multilabel else row.argmax()
-                    prediction = ";".join(labels[i] for i in best.view(-1).tolist())
-                    writer.writerow([index, prediction, *values])
+                for index, row in zip(indices, outputs, strict=True):
+                    writer.writerow([index, *_row(row, labels, task)])
         self.written = path
 
 
@@ -66,3 +64,17 @@ def _batches(
     if predictions and isinstance(predictions[0], list):
         predictions = predictions[0]
     return list(zip(batch_indices[0], predictions, strict=True))
+
+
+def _header(labels: Sequence[str], task: str) -> list[str]:
+    if task != "regression":
+        return ["prediction", *(f"p_{label}" for label in labels)]
+    return ["prediction"] if len(labels) == 1 else [f"prediction_{label}" for label in labels]
+
+
+def _row(row: Tensor, labels: Sequence[str], task: str) -> list[str]:
+    if task == "regression":
+        return [f"{value:.6g}" for value in row.tolist()]
+    best = (row > 0.5).nonzero() if task == "multilabel" else row.argmax()
+    prediction = ";".join(labels[i] for i in best.view(-1).tolist())
+    return [prediction, *(f"{value:.6f}" for value in row.tolist())]

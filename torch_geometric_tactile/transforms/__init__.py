@@ -10,6 +10,7 @@ from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdge
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
+from torch_geometric_tactile.transforms.static_transform import static_transform
 from torch_geometric_tactile.transforms.tare import Tare
 from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
 from torch_geometric_tactile.transforms.topological_segmentation import TopologicalSegmentation
@@ -32,4 +33,5 @@ __all__ = [
     "fit_parts",
     "fit_transform",
     "fitted_parts",
+    "static_transform",
 ]

@@ -1,15 +1,68 @@
 r"""The samples that a transform is fitted on, read a few at a time."""
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch.utils.data import ConcatDataset, Dataset, Subset
+from torch_geometric.data import Batch, Data
+from torch_geometric.data import Dataset as PyGDataset
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data.batches import static_batch, static_parts
 
 _BYTES = 2**22  # of the attributes of the samples that are transformed at a time
+
+AnySamples = StaticData | Dataset | Sequence[Data]
+
+
+def without_transform(data: Any) -> Any:
+    r"""Returns samples as they are before the :obj:`transform` of their data set.
+
+    Args:
+        data (StaticData or Dataset or list of Data): The samples.
+
+    Raises:
+        TypeError: If they are of another kind.
+    """
+    if isinstance(data, StaticData):
+        return data
+    if isinstance(data, Batch):
+        return data.to_data_list()
+    if isinstance(data, Subset):
+        return Subset(without_transform(data.dataset), data.indices)
+    if isinstance(data, ConcatDataset):
+        return ConcatDataset([without_transform(part) for part in data.datasets])
+    if isinstance(data, PyGDataset):
+        data = copy.copy(data)
+        data.transform = None
+        return data
+    if isinstance(data, Dataset) or (isinstance(data, Sequence) and not isinstance(data, str)):
+        return data
+    raise TypeError(
+        f"'data' must be a PyG data set, StaticData or a list of Data (got {type(data).__name__})"
+    )
+
+
+def as_static_data(data: AnySamples) -> StaticData:
+    r"""Returns all samples at once, before the :obj:`transform` of their data set.
+
+    Args:
+        data (StaticData or Dataset or list of Data): The samples.
+
+    Raises:
+        TypeError: If they are of another kind.
+        ValueError: If there is none, or they do not have one topology.
+    """
+    if isinstance(data, StaticData):
+        return data
+    if isinstance(data, StaticDataset):
+        return data.data
+    samples = Samples(data)
+    return samples.select(torch.arange(samples.num_samples))
 
 
 class Samples:
@@ -17,26 +70,22 @@ class Samples:
     at a time, so that neither their results nor a memory-mapped data set need to fit into memory.
 
     Args:
-        data (StaticDataset or StaticData): The samples, before any transform of the data set.
-        before (BaseTransform, optional): What is applied to them.
+        data (StaticData or Dataset or list of Data): The samples, before any transform of the data
+            set.
+        before (BaseTransform, optional): The transform that is applied to them.
         max_samples (int): Number of samples that are read at a time, at most.
     """
 
     def __init__(
-        self,
-        data: StaticDataset | StaticData,
-        before: BaseTransform | None = None,
-        max_samples: int = 8192,
+        self, data: AnySamples, before: BaseTransform | None = None, max_samples: int = 8192
     ) -> None:
-        if isinstance(data, StaticDataset):
-            data = copy.copy(data)
-            data.transform = None
-            self.num_samples = len(data)
-        else:
-            self.num_samples = data.num_samples
-        self._data = data
+        self._data = without_transform(data)
+        self.num_samples = data.num_samples if isinstance(data, StaticData) else len(self._data)
         self._before = before
         self._max_samples = max_samples
+        self._is_static = _is_static(self._data)
+        # Of others, what some samples share the next ones need not.
+        self._is_one = isinstance(self._data, StaticData | StaticDataset)
         self._first: StaticData | None = None
         self._columns: dict[str, Tensor] = {}
 
@@ -44,22 +93,43 @@ class Samples:
     def first(self) -> StaticData:
         r"""The first sample, transformed; there must be one."""
         if self._first is None:
-            self._first = self._select(torch.tensor([0]))
+            self._first = self.select(torch.tensor([0]))
         return self._first
 
-    def _select(self, index: Tensor) -> StaticData:
+    def is_shared(self, key: str) -> bool:
+        r"""Tells whether all samples share one value of an attribute.
+
+        Args:
+            key (str): Name of the attribute.
+        """
+        return self._is_one and self.first.is_shared(key)
+
+    def select(self, index: Tensor, key: str | None = None) -> StaticData:
+        r"""Returns some samples, transformed.
+
+        Args:
+            index (torch.Tensor): Their indices.
+            key (str, optional): The only attribute that is needed.
+        """
         data = self._data
         if isinstance(data, StaticDataset):
             chunk = data.batch(index)
-        else:
+        elif isinstance(data, StaticData):
             # A slice of what is read in order copies nothing.
             start, stop = int(index[0]), int(index[-1]) + 1
             in_order = stop - start == len(index)
             chunk = data.index_select(slice(start, stop) if in_order else index)
+        elif self._is_static:
+            chunk = static_batch(data, index.tolist())
+        else:
+            samples = [data[i] for i in index.tolist()]
+            if key is not None and self._before is None:  # the others may have any shape
+                samples = [Data(**{key: sample[key]}) for sample in samples]
+            chunk = StaticData.from_data_list(samples)
         return apply_transform(self._before, chunk)
 
-    def chunks(self, index: Tensor) -> Iterator[StaticData]:
-        r"""Yields samples, transformed, a few at a time.
+    def parts(self, index: Tensor) -> Sequence[Tensor]:
+        r"""Returns indices in parts, of as many samples as are read at a time.
 
         Args:
             index (torch.Tensor): Indices of the samples, ascending.
@@ -70,8 +140,7 @@ class Samples:
             if isinstance(value, Tensor) and not self.first.is_shared(key)
         )
         most = max(1, min(self._max_samples, _BYTES // max(size, 1)))
-        for part in index.split(most):
-            yield self._select(part)
+        return index.split(most)
 
     def __contains__(self, key: str) -> bool:
         return getattr(self.first, key, None) is not None
@@ -83,17 +152,15 @@ class Samples:
         return self._columns[key]
 
     def _column(self, key: str) -> Tensor:
-        if self._before is None:
+        if self._before is None and self._is_one:
             data = self._data
             value = data.column(key) if isinstance(data, StaticDataset) else data[key]
             assert value is not None
             return value
-        parts = []
-        for chunk in self.chunks(torch.arange(self.num_samples)):
-            if chunk.is_shared(key):
-                return chunk[key]
-            parts.append(chunk[key])
-        return torch.cat(parts)
+        index = torch.arange(self.num_samples)
+        if self.is_shared(key):
+            return self.first[key]  # type: ignore[no-any-return]
+        return torch.cat(list(self.values(key, index)))
 
     def values(self, key: str, index: Tensor) -> Iterator[Tensor]:
         r"""Yields an attribute of the samples, a few at a time, or once with one sample if they
@@ -103,8 +170,20 @@ class Samples:
             key (str): Name of the attribute.
             index (torch.Tensor): Indices of the samples, ascending.
         """
-        for chunk in self.chunks(index):
-            if chunk.is_shared(key):
-                yield chunk[key].unsqueeze(0)
+        for part in self.parts(index):
+            chunk = self.select(part, key)
+            value = chunk[key]
+            if not chunk.is_shared(key):
+                yield value
+            elif self._is_one:
+                yield value.unsqueeze(0)
                 return
-            yield chunk[key]
+            else:
+                yield value.expand(len(part), *value.shape)
+
+
+def _is_static(data: Any) -> bool:
+    try:
+        return len(list(static_parts(data))) > 0
+    except TypeError:
+        return False

@@ -10,9 +10,9 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import require
-from torch_geometric_tactile.transforms._samples import Samples
+from torch_geometric_tactile.transforms._samples import AnySamples, Samples
 
 _CHUNK = 8192  # samples read at a time, at most
 
@@ -68,14 +68,16 @@ class FittedTransform(BaseTransform):
         self.key_values: Tensor | None = None  # (K,), sorted
         self._kept: tuple[Tensor, Tensor, _Place, tuple[Tensor, Tensor, Tensor]] | None = None
 
-    def fit(self, data: StaticDataset | StaticData, before: BaseTransform | None = None) -> Self:
-        r"""Measures centre and scale on the readings of :obj:`data`, a few samples at a time;
-        labels are not used.
+    def fit(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
+        r"""Measures centre and scale on the readings of :obj:`data`, which are read a few samples
+        at a time; labels are not used.
 
         Missing readings (NaN) do not count. A taxel that never changes keeps the scale one.
 
         Args:
-            data (StaticDataset or StaticData): The samples, before any :obj:`transform`.
+            data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform`
+                of their data set: PyG's :class:`~torch_geometric.data.InMemoryDataset`, a
+                :class:`~torch.utils.data.Subset`, ...
             before (BaseTransform, optional): Applied to the samples first.
 
         Raises:
@@ -86,13 +88,15 @@ class FittedTransform(BaseTransform):
         self.center = self.scale = self.key_values = None
         return self._measure(samples, self._keys(samples))
 
-    def adapt(self, data: StaticDataset | StaticData, before: BaseTransform | None = None) -> Self:
+    def adapt(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
         r"""Measures only those values of :obj:`key` that were not measured before.
 
         Does nothing where :obj:`key` is :obj:`None`: a scaler of the training part stays as it is.
 
         Args:
-            data (StaticDataset or StaticData): The samples, before any :obj:`transform`.
+            data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform`
+                of their data set: PyG's :class:`~torch_geometric.data.InMemoryDataset`, a
+                :class:`~torch.utils.data.Subset`, ...
             before (BaseTransform, optional): Applied to the samples first.
         """
         if self.key is None:
@@ -142,10 +146,8 @@ class FittedTransform(BaseTransform):
             return self
         if self.attr not in samples:
             raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
-        if samples.first.is_shared(self.attr):
-            _logger.warning(
-                "all samples share one '%s', of which %r leaves nothing", self.attr, self
-            )
+        if samples.is_shared(self.attr):
+            _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
         center, scale = zip(
             *(self._moments(samples, (keys == value).nonzero().view(-1)) for value in values),
             strict=True,

@@ -2,7 +2,8 @@ r"""Fitting transforms that come one after the other."""
 
 from torch_geometric.transforms import BaseTransform, Compose
 
-from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import StaticData, apply_transform
+from torch_geometric_tactile.transforms._samples import AnySamples, as_static_data
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 
@@ -25,18 +26,20 @@ def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
 
 def fit_parts(
     transform: BaseTransform | None,
-    data: StaticDataset | StaticData,
+    data: AnySamples,
     adapt: bool = False,
     before: BaseTransform | None = None,
 ) -> None:
-    r"""Fits every part of a transform on what the parts before it return, a few samples at a time:
-    at no time are all samples transformed in memory, or those of a memory-mapped data set copied.
+    r"""Fits every part of a transform on the results of the parts before it, a few samples at a
+    time: at no time are all samples transformed in memory, or those of a memory-mapped data set
+    copied.
 
     The parts before a fitted part are applied to all samples once more for each of them.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
-        data (StaticDataset or StaticData): The samples, before any :obj:`transform`.
+        data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform` of
+            their data set.
         adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
         before (BaseTransform, optional): Applied to the samples first, and not fitted, such as the
             :obj:`transform` of the data set.
@@ -50,20 +53,20 @@ def fit_parts(
 
 
 def fit_transform(
-    transform: BaseTransform | None, data: StaticDataset | StaticData, adapt: bool = False
+    transform: BaseTransform | None, data: AnySamples, adapt: bool = False
 ) -> StaticData:
-    r"""Fits every part of a transform on what the parts before it return, and applies it.
+    r"""Fits every part of a transform on the results of the parts before it, and applies it.
 
-    All samples are transformed in memory, since they are returned; see :func:`fit_parts` where
-    they are not needed.
+    All samples are transformed in memory, since they are returned; :func:`fit_parts` fits only.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
-        data (StaticDataset or StaticData): The samples.
+        data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform` of
+            their data set.
         adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
     """
-    data = data.data if isinstance(data, StaticDataset) else data
+    out = as_static_data(data)
     for part in _flat(transform):
-        fit_parts(part, data, adapt)
-        data = apply_transform(part, data)
-    return data
+        fit_parts(part, out, adapt)
+        out = apply_transform(part, out)
+    return out

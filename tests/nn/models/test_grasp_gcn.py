@@ -240,3 +240,12 @@ def test_grasp_gcn_weights_are_no_edge_features():
 def test_grasp_gcn_needs_edges():
     with pytest.raises(ValueError, match=r"'edge_index' must be given \(got None\)"):
         GraspGCN()(readings(5, 24, 3))
+
+
+def test_grasp_gcn_fast():
+    fast, slow = GraspGCN(fusion="feature"), GraspGCN(fusion="feature", fast=False)
+    slow.load_state_dict(fast.state_dict())
+    for model, expected in ((fast, True), (slow, False)):
+        assert [conv.fast for thread in model.convs for conv in thread] == [expected] * 3
+    x = readings(9, 24, 3)
+    assert torch.allclose(slow(x, EDGE_INDEX), fast(x, EDGE_INDEX), atol=1e-6)

@@ -168,7 +168,7 @@ def test_model_wrong_edges(name):
             lambda: TactileGCN(LAYOUT, segments="finger"),
             r"'segments' must be 'digit', 'patch' or None \(got 'finger'\)",
         ),
-        (lambda: TactileGCN("allegro"), r"'name' must be one of .* \(got 'allegro'\)"),
+        (lambda: TactileGCN("allegro"), r"'layout' must be one of .* \(got 'allegro'\)"),
         (lambda: TactileFNN(inputs=("edge",)), r"'inputs' must not have 'edge': there is no graph"),
         (lambda: HandCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),
         (lambda: MTCNN(LAYOUT, inputs=("edge",)), r"'inputs' must not have 'edge'"),

@@ -57,6 +57,23 @@ def test_model_explainer_of_edges_between_segments():
     assert explanation.edge_mask[~between].abs().max() > 0
 
 
+@pytest.mark.parametrize("name", ["gcn", "mt_gcn", "patches"])
+def test_model_explainer_sees_edges_by_features(name):
+    # Explainers that keep messages, as GraphMaskExplainer, count on one row for each edge.
+    model, seen = small_model(name), []
+
+    def explain_message(self, out):
+        seen.append(out.dim())
+        return out
+
+    convs = [m for m in model.modules() if isinstance(m, MessagePassing)]
+    for conv in convs:
+        conv.explain_message = explain_message.__get__(conv, MessagePassing)
+        conv.explain = True
+    model(**loop(inputs(model, 1))[0])
+    assert seen == [2] * len(convs)
+
+
 def test_model_explainer_of_own_edges():
     # The thread with an adjacency of its own is as it is, whatever mask the data's edges have.
     model = small_model("mt_gcn_adjacency")

@@ -150,9 +150,9 @@ def test_model_copies_carry_no_cache(name):
     given = inputs(model, 10)
     expected = model(**given)
     model(**inputs(model, 2))
-    assert any(cache._value is not None for cache in caches(model))
+    assert any(cache.current is not None for cache in caches(model))
     for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
-        assert all(cache._value is None for cache in caches(other))
+        assert all(cache.current is None for cache in caches(other))
         assert torch.equal(other(**given), expected)
 
 

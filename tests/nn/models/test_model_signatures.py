@@ -99,7 +99,7 @@ def test_model_layout_by_name():
 @pytest.mark.parametrize("cls", CLASSES)
 def test_model_layout_bad(cls):
     more = {"num_edges": 3} if cls is MTGCN else {}
-    with pytest.raises(ValueError, match=r"'name' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
+    with pytest.raises(ValueError, match=r"'layout' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
         cls("hand", **more)
     match = r"'layout' must be .* image map" if cls in (HandCNN, MTCNN) else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):

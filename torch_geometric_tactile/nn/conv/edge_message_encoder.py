@@ -1,14 +1,17 @@
 r"""From edge features to node features, by messages."""
 
 from collections.abc import Sequence
-from typing import Optional, Union
+from typing import Any, Optional, Union
 
 import torch
 from torch import Tensor
 from torch.nn import Linear, Parameter, ReLU, Sequential
 from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.inits import glorot, reset
-from torch_geometric.utils import softmax
+from torch_geometric.typing import Adj
+from torch_geometric.utils import is_torch_sparse_tensor, softmax
+
+from torch_geometric_tactile.nn.conv.edge_checks import EdgeCheck, check_edge_form
 
 
 class EdgeMessageEncoder(MessagePassing):
@@ -26,6 +29,7 @@ class EdgeMessageEncoder(MessagePassing):
         out_channels (int): Features of each taxel.
         hidden_channels (int): Width of the network's hidden layer.
         aggr (str): How messages meet at the target, any of PyG's aggregations.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** edge features :math:`(|\mathcal{E}|, D)`, :math:`(B, |\mathcal{E}|, D)` or
@@ -34,7 +38,9 @@ class EdgeMessageEncoder(MessagePassing):
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If :obj:`edge_attr` has other features, or other edges than :obj:`edge_index`.
+        ValueError: If :obj:`edge_attr` has other features, or other edges than :obj:`edge_index`,
+            or :obj:`edge_index` is sparse, has another shape, holds no integers or joins other
+            taxels.
 
     Examples:
         >>> encoder = EdgeMessageEncoder(edge_dim=4, out_channels=4)
@@ -48,12 +54,14 @@ class EdgeMessageEncoder(MessagePassing):
         out_channels: int = 4,
         hidden_channels: int = 16,
         aggr: str = "mean",
+        **kwargs: Any,
     ) -> None:
-        super().__init__(aggr=aggr, node_dim=-2)
+        super().__init__(aggr=aggr, **kwargs)
         self.edge_dim = edge_dim
         self.out_channels = out_channels
         self.hidden_channels = hidden_channels
         self.mlp = _mlp(edge_dim, hidden_channels, out_channels)
+        self._check = EdgeCheck()
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
@@ -61,7 +69,7 @@ class EdgeMessageEncoder(MessagePassing):
         reset(self.mlp)
 
     def forward(
-        self, edge_attr: Tensor, edge_index: Tensor, num_nodes: Optional[int] = None
+        self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int] = None
     ) -> Tensor:
         r"""Encodes edge features.
 
@@ -71,9 +79,32 @@ class EdgeMessageEncoder(MessagePassing):
             num_nodes (int, optional): Number of taxels, of all samples of a PyG batch together;
                 the largest in :obj:`edge_index` and one if left out.
         """
-        num_nodes = _checked(edge_attr, edge_index, self.edge_dim, num_nodes)
+        num_nodes = self._checked(edge_attr, edge_index, num_nodes)
         hidden = self.encode(edge_attr, edge_index, num_nodes)
         return self.propagate(edge_index, hidden=hidden, size=(num_nodes, num_nodes))
+
+    def _checked(self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int]) -> int:
+        if is_torch_sparse_tensor(edge_index):
+            raise ValueError(
+                "'edge_index' must have shape (2, num_edges): a sparse matrix does not keep the "
+                f"order of 'edge_attr' (got shape {tuple(edge_index.shape)}, {edge_index.layout})"
+            )
+        check_edge_form(edge_index, 0)
+        num_edges = edge_index.size(1)
+        if edge_attr.dim() not in (2, 3) or edge_attr.size(-2) != num_edges:
+            raise ValueError(
+                f"'edge_attr' must have {num_edges} rows, one for each edge of 'edge_index' "
+                f"(got shape {tuple(edge_attr.shape)})"
+            )
+        if edge_attr.size(-1) != self.edge_dim:
+            raise ValueError(
+                f"'edge_attr' must have {self.edge_dim} features (got {edge_attr.size(-1)})"
+            )
+        if num_nodes is None:
+            num_nodes = int(edge_index.max()) + 1 if num_edges else 0
+        # A source out of range would go unseen: the messages come from the edges alone.
+        self._check(edge_index, num_nodes)
+        return num_nodes
 
     def encode(self, edge_attr: Tensor, edge_index: Tensor, num_nodes: int) -> Tensor:
         r"""Returns the message of each edge.
@@ -111,21 +142,28 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         edge_dim (int): Features of each edge :math:`D`.
         out_channels (int): Features of each taxel.
         hidden_channels (int): Width of the network's hidden layer.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** as :class:`EdgeMessageEncoder`
         - **output:** as :class:`EdgeMessageEncoder`
 
     Raises:
-        ValueError: If :obj:`edge_attr` has other features, or other edges than :obj:`edge_index`.
+        ValueError: As :class:`EdgeMessageEncoder`.
 
     Examples:
         >>> EdgeAttentionEncoder(edge_dim=4, out_channels=4)
         EdgeAttentionEncoder(4, 4, hidden_channels=16)
     """
 
-    def __init__(self, edge_dim: int = 4, out_channels: int = 4, hidden_channels: int = 16) -> None:
-        super().__init__(edge_dim, out_channels, hidden_channels, aggr="add")
+    # PyG puts a compiled form into the class of the first layer that is made, and subclasses would
+    # inherit it where they need the one that can be explained.
+    propagate = MessagePassing.propagate
+
+    def __init__(
+        self, edge_dim: int = 4, out_channels: int = 4, hidden_channels: int = 16, **kwargs: Any
+    ) -> None:
+        super().__init__(edge_dim, out_channels, hidden_channels, aggr="add", **kwargs)
         self.att = Parameter(torch.empty(1, out_channels))
         glorot(self.att)
 
@@ -138,7 +176,8 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
         r"""Returns the weighted message of each edge."""
         hidden = self.mlp(edge_attr)
         score = (torch.nn.functional.leaky_relu(hidden, 0.2) * self.att).sum(-1, keepdim=True)
-        return hidden * softmax(score, edge_index[1], num_nodes=num_nodes, dim=-2)
+        target = edge_index[1 if self.flow == "source_to_target" else 0]
+        return hidden * softmax(score, target, num_nodes=num_nodes, dim=-2)
 
 
 class EdgePatchEncoder(EdgeMessageEncoder):
@@ -162,14 +201,15 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         out_channels (int): Features of each taxel.
         hidden_channels (int): Width of the networks' hidden layers.
         aggr (str): How messages meet at the target, any of PyG's aggregations.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** as :class:`EdgeMessageEncoder`
         - **output:** as :class:`EdgeMessageEncoder`
 
     Raises:
-        ValueError: If :obj:`edge_attr` has other features, or other edges than :obj:`edge_index`,
-            or the number of taxels is no multiple of those in :obj:`segment`.
+        ValueError: As :class:`EdgeMessageEncoder`, or if the number of taxels is no multiple of
+            those in :obj:`segment`.
 
     Examples:
         >>> encoder = EdgePatchEncoder([0, 0, 1])
@@ -179,6 +219,10 @@ class EdgePatchEncoder(EdgeMessageEncoder):
 
     segment: Tensor
 
+    # PyG puts a compiled form into the class of the first layer that is made, and subclasses would
+    # inherit it where they need the one that can be explained.
+    propagate = MessagePassing.propagate
+
     def __init__(
         self,
         segment: Union[Sequence[int], Tensor],
@@ -186,8 +230,9 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         out_channels: int = 4,
         hidden_channels: int = 16,
         aggr: str = "mean",
+        **kwargs: Any,
     ) -> None:
-        super().__init__(edge_dim, out_channels, hidden_channels, aggr)
+        super().__init__(edge_dim, out_channels, hidden_channels, aggr, **kwargs)
         self.register_buffer("segment", torch.as_tensor(segment).long(), persistent=False)
         if self.segment.dim() != 1 or len(self.segment) == 0:
             raise ValueError(
@@ -207,7 +252,7 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         return torch.where(within, self.mlp(edge_attr), self.mlp_between(edge_attr))
 
     def forward(
-        self, edge_attr: Tensor, edge_index: Tensor, num_nodes: Optional[int] = None
+        self, edge_attr: Tensor, edge_index: Adj, num_nodes: Optional[int] = None
     ) -> Tensor:
         r"""Encodes edge features.
 
@@ -237,17 +282,3 @@ def _mlp(edge_dim: int, hidden_channels: int, out_channels: int) -> Sequential:
     return Sequential(
         Linear(edge_dim, hidden_channels), ReLU(), Linear(hidden_channels, out_channels)
     )
-
-
-def _checked(edge_attr: Tensor, edge_index: Tensor, edge_dim: int, num_nodes: Optional[int]) -> int:
-    num_edges = edge_index.size(1)
-    if edge_attr.dim() not in (2, 3) or edge_attr.size(-2) != num_edges:
-        raise ValueError(
-            f"'edge_attr' must have {num_edges} rows, one for each edge of 'edge_index' "
-            f"(got shape {tuple(edge_attr.shape)})"
-        )
-    if edge_attr.size(-1) != edge_dim:
-        raise ValueError(f"'edge_attr' must have {edge_dim} features (got {edge_attr.size(-1)})")
-    if num_nodes is not None:
-        return num_nodes
-    return int(edge_index.max()) + 1 if num_edges else 0

@@ -1,7 +1,7 @@
 r"""Graph convolutions of segments that have weights of their own."""
 
 from collections.abc import Sequence
-from typing import Union
+from typing import Any, Union
 
 import torch
 from torch import Tensor
@@ -9,7 +9,16 @@ from torch.nn import Parameter
 from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.inits import glorot, zeros
-from torch_geometric.typing import OptTensor
+from torch_geometric.typing import Adj, OptTensor
+
+from torch_geometric_tactile.nn.conv.edge_checks import (
+    as_edges,
+    check_edge_form,
+    check_edge_index,
+    check_edge_weight,
+    is_traced,
+)
+from torch_geometric_tactile.nn.conv.plain import is_hooked, sums_messages
 
 
 class SegmentedGCNConv(MessagePassing):
@@ -31,16 +40,18 @@ class SegmentedGCNConv(MessagePassing):
         in_channels (int): Size of each input feature.
         out_channels (int): Size of each output feature.
         bias (bool): Whether to add learnable biases.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
-          :math:`(|\mathcal{E}|,)`
+          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+          :math:`(N, N)` of targets and sources, optional edge weights :math:`(|\mathcal{E}|,)`
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If :obj:`segment` has gaps, a size is below one, or :obj:`x` has other taxels
-            or features.
+        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has other taxels or
+            features, :obj:`edge_index` has another shape, holds no integers or joins other taxels,
+            or :obj:`edge_weight` does not hold one real number for each edge.
 
     Examples:
         >>> conv = SegmentedGCNConv([0, 0, 1], 3, 8)
@@ -58,8 +69,9 @@ class SegmentedGCNConv(MessagePassing):
         in_channels: int,
         out_channels: int,
         bias: bool = True,
+        **kwargs: Any,
     ) -> None:
-        super().__init__(aggr="add", node_dim=-2)
+        super().__init__(**{"aggr": "add", **kwargs})
         for name, size in (("in_channels", in_channels), ("out_channels", out_channels)):
             if size < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {size})")
@@ -82,12 +94,13 @@ class SegmentedGCNConv(MessagePassing):
             glorot(weight)
         zeros(self.bias)
 
-    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+    def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
 
         Args:
             x (torch.Tensor): Node features.
-            edge_index (torch.Tensor): Edges; those between segments do not count.
+            edge_index (torch.Tensor): Edges, or a sparse matrix; edges between segments do not
+                count.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
         num_taxels = len(self.segment)
@@ -101,11 +114,27 @@ class SegmentedGCNConv(MessagePassing):
                 f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
                 f"(got shape {tuple(x.shape)})"
             )
+        check_edge_form(edge_index, x.size(-2))
+        check_edge_weight(edge_index, edge_weight)
+        if is_traced():
+            return self._convolve(x, edge_index, edge_weight)
+        try:
+            return self._convolve(x, edge_index, edge_weight)
+        except (IndexError, RuntimeError, ValueError):
+            # Bad edges always fail on a processor: finding out why costs good ones nothing.
+            check_edge_index(edge_index, x.size(-2))
+            raise
+
+    def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+        num_taxels = len(self.segment)
+        edge_index, edge_weight = as_edges(edge_index, edge_weight)
         segment = self.segment[edge_index % num_taxels]
         within = (segment[0] == segment[1]).to(x.dtype)
         if edge_weight is not None:
             within = within * edge_weight.view(-1)
-        edge_index, norm = gcn_norm(edge_index, within, x.size(-2), dtype=x.dtype)
+        edge_index, norm = gcn_norm(
+            edge_index.long(), within, x.size(-2), flow=self.flow, dtype=x.dtype
+        )
         rows = x.reshape(-1, num_taxels, self.in_channels)
         mapped = torch.einsum("bni,noi->bno", rows, self.weight[self.segment])
         mapped = mapped.reshape(*x.shape[:-1], self.out_channels)
@@ -114,6 +143,17 @@ class SegmentedGCNConv(MessagePassing):
             return out
         bias = self.bias[self.segment]
         return out + (bias if x.dim() == 3 else bias.repeat(x.size(0) // num_taxels, 1))
+
+    def is_plain(self) -> bool:
+        r"""Tells whether the layer computes its formula and nothing else: that no hook, wrapped
+        weight, explainer or subclass changes or watches it.
+        """
+        return (
+            type(self) is SegmentedGCNConv
+            and self.flow == "source_to_target"
+            and not is_hooked(self)
+            and sums_messages(self)
+        )
 
     def message(self, x_j: Tensor, norm: Tensor) -> Tensor:
         r"""Weights the neighbour's features."""

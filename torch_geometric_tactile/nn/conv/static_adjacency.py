@@ -1,11 +1,39 @@
-r"""The normalised adjacency of one topology, made once."""
+r"""The normalised adjacency of one topology, computed once."""
 
 import warnings
-from typing import Optional
+import weakref
+from typing import NamedTuple, Optional
 
 import torch
 from torch import Tensor
-from torch_geometric.typing import OptTensor
+from torch.nn import Parameter
+from torch_geometric.nn.conv.gcn_conv import gcn_norm
+from torch_geometric.typing import Adj, OptTensor
+from torch_geometric.utils import is_torch_sparse_tensor
+
+from torch_geometric_tactile.nn.conv.edge_checks import (
+    EdgeCheck,
+    as_edges,
+    check_edge_index,
+    check_edge_weight,
+    is_traced,
+)
+
+# Above this number of nodes, a dense matrix of them costs more than gathering the edges.
+MAX_DENSE_NODES = 1024
+# The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
+_MAX_ROWS = 4096
+
+
+class GCNNorm(NamedTuple):
+    r"""How a graph convolution normalises its adjacency, as the arguments of
+    :class:`~torch_geometric.nn.GCNConv`.
+    """
+
+    improved: bool = False
+    add_self_loops: bool = True
+    normalize: bool = True
+    flow: str = "source_to_target"
 
 
 class StaticAdjacency:
@@ -29,19 +57,21 @@ class StaticAdjacency:
         return self._transposed
 
     def rows(self, start: int, stop: int) -> Tensor:
-        r"""Returns some rows in CSR format :math:`(S, N)`, made once.
+        r"""Returns some rows in CSR format :math:`(S, N)`, computed once.
 
         Args:
             start (int): The first row.
             stop (int): The row behind the last.
         """
-        key = (start, stop)
-        if key not in self._rows:
-            self._rows[key] = _sparse(self.dense[start:stop])
-        return self._rows[key]
+        rows = self._rows.get((start, stop))
+        if rows is None:
+            if len(self._rows) >= _MAX_ROWS:
+                self._rows = {}  # not cleared in place: another thread may be reading it
+            rows = self._rows[start, stop] = _sparse(self.dense[start:stop])
+        return rows
 
     def blocks(self, group: int, nodes: Tensor) -> Tensor:
-        r"""Returns the matrices of some segments of equal size, made once for each group.
+        r"""Returns the matrices of some segments of equal size, computed once for each group.
 
         Args:
             group (int): Number of the group.
@@ -57,62 +87,136 @@ class StaticAdjacency:
 
 
 class AdjacencyCache:
-    r"""Keeps the adjacency for as long as the same tensors come in, unchanged.
+    r"""Keeps the adjacency of the last topology for as long as the same edges and weights come in.
 
-    A pickled or copied cache is empty.
+    They are compared by value with a copy of its own, so that no way of changing them goes unseen:
+    neither :obj:`tensor.data` nor a NumPy array that shares their memory counts as a write. On a
+    GPU, comparing values would wait for everything under way; there, a tensor is taken to be the
+    same if it is the same object with the same memory and PyTorch counted no write to it, and
+    values are compared otherwise. Only a write through :obj:`tensor.data` goes unseen there.
+
+    One entry is kept and replaced as a whole, so that threads may share the cache. A pickled or
+    copied cache is empty.
     """
 
     def __init__(self) -> None:
-        self._key: tuple[object, ...] = ()
-        self._value: Optional[StaticAdjacency] = None
+        self._entry: Optional[_Entry] = None
+        self._check = EdgeCheck()
 
-    def clear(self) -> None:
-        r"""Forgets what was kept."""
-        self._key, self._value = (), None
+    @property
+    def current(self) -> Optional[StaticAdjacency]:
+        r"""The adjacency that is kept, :obj:`None` at first."""
+        return None if self._entry is None else self._entry.adjacency
 
     def get(
         self,
-        edge_index: Tensor,
+        edge_index: Adj,
         edge_weight: OptTensor,
         num_nodes: int,
         dtype: torch.dtype,
         segment: OptTensor = None,
+        norm: GCNNorm = GCNNorm(),  # noqa: B008 (immutable)
     ) -> Optional[StaticAdjacency]:
         r"""Returns the adjacency of a topology, or :obj:`None` where it must not be kept: for
-        tensors that need a gradient or do not tell whether they changed, and while compiling.
+        tensors that need a gradient, and while a compiler records.
 
         Args:
-            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+                :math:`(N, N)`.
             edge_weight (torch.Tensor, optional): Their weights :math:`(|\mathcal{E}|,)`.
             num_nodes (int): Number of taxels :math:`N`.
             dtype (torch.dtype): Of the matrix.
             segment (torch.Tensor, optional): The segment of each taxel :math:`(N,)`, always the
                 same; edges between segments do not count.
+            norm (GCNNorm): How to normalise.
+
+        Raises:
+            ValueError: If the edges do not join the taxels, or the weights are not theirs.
         """
-        given = [edge_index] if edge_weight is None else [edge_index, edge_weight]
-        if torch.compiler.is_compiling() or any(
-            tensor.requires_grad or tensor.is_inference() for tensor in given
-        ):
+        given = _tensors(edge_index, edge_weight)
+        if is_traced() or any(tensor.requires_grad or not _is_plain(tensor) for tensor in given):
+            self._check(edge_index, num_nodes)
+            check_edge_weight(edge_index, edge_weight)
             return None
-        # In-place changes raise the version, so that a changed tensor is never taken for the old.
-        key = (*given, *(tensor._version for tensor in given), num_nodes, dtype)
-        if len(key) != len(self._key) or any(
-            a is not b if isinstance(a, Tensor) else a != b
-            for a, b in zip(key, self._key, strict=True)
-        ):
-            # A matrix made in inference mode (by a validation before the training) could not take
-            # part in a later training step.
+        key = (num_nodes, dtype, norm, is_torch_sparse_tensor(edge_index), len(given))
+        entry = self._entry
+        if entry is None or entry.key != key or not entry.equals(given):
+            check_edge_index(edge_index, num_nodes)
+            check_edge_weight(edge_index, edge_weight)
+            # A matrix computed in inference mode (by a validation before the training) could not
+            # take part in a later training step.
             with torch.inference_mode(False), torch.no_grad():
-                dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment)
-                self._value = StaticAdjacency(dense)
-            self._key = key
-        return self._value
+                kept = [_KeptTensor(tensor) for tensor in given]
+                dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, norm)
+                entry = self._entry = _Entry(key, kept, StaticAdjacency(dense))
+        return entry.adjacency
 
     def __deepcopy__(self, memo: object) -> "AdjacencyCache":
         return AdjacencyCache()
 
     def __reduce__(self) -> tuple[type["AdjacencyCache"], tuple[()]]:
         return AdjacencyCache, ()
+
+
+class _Entry:
+    def __init__(
+        self, key: tuple[object, ...], kept: "list[_KeptTensor]", adjacency: StaticAdjacency
+    ) -> None:
+        self.key, self.kept, self.adjacency = key, kept, adjacency
+
+    def equals(self, given: list[Tensor]) -> bool:
+        return all(kept.equals(tensor) for kept, tensor in zip(self.kept, given, strict=True))
+
+
+class _KeptTensor:
+    def __init__(self, tensor: Tensor) -> None:
+        self.copy = tensor.clone()
+        self.note(tensor)
+
+    def note(self, tensor: Tensor) -> None:
+        # A weak reference: the caller's tensor may die, and another be born at its address.
+        self.seen = weakref.ref(tensor)
+        self.state = (tensor.data_ptr(), None if tensor.is_inference() else tensor._version)
+
+    def equals(self, tensor: Tensor) -> bool:
+        copy = self.copy
+        if tensor.shape != copy.shape or tensor.dtype != copy.dtype:
+            return False
+        if tensor.device != copy.device:
+            return False
+        if tensor.device.type == "cpu":
+            return torch.equal(tensor, copy)
+        if (
+            self.seen() is tensor
+            and not tensor.is_inference()
+            and self.state == (tensor.data_ptr(), tensor._version)
+        ):
+            return True
+        if not torch.equal(tensor, copy):
+            return False
+        self.note(tensor)
+        return True
+
+
+def _tensors(edge_index: Adj, edge_weight: OptTensor) -> list[Tensor]:
+    if not is_torch_sparse_tensor(edge_index):
+        return [edge_index] if edge_weight is None else [edge_index, edge_weight]
+    if edge_index.requires_grad:
+        return [edge_index]
+    if edge_index.layout == torch.sparse_coo:
+        return [edge_index._indices(), edge_index._values()]
+    if edge_index.layout == torch.sparse_csr:
+        return [edge_index.crow_indices(), edge_index.col_indices(), edge_index.values()]
+    return [edge_index]
+
+
+def _is_plain(tensor: Tensor) -> bool:
+    # Neither a fake tensor, which has no values, nor one of a layout without `torch.equal`.
+    return (
+        type(tensor) in (Tensor, Parameter)
+        and tensor.layout == torch.strided
+        and tensor.device.type != "meta"
+    )
 
 
 def _sparse(dense: Tensor) -> Tensor:
@@ -135,41 +239,76 @@ def adjacency_blocks(dense: Tensor, nodes: Tensor) -> Tensor:
 
 
 def dense_norm(
-    edge_index: Tensor,
+    edge_index: Adj,
     edge_weight: OptTensor,
     num_nodes: int,
     dtype: torch.dtype,
     segment: OptTensor = None,
+    norm: GCNNorm = GCNNorm(),  # noqa: B008 (immutable)
 ) -> Tensor:
     r"""Returns PyG's :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as one matrix
-    :math:`(N, N)`.
+    :math:`(N, N)` of targets and sources.
 
     It drops no edges by a mask, whose result has an unknown size, so that ``torch.compile`` sees
     one graph.
 
     Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
+        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+            :math:`(N, N)` of targets and sources.
         edge_weight (torch.Tensor, optional): Their weights :math:`(|\mathcal{E}|,)`.
         num_nodes (int): Number of taxels :math:`N`.
         dtype (torch.dtype): Of the matrix.
         segment (torch.Tensor, optional): The segment of each taxel :math:`(N,)`; edges between
             segments do not count.
+        norm (GCNNorm): How to normalise.
     """
-    source, target = edge_index[0], edge_index[1]
+    if is_torch_sparse_tensor(edge_index) and segment is None:
+        return sparse_norm(edge_index, num_nodes, dtype, norm).to_dense().to(dtype)
+    edge_index, edge_weight = as_edges(edge_index, edge_weight)
+    source, target = edge_index.long()
+    if norm.flow == "target_to_source":
+        source, target = target, source
+    # As in PyG, where `improved` changes nothing without weights.
+    loop_weight = 2.0 if norm.improved and edge_weight is not None else 1.0
     if edge_weight is None:
         edge_weight = torch.ones(edge_index.size(1), dtype=dtype, device=edge_index.device)
     weight = edge_weight.view(-1).to(dtype)
     if segment is not None:
         weight = weight.masked_fill(segment[source] != segment[target], 0.0)
     is_loop = source == target
+    add_self_loops = norm.normalize and norm.add_self_loops
     adjacency = weight.new_zeros(num_nodes * num_nodes).scatter_add(
-        0, target * num_nodes + source, weight.masked_fill(is_loop, 0.0)
+        0,
+        target * num_nodes + source,
+        weight.masked_fill(is_loop, 0.0) if add_self_loops else weight,
     )
-    # Self-loops keep their weight, missing ones get one; the last place takes all other edges.
-    loop = weight.new_ones(num_nodes + 1).scatter(
-        0, source.masked_fill(~is_loop, num_nodes), weight
-    )
-    adjacency = adjacency.view(num_nodes, num_nodes) + loop[:-1].diag_embed()
+    adjacency = adjacency.view(num_nodes, num_nodes)
+    if add_self_loops:
+        # Self-loops keep their weight, missing ones are added; the last place takes all other edges.
+        loop = weight.new_full((num_nodes + 1,), loop_weight).scatter(
+            0, source.masked_fill(~is_loop, num_nodes), weight
+        )
+        adjacency = adjacency + loop[:-1].diag_embed()
+    if not norm.normalize:
+        return adjacency
     scale = adjacency.sum(dim=1).pow(-0.5)
     scale = scale.masked_fill(scale == float("inf"), 0.0)
     return scale.view(-1, 1) * adjacency * scale
+
+
+def sparse_norm(adj_t: Adj, num_nodes: int, dtype: torch.dtype, norm: GCNNorm) -> Tensor:
+    r"""Returns a sparse adjacency as PyG normalises it, which adds a self-loop also where there is
+    one.
+
+    Args:
+        adj_t (torch.Tensor): The sparse matrix :math:`(N, N)` of targets and sources.
+        num_nodes (int): Number of taxels :math:`N`.
+        dtype (torch.dtype): Of the values that PyG adds.
+        norm (GCNNorm): How to normalise.
+    """
+    if not norm.normalize:
+        return adj_t
+    normed: Tensor = gcn_norm(
+        adj_t, None, num_nodes, norm.improved, norm.add_self_loops, norm.flow, dtype
+    )[0]
+    return normed

@@ -1,22 +1,37 @@
 r"""The graph convolution of the papers, for one topology and many samples."""
 
+from typing import Any, ClassVar, Optional
+
 import torch
 from torch import Tensor
-from torch.nn import Parameter
-from torch.nn.functional import linear
-from torch_geometric.nn import MessagePassing
+from torch_geometric import EdgeIndex
+from torch_geometric.nn import GCNConv, MessagePassing
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
-from torch_geometric.nn.dense.linear import Linear
-from torch_geometric.nn.inits import zeros
-from torch_geometric.typing import OptTensor
+from torch_geometric.typing import Adj, OptTensor
+from torch_geometric.utils import is_torch_sparse_tensor
 
-from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache, dense_norm
+from torch_geometric_tactile.nn.conv.edge_checks import (
+    as_edges,
+    check_edge_form,
+    check_edge_index,
+    check_edge_weight,
+    is_traced,
+)
+from torch_geometric_tactile.nn.conv.plain import (
+    MESSAGE_METHODS,
+    is_hooked,
+    is_plain_linear,
+    sums_messages,
+)
+from torch_geometric_tactile.nn.conv.static_adjacency import (
+    MAX_DENSE_NODES,
+    AdjacencyCache,
+    GCNNorm,
+    dense_norm,
+)
 
-# Above this number of nodes, a dense matrix of them costs more than gathering the edges.
-_MAX_DENSE_NODES = 1024
 
-
-class StaticGCNConv(MessagePassing):
+class StaticGCNConv(GCNConv):
     r"""The graph convolution of the "Tactile Object Property Recognition using Geometrical Graph
     Edge Features and Multi-Thread Graph Convolutional Network" paper (eq. 1), without its
     activation.
@@ -25,24 +40,40 @@ class StaticGCNConv(MessagePassing):
         \mathbf{X}' = \hat{\mathbf{D}}^{-1/2} (\mathbf{A} + \mathbf{I}) \hat{\mathbf{D}}^{-1/2}
         \mathbf{X} \mathbf{W} + \mathbf{b}
 
-    It equals :class:`torch_geometric.nn.GCNConv` and takes over its :obj:`state_dict`. For many
-    samples on one topology :math:`(B, N, F)` the normalised adjacency is built once and applied as
-    one matrix product. It is kept for as long as the same :obj:`edge_index` and
-    :obj:`edge_weight` tensors come in, unchanged; weights that need a gradient are never kept.
+    It is a :class:`torch_geometric.nn.GCNConv`, with the same arguments, the same numbers and the
+    same :obj:`state_dict`. For many samples on one topology :math:`(B, N, F)` it builds the
+    normalised adjacency once and applies it as one matrix product, and keeps it for as long as the
+    same edges and weights come in; weights that need a gradient are never kept.
+
+    It passes messages edge by edge, as PyG does, for a single sample or a PyG batch
+    :math:`(N, F)`, for more than 1024 nodes, if :obj:`fast=False`, and wherever something has to
+    see the messages: an explainer, message hooks, a subclass with its own :meth:`message`, another
+    aggregation.
 
     Args:
         in_channels (int): Size of each input feature, or -1 to take it from the first input.
         out_channels (int): Size of each output feature.
+        improved (bool): Whether added self-loops have weight two, if the edges have weights; as in
+            PyG, it changes nothing for edges without weights.
+        cached (bool): Whether to keep the normalised edges of the first call for all further calls,
+            whatever edges come in. This layer needs it for no speed.
+        add_self_loops (bool, optional): Whether to add self-loops; as :obj:`normalize` if left out.
+        normalize (bool): Whether to normalise the adjacency.
         bias (bool): Whether to add a learnable bias.
+        fast (bool): Whether to multiply the samples of one topology by one matrix.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
         - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
+          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+          :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge weights
           :math:`(|\mathcal{E}|,)`
         - **output:** node features of the same leading shape, :math:`F_{out}` wide
 
     Raises:
-        ValueError: If :obj:`x` has other than two or three dimensions.
+        ValueError: If :obj:`x` has fewer than two dimensions, other features or no real numbers,
+            :obj:`edge_index` has another shape, holds no integers or joins other nodes, or
+            :obj:`edge_weight` does not hold one real number for each edge.
 
     Examples:
         >>> conv = StaticGCNConv(3, 8)
@@ -52,54 +83,162 @@ class StaticGCNConv(MessagePassing):
         torch.Size([5, 4, 8])
     """
 
-    def __init__(self, in_channels: int, out_channels: int, bias: bool = True) -> None:
-        super().__init__(aggr="add", node_dim=-2)
-        self.in_channels = in_channels
-        self.out_channels = out_channels
-        self.lin = Linear(in_channels, out_channels, bias=False, weight_initializer="glorot")
-        if bias:
-            self.bias = Parameter(torch.empty(out_channels))
-        else:
-            self.register_parameter("bias", None)
+    _cached_edge_index: Optional[tuple[Adj, OptTensor]]
+    _has_own_messages: ClassVar[bool] = False
+
+    _has_own_propagate: ClassVar[bool] = False
+
+    # Its own, as in all subclasses: PyG puts a compiled form into the class of the first layer that
+    # is made, and its subclasses would inherit it where they need the one that can be explained.
+    propagate = MessagePassing.propagate
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        before = cls.__mro__[1 : cls.__mro__.index(StaticGCNConv)]
+        parents = [base for base in before if issubclass(base, StaticGCNConv)]
+        own = set(vars(cls)).union(*(vars(base) for base in before if base not in parents))
+        cls._has_own_messages = not own.isdisjoint(MESSAGE_METHODS) or any(
+            base._has_own_messages for base in parents
+        )
+        cls._has_own_propagate = "propagate" in own or any(
+            base._has_own_propagate for base in parents
+        )
+        if not cls._has_own_propagate:
+            cls.propagate = MessagePassing.propagate
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        improved: bool = False,
+        cached: bool = False,
+        add_self_loops: Optional[bool] = None,
+        normalize: bool = True,
+        bias: bool = True,
+        *,
+        fast: bool = True,
+        **kwargs: Any,
+    ) -> None:
+        super().__init__(
+            in_channels, out_channels, improved, cached, add_self_loops, normalize, bias, **kwargs
+        )
+        self.fast = fast
         self._kept = AdjacencyCache()
-        self.reset_parameters()
 
-    def reset_parameters(self) -> None:
-        r"""Draws the weights anew and sets the bias to zero."""
-        super().reset_parameters()
-        self.lin.reset_parameters()
-        zeros(self.bias)
-        self._kept.clear()
-
-    def forward(self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor = None) -> Tensor:
+    def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
         r"""Convolves node features.
 
         Args:
             x (torch.Tensor): Node features.
-            edge_index (torch.Tensor): Edges.
+            edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
-        if x.dim() not in (2, 3):
+        if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
+            return super().forward(x, edge_index, edge_weight)  # PyG refuses, or knows the type
+        self._check_x(x)
+        if self._is_dense(x, edge_index):
+            return self._multiply(x, edge_index, edge_weight)
+        num_nodes = x.size(int(self.node_dim))
+        check_edge_form(edge_index, num_nodes)
+        check_edge_weight(edge_index, edge_weight)
+        if self.cached and self._cached_edge_index is None:
+            check_edge_index(edge_index, num_nodes)  # before PyG keeps them
+        if is_traced():
+            return self._gather(x, edge_index, edge_weight)
+        try:
+            return self._gather(x, edge_index, edge_weight)
+        except (IndexError, RuntimeError, ValueError):
+            # Bad edges always fail on a processor: finding out why costs good ones nothing.
+            check_edge_index(edge_index, num_nodes)
+            raise
+
+    def is_plain(self) -> bool:
+        r"""Tells whether the layer computes its formula and nothing else: that it has the default
+        arguments, and no hook, wrapped weight, explainer or subclass changes or watches it.
+        """
+        return (
+            type(self) is StaticGCNConv
+            and self.fast
+            and not self.cached
+            and self._norm() == GCNNorm()
+            and not is_hooked(self)
+            and is_plain_linear(self.lin)
+            and sums_messages(self)
+        )
+
+    def _norm(self) -> GCNNorm:
+        return GCNNorm(self.improved, self.add_self_loops, self.normalize, self.flow)
+
+    def _check_x(self, x: Tensor) -> None:
+        if x.dim() < 2:
             raise ValueError(
                 "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
                 f"in_channels) (got {tuple(x.shape)})"
             )
-        num_nodes = x.size(-2)
-        if x.dim() == 3 and num_nodes <= _MAX_DENSE_NODES and not self.explain:
-            kept = self._kept.get(edge_index, edge_weight, num_nodes, x.dtype)
-            if kept is None:
-                adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype)
-            else:
-                adjacency = kept.dense
-            # The product with the adjacency is cheaper on the narrower side of the linear map.
-            if self.in_channels == x.size(-1) < self.out_channels:
-                return linear(torch.matmul(adjacency, x), self.lin.weight, self.bias)
-            out = torch.matmul(adjacency, self.lin(x))
+        if not (x.is_floating_point() or x.is_complex()):
+            raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
+        if is_plain_linear(self.lin) and x.size(-1) != self.lin.in_channels:
+            raise ValueError(
+                f"'x' must have {self.lin.in_channels} features (got shape {tuple(x.shape)})"
+            )
+
+    def _is_dense(self, x: Tensor, edge_index: Adj) -> bool:
+        return (
+            self.fast
+            and x.dim() > 2
+            and x.layout == torch.strided
+            and x.size(-2) <= MAX_DENSE_NODES
+            and not self._has_own_messages
+            and sums_messages(self)
+            # PyG refuses this pair, and says why.
+            and not (self.flow == "target_to_source" and is_torch_sparse_tensor(edge_index))
+        )
+
+    def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+        if isinstance(edge_index, EdgeIndex):
+            edge_index = edge_index.as_tensor()
+        num_nodes, norm = x.size(-2), self._norm()
+        if self.normalize and self.cached:
+            edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
+            norm = norm._replace(normalize=False)
+        kept = self._kept.get(edge_index, edge_weight, num_nodes, x.dtype, norm=norm)
+        if kept is None:
+            adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype, norm=norm)
         else:
-            edge_index, norm = gcn_norm(edge_index, edge_weight, num_nodes, dtype=x.dtype)
-            out = self.propagate(edge_index, x=self.lin(x), norm=norm)
+            adjacency = kept.dense
+        # The product with the adjacency is cheaper on the narrower side of the linear map.
+        if is_plain_linear(self.lin) and x.size(-1) < self.out_channels:
+            out = self.lin(torch.matmul(adjacency, x))
+        else:
+            out = torch.matmul(adjacency, self.lin(x))
         return out if self.bias is None else out + self.bias
 
-    def message(self, x_j: Tensor, norm: Tensor) -> Tensor:
-        r"""Weights the neighbour's features."""
-        return norm.view(-1, 1) * x_j
+    def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
+        if not is_torch_sparse_tensor(edge_index):
+            if not isinstance(edge_index, EdgeIndex):
+                edge_index = edge_index.long()
+            if edge_weight is not None and not edge_weight.is_floating_point():
+                edge_weight = edge_weight.to(x.dtype)
+            return super().forward(x, edge_index, edge_weight)
+        if x.dim() == 2 or self.flow == "target_to_source":
+            return super().forward(x, edge_index, edge_weight)
+        # A sparse product takes no batch of samples, messages do.
+        if self.normalize:
+            edge_index, edge_weight = self._normed(x, edge_index, None)
+        edge_index, edge_weight = as_edges(edge_index, edge_weight)
+        out = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
+        return out if self.bias is None else out + self.bias
+
+    def _normed(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> tuple[Adj, OptTensor]:
+        # With PyG's own attribute, so that both forms share what `cached=True` keeps.
+        pair = self._cached_edge_index
+        if pair is None:
+            num_nodes = x.size(int(self.node_dim))
+            check_edge_index(edge_index, num_nodes)
+            check_edge_weight(edge_index, edge_weight)
+            pair = gcn_norm(
+                edge_index, edge_weight, num_nodes, *self._norm()[:2], self.flow, x.dtype
+            )
+            if self.cached:
+                self._cached_edge_index = pair
+        return pair

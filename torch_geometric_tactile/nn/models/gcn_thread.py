@@ -2,17 +2,13 @@ r"""Graph convolutions in a row, with the maximum over channels between them."""
 
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache
-from torch_geometric_tactile.nn.functional import pooled_gcn
+from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
 from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
-
-# From this number of samples on, the layout of `nn.functional` pays.
-_MIN_SAMPLES = 8
 
 
 class GCNThread(Thread):
@@ -46,6 +42,7 @@ class GCNThread(Thread):
             divide its width, or :obj:`x` has other channels.
 
     Examples:
+        >>> import torch
         >>> thread = GCNThread(3)
         >>> thread
         GCNThread(3, widths=(14, 28, 56, 112, 112), pools=(1, 1, 2, 4, 16))
@@ -80,7 +77,7 @@ class GCNThread(Thread):
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
         edge_index = given_edges(edge_index)
-        if self.fast and is_fast(x) and not self.explained:
+        if self.fast and may_run_fast(x) and may_merge(self.layers()):
             kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
                 h = x.permute(1, 2, 0).contiguous()
@@ -104,19 +101,3 @@ def given_edges(edge_index: OptTensor) -> Tensor:
     if edge_index is None:
         raise ValueError("'edge_index' must be given (got None)")
     return edge_index
-
-
-def is_fast(x: Tensor) -> bool:
-    r"""Returns whether features are of enough samples on a processor for the fast path, and are
-    not being compiled.
-
-    Args:
-        x (torch.Tensor): Node features.
-    """
-    return (
-        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
-        and x.dim() == 3
-        and x.size(0) >= _MIN_SAMPLES
-        and x.device.type == "cpu"
-        and x.dtype in (torch.float32, torch.float64)
-    )

@@ -42,6 +42,9 @@ class GraspGCN(Module, TactileHubMixin):
         num_layers (int): Number of graph convolutions; one in the paper.
         dropout (float): Part of the electrodes whose features are dropped in training before the
             fully connected layer, all channels of an electrode at once; none in the paper.
+        fast (bool): Whether to multiply the samples of one topology by one matrix, as
+            :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv` does, instead of passing
+            messages edge by edge.
 
     Shapes:
         - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
@@ -73,6 +76,7 @@ class GraspGCN(Module, TactileHubMixin):
         finger: Optional[int] = None,
         num_layers: int = 1,
         dropout: float = 0.0,
+        fast: bool = True,
     ) -> None:
         super().__init__()
         self.num_nodes = count_taxels(layout)
@@ -104,7 +108,9 @@ class GraspGCN(Module, TactileHubMixin):
         first = in_channels * (num_fingers if fusion == "data" else 1)
         widths = [first] + [hidden_channels] * num_layers
         self.convs = ModuleList(
-            ModuleList(StaticGCNConv(widths[i], widths[i + 1]) for i in range(num_layers))
+            ModuleList(
+                StaticGCNConv(widths[i], widths[i + 1], fast=fast) for i in range(num_layers)
+            )
             for _ in range(num_threads)
         )
         self.dropout = Dropout1d(dropout)

@@ -13,8 +13,8 @@ from torch_geometric_tactile.nn.conv.static_adjacency import (
     adjacency_blocks,
     dense_norm,
 )
-from torch_geometric_tactile.nn.functional import pooled_gcn
-from torch_geometric_tactile.nn.models.gcn_thread import given_edges, is_fast
+from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
+from torch_geometric_tactile.nn.models.gcn_thread import given_edges
 from torch_geometric_tactile.nn.models.thread import Thread
 
 
@@ -102,14 +102,14 @@ class SegmentedThread(Thread):
         """
         edge_index, layers = given_edges(edge_index), self.layers()
         segment: Tensor = layers[0][0].segment
-        if x.dim() != 3 or x.size(1) != len(segment) or self.explained:
+        if x.dim() != 3 or x.size(1) != len(segment) or not may_merge(layers):
             for conv, pool in layers:
                 x = pool(conv(x, edge_index, edge_weight)).relu()
             return x
         if x.size(-1) != self.in_channels:
             raise ValueError(f"'x' must have {self.in_channels} features (got {x.size(-1)})")
         kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
-        if kept is not None and self.fast and is_fast(x):
+        if kept is not None and self.fast and may_run_fast(x):
             h = x.permute(1, 2, 0).contiguous()
             for conv, pool in layers:
                 h = pooled_gcn(h, kept, conv.weight, conv.bias, pool.kernel_size, segment)

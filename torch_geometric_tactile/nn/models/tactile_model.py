@@ -141,19 +141,7 @@ class TactileModel(Module, TactileHubMixin):
         """
         features = self.node_features(x, edge_index, edge_attr, absolute=absolute, pos=pos)
         rows = features.flatten(1)
-        if self.num_joints == 0:
-            return self.head(rows)
-        if joint is None:
-            raise ValueError(
-                f"'joint' must be given: the model has num_joints={self.num_joints} (got None)"
-            )
-        # Not `len`: an export would take it for a constant.
-        if joint.numel() != rows.size(0) * self.num_joints or joint.size(-1) != self.num_joints:
-            raise ValueError(
-                f"'joint' must have shape ({rows.size(0)}, {self.num_joints}) "
-                f"(got {tuple(joint.shape)})"
-            )
-        return self.head(torch.cat([rows, joint.view(-1, self.num_joints).to(rows.dtype)], dim=1))
+        return self.head(with_joints(rows, joint, self.num_joints))
 
     def node_features(
         self,
@@ -308,6 +296,29 @@ def make_encoder(
     if num_edges is None:
         raise ValueError("'num_edges' must be given for the dense encoder (got None)")
     return EdgeFeatureEncoder(num_nodes, num_edges, width, width)
+
+
+def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
+    r"""Returns the features of each sample with its joint angles.
+
+    Args:
+        rows (torch.Tensor): Features of each sample :math:`(B, F)`.
+        joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
+        num_joints (int): Number of joint angles :math:`J`; with 0, features stay as they are.
+
+    Raises:
+        ValueError: If joint angles are missing, or are of other samples or joints.
+    """
+    if num_joints == 0:
+        return rows
+    if joint is None:
+        raise ValueError(f"'joint' must be given: the model has num_joints={num_joints} (got None)")
+    # Not `len`: an export would take it for a constant.
+    if joint.numel() != rows.size(0) * num_joints or joint.size(-1) != num_joints:
+        raise ValueError(
+            f"'joint' must have shape ({rows.size(0)}, {num_joints}) (got {tuple(joint.shape)})"
+        )
+    return torch.cat([rows, joint.view(-1, num_joints).to(rows.dtype)], dim=1)
 
 
 def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:

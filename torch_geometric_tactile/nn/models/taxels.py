@@ -1,12 +1,11 @@
 r"""The argument :obj:`layout` of the models."""
 
 import os
-from pathlib import Path
 from typing import Any, Union
 
 import torch
 
-from torch_geometric_tactile.sensors import TaxelLayout, stock_layout, stock_path
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 from torch_geometric_tactile.typing import PathLike
 
 # A layout, the name of a stock layout or the path of a layout file, or the number of taxels.
@@ -55,25 +54,7 @@ def portable_layout(layout: Any) -> Any:
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, its name or its file, or the number.
     """
-    if isinstance(layout, os.PathLike):
-        return load_layout(layout, "a saved model")
-    if isinstance(layout, str):
-        try:
-            stock_path("layouts", layout)
-        except ValueError:  # not a stock layout: its file, or an error that lists the stock names
-            return load_layout(layout, "a saved model")
-    return layout
-
-
-def as_layout(layout: Union[TaxelLayout, PathLike]) -> TaxelLayout:
-    r"""Returns a layout.
-
-    Args:
-        layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
-            of a layout file.
-    """
-    if isinstance(layout, TaxelLayout):
-        return layout
-    if isinstance(layout, str) and Path(layout).suffix != ".json":
-        return stock_layout(layout)
-    return TaxelLayout.load(layout)
+    is_file = isinstance(layout, os.PathLike) or (
+        isinstance(layout, str) and layout not in stock_names()
+    )
+    return load_layout(layout, "a saved model") if is_file else layout

@@ -152,7 +152,7 @@ def test_static_gcn_conv_many_nodes():
     ours, theirs = pair()
     x = samples(2, 1100, 3)  # above the limit of the dense form
     assert torch.allclose(ours(x, edge_index), theirs(x, edge_index), atol=1e-5)
-    assert ours._kept._value is None
+    assert ours._kept.current is None
 
 
 def test_static_gcn_conv_empty_and_single():
@@ -234,12 +234,12 @@ def test_static_gcn_conv_explained():
 def test_static_gcn_conv_copies():
     conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
     expected = conv(x, edge_index)
-    assert conv._kept._value is not None
+    assert conv._kept.current is not None
     file = io.BytesIO()
     torch.save(conv, file)
     file.seek(0)
     for other in (copy.deepcopy(conv), torch.load(file, weights_only=False)):
-        assert other._kept._value is None  # copies carry no edges along
+        assert other._kept.current is None  # copies carry no edges along
         assert torch.equal(other(x, edge_index), expected)
     conv.reset_parameters()
     assert not torch.allclose(conv(x, edge_index), expected)
@@ -270,7 +270,108 @@ def test_static_gcn_conv_export():
     assert torch.allclose(exported(x, edge_index), conv(x, edge_index), atol=1e-6)
 
 
-@pytest.mark.parametrize("size", [(3,), (2, 6, 4, 3)])
-def test_static_gcn_conv_bad_shape(size):
-    with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \("):
-        StaticGCNConv(3, 5)(torch.zeros(size), EDGES["one_way"])
+def test_static_gcn_conv_any_leading_shape():
+    conv, x = StaticGCNConv(3, 5), samples(2, 6, 4, 3)
+    out = conv(x, EDGES["one_way"])
+    assert torch.allclose(out, conv(x.flatten(0, 1), EDGES["one_way"]).view(2, 6, 4, 5), atol=1e-6)
+
+
+def test_static_gcn_conv_fast(count_norm):
+    slow, fast = StaticGCNConv(3, 5, fast=False), StaticGCNConv(3, 5)
+    fast.load_state_dict(slow.state_dict())
+    x, edge_index = samples(6, 4, 3), EDGES["one_way"]
+    expected = slow(x, edge_index)
+    assert count_norm == []
+    assert torch.allclose(fast(x, edge_index), expected, atol=1e-6)
+    assert len(count_norm) == 1
+
+
+def test_static_gcn_conv_calls_its_linear_map():
+    # On either side of the product with the adjacency, with what PyG's layer calls it with if it
+    # is watched.
+    x = samples(6, 4, 3)
+    for width in (2, 5):
+        seen, conv = [], StaticGCNConv(3, width)
+        conv.lin.register_forward_pre_hook(lambda module, args, seen=seen: seen.append(args[0]))
+        conv(x, EDGES["one_way"])
+        assert len(seen) == 1
+        assert torch.equal(seen[0], x)
+
+
+FORMS = [(4, 3), (6, 4, 3)]
+BAD_EDGES = [
+    (torch.zeros(7, 2, dtype=torch.long), r"shape \(2, num_edges\) \(got \(7, 2\)\)"),
+    (torch.zeros(2, dtype=torch.long), r"shape \(2, num_edges\) \(got \(2,\)\)"),
+    (torch.zeros(1, 2, 3, dtype=torch.long), r"shape \(2, num_edges\) \(got \(1, 2, 3\)\)"),
+    (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
+    (torch.zeros(2, 3, dtype=torch.bool), r"hold integers \(got torch.bool\)"),
+    (torch.tensor([[4], [0]]), r"node numbers from 0 to 3, those of 'x' \(got 0 to 4\)"),
+    (torch.tensor([[0], [4]]), r"node numbers from 0 to 3, those of 'x' \(got 0 to 4\)"),
+    (torch.tensor([[-1], [0]]), r"node numbers from 0 to 3, those of 'x' \(got -1 to 0\)"),
+    (torch.tensor([[0], [-1]]), r"node numbers from 0 to 3, those of 'x' \(got -1 to 0\)"),
+    (torch.eye(5).to_sparse(), r"shape \(4, 4\) if it is sparse.*\(got \(5, 5\)\)"),
+]
+
+
+@pytest.mark.parametrize("kwargs", [{}, {"normalize": False}, {"cached": True}, {"fast": False}])
+@pytest.mark.parametrize("size", FORMS)
+@pytest.mark.parametrize(("edge_index", "match"), BAD_EDGES)
+def test_static_gcn_conv_bad_edges(size, edge_index, match, kwargs):
+    conv = StaticGCNConv(3, 5, **kwargs)
+    for _ in range(2):  # the first failure leaves nothing behind
+        with pytest.raises(ValueError, match=f"'edge_index' must .*{match}"):
+            conv(samples(*size), edge_index)
+    conv(samples(*size), EDGES["one_way"])
+
+
+@pytest.mark.parametrize("size", FORMS)
+def test_static_gcn_conv_bad_edges_of_weights_that_learn(size):
+    # Nothing is kept, and the edges are checked all the same, also after a write.
+    conv, weight = StaticGCNConv(3, 5), torch.ones(1, requires_grad=True)
+    edge_index = torch.tensor([[0], [1]])
+    conv(samples(*size), edge_index, weight)
+    edge_index[0] = 4
+    with pytest.raises(ValueError, match=r"from 0 to 3, those of 'x' \(got 1 to 4\)"):
+        conv(samples(*size), edge_index, weight)
+
+
+@pytest.mark.parametrize("size", FORMS)
+@pytest.mark.parametrize(
+    ("weight", "match"),
+    [
+        (torch.ones(4), r"shape \(3,\), a weight for each edge \(got \(4,\)\)"),
+        (torch.ones(3, 2), r"shape \(3,\), a weight for each edge \(got \(3, 2\)\)"),
+        (torch.tensor(1.0), r"shape \(3,\), a weight for each edge \(got \(\)\)"),
+        (torch.ones(3, dtype=torch.bool), r"hold real numbers \(got torch.bool\)"),
+        (torch.ones(3, dtype=torch.cfloat), r"hold real numbers \(got torch.complex64\)"),
+    ],
+)
+def test_static_gcn_conv_bad_weights(size, weight, match):
+    with pytest.raises(ValueError, match=f"'edge_weight' must .*{match}"):
+        StaticGCNConv(3, 5)(samples(*size), EDGES["one_way"], weight)
+
+
+@pytest.mark.parametrize("size", FORMS)
+def test_static_gcn_conv_weights_beside_a_sparse_matrix(size):
+    with pytest.raises(ValueError, match=r"'edge_weight' must be None if 'edge_index' is sparse"):
+        StaticGCNConv(3, 5)(samples(*size), torch.eye(4).to_sparse(), torch.ones(4))
+
+
+@pytest.mark.parametrize("size", FORMS)
+def test_static_gcn_conv_whole_weights(size):
+    # Whole numbers and a column are weights as well.
+    conv, edge_index = StaticGCNConv(3, 5), EDGES["one_way"]
+    expected = conv(samples(*size), edge_index, torch.tensor([1.0, 2.0, 3.0]))
+    for weight in (torch.tensor([1, 2, 3]), torch.tensor([[1.0], [2.0], [3.0]])):
+        assert torch.allclose(conv(samples(*size), edge_index, weight), expected)
+
+
+def test_static_gcn_conv_bad_x():
+    conv = StaticGCNConv(3, 5)
+    with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \(3,\)\)"):
+        conv(torch.zeros(3), EDGES["one_way"])
+    for size in ((4, 2), (6, 4, 2)):
+        with pytest.raises(ValueError, match=r"'x' must have 3 features \(got shape \(.*4, 2\)\)"):
+            conv(torch.zeros(size), EDGES["one_way"])
+    with pytest.raises(ValueError, match=r"'x' must hold floating-point .*\(got torch.int64\)"):
+        conv(torch.zeros(6, 4, 3, dtype=torch.long), EDGES["one_way"])

@@ -1,0 +1,224 @@
+import enum
+import functools
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import torch
+import torch_geometric.transforms as T
+from torch_geometric.data import Data
+
+from torch_geometric_tactile.data.fingerprint import (
+    changes,
+    constructor_arguments,
+    describe,
+    listed,
+    state_changes,
+)
+from torch_geometric_tactile.sensors import HandKinematics, biotac_sp, grid
+from torch_geometric_tactile.transforms import KNNGraph, TaxelPose, ZScore
+
+
+class Kind(enum.Enum):
+    A = 1
+    B = 2
+
+
+class Pair(NamedTuple):
+    a: int
+    b: int
+
+
+class Plain:
+    pass
+
+
+class Slotted:
+    __slots__ = ("k",)
+
+    def __init__(self, k):
+        self.k = k
+
+
+class Private:
+    def __init__(self, k):
+        self._k = k
+        self._cache = []
+
+
+def double(data):
+    return 2 * data
+
+
+def triple(data):
+    return 3 * data
+
+
+def times(k):
+    return lambda data: k * data
+
+
+def fitted(center):
+    score = ZScore()
+    score.center = torch.tensor([center])
+    return score
+
+
+DIFFERENT = [
+    (1, 2),
+    (1, 1.0),
+    (1, True),
+    ("a", "b"),
+    (None, "None"),
+    ([1], (1,)),
+    ((1, 2), (2, 1)),
+    ({"a": 1}, {"a": 2}),
+    ({1, 2}, {1, 3}),
+    (Kind.A, Kind.B),
+    (Pair(1, 2), Pair(1, 3)),
+    (Path("a"), Path("b")),
+    (range(3), range(4)),
+    (torch.zeros(2), torch.ones(2)),
+    (torch.zeros(2), torch.zeros(2, 1)),
+    (torch.zeros(2), torch.zeros(2).double()),
+    (torch.zeros(()), torch.ones(())),
+    (torch.eye(2).to_sparse(), torch.eye(3).to_sparse()),
+    (np.zeros(2), np.ones(2)),
+    (np.array(["a"]), np.array(["b"])),
+    (torch.float, torch.double),
+    (grid(2, 2, 0.01), grid(2, 2, 0.02)),
+    (grid(2, 2, 0.01), grid(2, 3, 0.01)),
+    (double, triple),
+    (times(2), times(3)),
+    (functools.partial(double, 1), functools.partial(double, 2)),
+    (Plain, Pair),
+    (Slotted(1), Slotted(2)),
+    (Private(1), Private(2)),
+    (KNNGraph(2), KNNGraph(3)),
+    (KNNGraph(2), T.KNNGraph(2)),
+    (T.Distance(), T.Distance(cat=False)),
+    (T.Compose([T.Distance()]), T.Compose([T.Cartesian()])),
+    (fitted(1.0), fitted(2.0)),
+    (TaxelPose(), TaxelPose(normal=False)),
+    (torch.nn.Linear(1, 1), torch.nn.Linear(1, 1)),
+    (T.Distance().forward, T.Distance(cat=False).forward),
+]
+
+
+@pytest.mark.parametrize(("one", "other"), DIFFERENT, ids=lambda value: str(value)[:20])
+def test_other_values_are_described_otherwise(one, other):
+    assert describe(one) != describe(other)
+    assert " at 0x" not in describe(one)
+
+
+MADE_TWICE = [
+    Plain,
+    lambda: Private(3),
+    lambda: Slotted(3),
+    lambda: {"b": 1, "a": {3, 1, 2}},
+    lambda: torch.arange(6).view(2, 3),
+    lambda: torch.arange(6).view(3, 2).t().contiguous().t(),
+    biotac_sp,
+    lambda: times(3),
+    lambda: functools.partial(times(2), 5),
+    lambda: KNNGraph(k=2),
+    lambda: T.Compose([T.Distance(), T.AddSelfLoops()]),
+    lambda: TaxelPose(kinematics=HandKinematics.allegro()),
+    lambda: iter,
+]
+
+
+@pytest.mark.parametrize("make", MADE_TWICE)
+def test_equal_values_are_described_alike(make):
+    assert describe(make()) == describe(make())
+
+
+def test_use_does_not_change_the_description():
+    pose = TaxelPose()
+    before = describe(pose)
+    pose(Data(joint=torch.zeros(1, 16)))
+    assert describe(pose) == before
+
+
+def test_description_in_another_run():
+    # Hashes of texts, and so the order of sets, differ from run to run.
+    code = (
+        "from torch_geometric_tactile.data.fingerprint import describe\n"
+        "def keep(data):\n"
+        "    return data.name in {'cup', 'box', 'can', 'jar'}\n"
+        "class Plain:\n"
+        "    names = {'a', 'b'}\n"
+        "    def __init__(self): self.names = {'cup', 'box', 'can', 'jar'}\n"
+        "print(describe([keep, Plain(), lambda data: data.y, object()]))\n"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(found) == 1
+
+
+def test_object_that_holds_itself():
+    loop = Plain()
+    loop.me = loop
+    assert describe(loop).endswith("Plain(me=...)")
+
+
+def test_long_description_is_hashed():
+    text = describe(list(range(1000)))
+    assert text.startswith("[0, 1, 2, ")
+    assert len(text) < 120
+    assert text != describe(list(range(1001)))
+
+
+def test_constructor_arguments_defaults_and_stars():
+    class A:
+        def __init__(self, a, *more, b=2, **rest):
+            pass
+
+    assert constructor_arguments(A, [1], {}) == {"a": 1, "b": 2}
+    assert constructor_arguments(A, [1, 3], {"c": 4}) == {"a": 1, "more": (3,), "b": 2, "c": 4}
+    assert constructor_arguments(A, [], {"a": 1, "b": 5}) == {"a": 1, "b": 5}
+    assert constructor_arguments(Plain, [1, 2, 3], {}) in ({}, {"args": (1, 2, 3)})
+
+
+def test_changes_name_old_and_new():
+    assert changes({"k": "2"}, {"k": "2"}) == []
+    found = changes({"k": "2", "gone": "1"}, {"k": "5", "new": "'a'"})
+    assert found == ["k: 2 -> 5", "gone: 1 -> none", "new: none -> 'a'"]
+    (long,) = changes({"k": "a" * 100}, {"k": "b"})
+    assert long == "k: " + "a" * 57 + "... -> b"
+
+
+def test_bytecode_of_another_python_is_not_compared():
+    text = describe(double)
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    other = text.replace(f"bytecode {version} ", "bytecode 2.7 abc")
+    assert other != text
+    assert changes({"f": text}, {"f": other}) == []
+    assert len(changes({"f": text}, {"f": describe(triple)})) == 1
+    assert len(changes({"f": describe(triple)}, {"f": other})) == 1  # another name
+
+
+def test_state_changes_and_listed():
+    before = ["content=1", "a.h5=3,4", "b=c.h5=1", "gone.h5=1"]
+    now = ["content=1", "a.h5=3,5", "b=c.h5=2", "new.h5=1"]
+    found = state_changes(before, now)
+    assert found == [
+        "'a.h5' was changed",
+        "'b=c.h5' was changed",
+        "'gone.h5' was removed",
+        "'new.h5' was added",
+    ]
+    assert listed(found) == ", ".join(found[:3]) + " and 1 more"
+    assert listed(found[:3]) == ", ".join(found[:3])
+    assert listed([]) == ""

@@ -1,0 +1,263 @@
+import logging
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.data import Protocol, Recording, StaticDataset
+from torch_geometric_tactile.datasets import RecordingFrames
+from torch_geometric_tactile.io import write_recording
+from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid
+from torch_geometric_tactile.transforms import KNNGraph
+
+GLOVE = TaxelLayout("glove", [[0.0, 0.0], [0.01, 0.0]], adjacency={"pair": [[0, 1], [1, 0]]})
+
+
+def recording(value=0.0, frames=3, channels=1, joints=0, taxels=2, phase=None, label=None, **meta):
+    tactile = np.broadcast_to(value + np.arange(frames)[:, None, None], (frames, taxels, channels))
+    return Recording(
+        time=np.arange(frames) / 10,
+        tactile=tactile,
+        joint=np.full((frames, joints), 0.5) if joints else None,
+        label=label,
+        meta=meta,
+        privileged={} if phase is None else {"phase": np.asarray(phase)},
+    )
+
+
+def write_glove(folder, names=("cup_0", "cup_1", "ball_0", "ball_1"), grasps=("pinch", "palm")):
+    """CSV files with a time in milliseconds, two taxels and a label that is one grasp a file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for i, name in enumerate(names):
+        lines = ["Timestamp,thumb,index,grasp"]
+        lines += [f"{20 * t},{10 * i + t},{t},{grasps[i % len(grasps)]}" for t in range(5)]
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+READ = {"label": "grasp", "time_unit": "ms"}
+
+
+def test_glove_from_csv_files_by_hand(tmp_path):
+    GLOVE.save(tmp_path / "glove.json")
+    root = write_glove(tmp_path / "grasps")
+    dataset = RecordingFrames(
+        root, layout=tmp_path / "glove.json", target="label", read_options=READ
+    )
+    assert repr(dataset) == "RecordingFrames(20)"
+    assert dataset.class_names == ["palm", "pinch"]
+    assert dataset.group_names == ["ball", "cup"]
+    assert dataset.trial_names == ["ball_0", "ball_1", "cup_0", "cup_1"]
+    data = dataset.data
+    assert data.x[:, :, 0].tolist() == [[10.0 * i + t, t] for i in (2, 3, 0, 1) for t in range(5)]
+    assert data.y.tolist() == [1] * 5 + [0] * 5 + [1] * 5 + [0] * 5
+    assert data.group.tolist() == [0] * 10 + [1] * 10
+    assert data.time[:2].tolist() == [0.0, 0.02]
+    assert data.edge_index.tolist() == [[0, 1], [1, 0]]
+    assert data.pos.equal(GLOVE.pos)
+    assert "joint" not in data
+    objects = RecordingFrames(root, layout=GLOVE, read_options=READ)
+    assert objects.class_names == ["ball", "cup"]
+    assert objects.data.y.equal(objects.data.group)
+
+
+def test_second_time_reads_no_raw_file_and_other_settings_read_again(tmp_path, caplog):
+    root = write_glove(tmp_path)
+    given = {"layout": GLOVE, "read_options": READ}
+    RecordingFrames(root, target="label", **given)
+    with caplog.at_level(logging.WARNING):
+        protocol = Protocol("trial", val=0, test=0.5)
+        part = RecordingFrames(
+            root, target="label", protocol=protocol, split="test", stride=2, **given
+        )
+    assert len(part) == 6
+    with caplog.at_level(logging.WARNING):
+        RecordingFrames(root, target="label", protocol=Protocol("frame"), split="val", **given)
+    assert not caplog.text
+    RecordingFrames(root, **given)
+    assert "again: target: 'label' -> " in caplog.text
+    caplog.clear()
+    moved = TaxelLayout("glove", GLOVE.pos + 0.01, adjacency=GLOVE.adjacency)
+    dataset = RecordingFrames(root, layout=moved, read_options=READ)
+    assert "again: layout: TaxelLayout('glove'" in caplog.text
+    assert dataset.data.pos.equal(moved.pos)
+    (root / "cup_0.csv").unlink()
+    assert len(RecordingFrames(root, layout=moved, read_options=READ)) == 15
+    assert "'cup_0.csv' was removed" in caplog.text
+
+
+def test_object_and_property_targets_share_a_processed_file(tmp_path, caplog):
+    for i, name in enumerate(("a_0", "b_0")):
+        made = recording(labels=[i, 1], label_names=["soft", "wet"])
+        write_recording(made, tmp_path / f"{name}.npz")
+    with caplog.at_level(logging.WARNING):
+        objects = RecordingFrames(tmp_path, layout=GLOVE)
+        properties = RecordingFrames(tmp_path, layout=GLOVE, target="property")
+    assert "again" not in caplog.text
+    assert objects.data.y.tolist() == [0, 0, 0, 1, 1, 1]
+    assert properties.class_names == properties.property_names == ["soft", "wet"]
+    assert properties.data.y.tolist() == [[0, 1]] * 3 + [[1, 1]] * 3
+
+
+def test_property_names_in_another_order_and_unknown_ones():
+    made = [
+        recording(labels=[1, 0], label_names=["soft", "wet"], object="a"),
+        recording(labels=[1, 0], label_names=["wet", "soft"], object="b"),
+    ]
+    dataset = RecordingFrames(layout=GLOVE, recordings=made, target="property")
+    assert dataset.data.y[::3].tolist() == [[1, 0], [0, 1]]
+    made.append(recording(labels=[1], label_names=["soft"], object="c"))
+    assert "property" not in RecordingFrames(layout=GLOVE, recordings=made).data
+    with pytest.raises(ValueError, match=r"properties of \['c'\] are unknown: give 0 or 1"):
+        RecordingFrames(layout=GLOVE, recordings=made, target="property")
+
+
+def test_recordings_in_memory_with_any_channels_and_joints():
+    made = [recording(10 * i, channels=5, joints=2, object=f"o{i % 2}") for i in range(4)]
+    dataset = RecordingFrames(layout=GLOVE, recordings=made)
+    assert dataset.data.x.shape == (12, 2, 5)
+    assert dataset.data.joint.shape == (12, 2)
+    assert dataset.trial_names == ["0", "1", "2", "3"]
+    assert dataset[4].x.eq(11.0).all()
+    assert isinstance(dataset, StaticDataset)
+
+
+def test_hand_with_links_has_no_positions_of_its_own():
+    made = [recording(taxels=384, channels=3, joints=16, object=name) for name in "ab"]
+    dataset = RecordingFrames(layout="allegro_uskin", recordings=made, adjacency="sparse")
+    assert "pos" not in dataset.data
+    assert dataset[0].num_edges == 1000
+    assert dataset.layout.matches(allegro_uskin())
+
+
+def test_edges_are_those_of_the_only_adjacency_or_of_a_transform():
+    made = [recording(taxels=6, object=name) for name in "ab"]
+    dataset = RecordingFrames(layout=grid(2, 3, 0.01), recordings=made)
+    assert dataset.data.edge_index is None
+    joined = RecordingFrames(layout=grid(2, 3, 0.01), recordings=made, pre_transform=KNNGraph(2))
+    assert joined[0].num_edges > 0
+
+
+@pytest.mark.parametrize(
+    ("target", "classes", "y"),
+    [
+        ("label", ["3", "10", "slip"], [1, 0, 2]),
+        ("surface", ["dry", "wet"], [1, 0, 1]),
+        ("contact", ["0", "1"], None),
+    ],
+)
+def test_targets_of_your_own(target, classes, y):
+    made = []
+    for label, surface in ((10, "wet"), (3, "dry"), ("slip", "wet")):
+        base = recording(label=label, surface=surface)
+        touched = {"contact": np.array([False, True, True])}
+        made.append(Recording(base.time, base.tactile, None, label, base.meta, touched))
+    dataset = RecordingFrames(layout=GLOVE, recordings=made, target=target)
+    assert dataset.class_names == classes
+    assert dataset.num_classes == len(classes)
+    expected = [0, 1, 1] * 3 if y is None else [i for i in y for _ in range(3)]
+    assert dataset.data.y.tolist() == expected
+    assert "group" not in dataset.data
+
+
+def test_pattern_reads_names_of_files_and_folders(tmp_path):
+    for folder, name in (("dry", "cup-anna-1"), ("wet", "cup-ben-1"), ("wet", "cup-ben-2")):
+        (tmp_path / "raw" / folder).mkdir(parents=True, exist_ok=True)
+        write_recording(recording(), tmp_path / "raw" / folder / f"{name}.npz")
+    write_recording(recording(), tmp_path / "raw" / "wet" / ".hidden-ben-3.npz")
+    dataset = RecordingFrames(
+        tmp_path,
+        layout=GLOVE,
+        target="surface",
+        pattern=r"(?P<surface>\w+)/(?P<object>\w+)-(?P<session>\w+)-(?P<repeat>\d+)",
+    )
+    assert dataset.class_names == ["dry", "wet"]
+    assert dataset.session_names == ["anna", "ben"]
+    assert dataset.data.session[::3].tolist() == [0, 1, 1]
+    assert dataset.trial_names == ["dry/cup-anna-1", "wet/cup-ben-1", "wet/cup-ben-2"]
+
+
+def test_parts_of_a_protocol_are_disjoint_and_complete():
+    made = [recording(10 * i, label=f"{i % 2}", frames=4) for i in range(10)]
+    protocol = Protocol("trial", folds=5, val=0.25, stratify="y")
+    for fold in (0, 3):
+        parts = [
+            RecordingFrames(
+                layout=GLOVE,
+                recordings=made,
+                target="label",
+                split=split,
+                protocol=protocol,
+                split_seed=2,
+                fold=fold,
+            )
+            for split in ("train", "val", "test")
+        ]
+        indices = [set(part.indices()) for part in parts]
+        assert set.union(*indices) == set(range(40))
+        assert sum(map(len, indices)) == 40
+        assert parts[2].column("y").bincount().tolist() == [4, 4]
+        whole = RecordingFrames(layout=GLOVE, recordings=made, target="label")
+        assert indices[2] == set(protocol.split(whole, 2, fold).test.tolist())
+
+
+def test_phases_and_stride():
+    names = ["reach", "hold"]
+    made = [recording(frames=4, phase=[0, 0, 1, 1], phase_names=names, label="a") for _ in range(2)]
+    given = {"layout": GLOVE, "recordings": made, "target": "label"}
+    assert list(RecordingFrames(phases="hold", **given).indices()) == [2, 3, 6, 7]
+    assert list(RecordingFrames(stride=3, **given).indices()) == [0, 3, 4, 7]
+    message = r"split='None' with protocol='by trial.*phases=\('hold',\) must leave .* of 8 samples"
+    with pytest.raises(ValueError, match=message):
+        RecordingFrames(phases="hold", stride=9, **given)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, r"one of 'root' and 'recordings' must be given \(got none\)"),
+        ({"root": "a", "recordings": []}, r"one of 'root' and 'recordings' .* \(got both\)"),
+        ({"recordings": [], "layout": None}, r"'layout' must be the taxels .* \(got None\)"),
+        ({"recordings": []}, r"'recordings' must hold at least one recording \(got none\)"),
+        ({"recordings": [], "split": "dev"}, r"'split' must be 'train', 'val', 'test' or None"),
+        ({"recordings": [], "stride": 0}, r"'stride' must be at least 1 \(got 0\)"),
+        ({"recordings": [], "adjacency": "x"}, r"'name' must be an adjacency of layout 'glove'"),
+        ({"recordings": [recording(taxels=3)]}, r"recording 0: .* must have 2 taxels \(got 3\)"),
+        ({"recordings": [recording()]}, r"recording 0 must tell its object and trial"),
+        (
+            {"recordings": [recording(object="a"), recording(object="a", channels=2)]},
+            r"recording 1 must have 1 channels a taxel, as recording 0 \(got 2\)",
+        ),
+        (
+            {"recordings": [recording(object="a"), recording(object="a", joints=2)]},
+            r"recording 1 must have 0 joint angles a frame, as recording 0 \(got 2\)",
+        ),
+        (
+            {"recordings": [recording(label="a"), recording()], "target": "label"},
+            r"recording 1 must have 'label', a text or an integer, .* \(got None\)",
+        ),
+        (
+            {"recordings": [recording(surface=1.5)], "target": "surface"},
+            r"recording 0 must have 'surface', a text or an integer, .* \(got 1.5\)",
+        ),
+    ],
+)
+def test_rejects(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        RecordingFrames(**{"layout": GLOVE, **arguments})
+
+
+def test_empty_folder_says_what_to_put_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no trials in '.*raw' or '.*': put recordings"):
+        RecordingFrames(tmp_path, layout=GLOVE)
+    assert not (tmp_path / "processed").exists()
+
+
+def test_subclass_reads_a_format_of_its_own(tmp_path):
+    class Squared(RecordingFrames):
+        def read_trial(self, path):
+            made = super().read_trial(path)
+            return Recording(made.time, made.tactile**2, label=made.label)
+
+    root = write_glove(tmp_path)
+    dataset = Squared(root, layout=GLOVE, read_options=READ)
+    assert dataset.data.x[4, 1, 0] == 16

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.io import read_named_csv, read_recording, recording_format
+
+HEADER = "Time,thumb,index,bend,grasp"
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes lines as a file, and returns its path."""
+
+    def write(*lines):
+        (tmp_path / "glove.csv").write_text("".join(f"{line}\n" for line in lines))
+        return tmp_path / "glove.csv"
+
+    return write
+
+
+def test_read_by_hand(write):
+    path = write(HEADER, "0,1,2,0.5,mug", "20,3,,0.25,mug")
+    rec = read_named_csv(path, joint=["bend"], label="grasp", time_unit="ms", unit="count")
+    assert rec.time.tolist() == [0.0, 0.02]
+    assert np.array_equal(rec.tactile, [[[1], [2]], [[3], [np.nan]]], equal_nan=True)
+    assert rec.joint.tolist() == [[0.5], [0.25]]
+    assert rec.label == "mug"
+    assert rec.meta == {"unit": "count"}
+
+
+def test_order_of_taxels_is_that_of_the_argument(write):
+    path = write("a_x,b_x,a_y,b_y", "1,2,3,4")
+    rec = read_named_csv(path, tactile=["b_x", "b_y", "a_x", "a_y"], num_channels=2, rate=10)
+    assert rec.tactile.tolist() == [[[2, 4], [1, 3]]]
+    assert read_named_csv(path, tactile=r".*_x").tactile.tolist() == [[[1], [2]]]
+
+
+def test_columns_that_are_nothing_else_are_readings(write):
+    path = write("t,f0,f1,note,j0,j1", "0,1,2,dry,3,4", "1,1,2,wet,3,4")
+    rec = read_named_csv(path, joint=r"j\d", ignore=["note"])
+    assert rec.tactile.shape == (2, 2, 1)
+    assert rec.joint.tolist() == [[3, 4], [3, 4]]
+    assert rec.label is None
+
+
+def test_integer_labels_and_labels_frame_by_frame(write):
+    assert read_named_csv(write(HEADER, "0,1,2,3,7", "1,1,2,3,7"), label="grasp").label == 7
+    rec = read_named_csv(write(HEADER, "0,1,2,3,on", "1,1,2,3,off"), label="grasp")
+    assert rec.label is None
+    assert rec.privileged["grasp"].tolist() == ["on", "off"]
+
+
+def test_read_recording_finds_the_format_by_header_or_options(write):
+    path = write(HEADER, "0,1,2,0.5,4")
+    assert recording_format(path) == "named CSV"
+    assert read_recording(path).num_taxels == 4
+    assert read_recording(path, label="grasp", joint=["bend"]).num_taxels == 2
+    assert read_recording(path, num_taxels=2, num_channels=1, num_joints=2).joint.tolist() == [
+        [0.5, 4.0]
+    ]
+    assert recording_format(write("time,taxel_0_x", "0,1")) == "wide CSV"
+    assert recording_format(write("0,1")) == "wide CSV"
+    assert recording_format(write(",".join(f"c{i}" for i in range(1168)), "1")) == "wide CSV"
+
+
+@pytest.mark.parametrize(
+    ("lines", "options", "message"),
+    [
+        ([HEADER], {}, r"at least one frame \(got a header only\)"),
+        ([HEADER, "0,1,2,3"], {}, r"line 2 must have 5 cells \(got 4\): is the file cut"),
+        ([HEADER, "0,1,2,3,mug"], {}, r"line 2, column 4: 'grasp' must be a number \(got 'mug'\)"),
+        ([HEADER, "0,x,2,3,4"], {}, r"'thumb' must be a number \(got 'x'\)"),
+        ([HEADER, ",1,2,3,4"], {}, r"glove.csv': 'time' must be finite \(got nan in frame 0\)"),
+        ([HEADER, "1,1,2,3,4", "1,1,2,3,4"], {}, r"glove.csv': 'time' must increase"),
+        ([HEADER, "1,1,2,3,"], {"label": "grasp"}, r"label in every frame in 'grasp' .* frame 0"),
+        ([HEADER, "1,1,2,3,4"], {"label": "y"}, r"must have the column 'y' \(got Time, thumb,"),
+        ([HEADER, "1,1,2,3,4"], {"tactile": "pad.*"}, r"columns of readings .* \(got 0: "),
+        ([HEADER, "1,1,2,3,4"], {"num_channels": 3}, r"of 3 channels \(got 4: thumb, index, "),
+        (
+            [HEADER, "1,1,2,3,4"],
+            {"tactile": ["thumb"], "joint": ["thumb"]},
+            r"column 'thumb' of .* must be one thing only",
+        ),
+        (["a,b,a", "1,2,3"], {}, r"must name each column once \(got 'a' twice\)"),
+        ([HEADER, "1,1,2,3,4"], {"time_unit": "h"}, r"'time_unit' must be one of .* \(got h\)"),
+        ([HEADER, "1,1,2,3,4"], {"rate": 0}, r"'rate' must be positive \(got 0\)"),
+        ([HEADER, "1,1,2,3,4"], {"num_channels": 0}, r"'num_channels' must be at least 1"),
+        ([HEADER, "1,1,2,3,4"], {"unit": "volt"}, r"'unit' in 'meta' must be one of"),
+    ],
+)
+def test_read_rejects(write, lines, options, message):
+    with pytest.raises(ValueError, match=message):
+        read_named_csv(write(*lines), **options)
+
+
+def test_cut_file(write):
+    path = write(HEADER, "0,1,2,3,4")
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(ValueError, match=r"line 2 must end with a line break: is the file cut"):
+        read_named_csv(path)

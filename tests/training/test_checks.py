@@ -1,0 +1,172 @@
+import warnings
+
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import lightning as L
+import torch
+
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
+from torch_geometric_tactile.training.checks import check_data, check_labels
+
+
+class Linear(torch.nn.Module):
+    """A linear map of the joints with dropout, that counts its calls."""
+
+    modalities = ("joint",)
+
+    def __init__(self, num_outputs=3):
+        super().__init__()
+        self.lin = torch.nn.Linear(3, num_outputs)
+        self.dropout = torch.nn.Dropout(0.5)
+        self.frozen = torch.nn.BatchNorm1d(3).eval()
+        self.calls = []
+
+    def forward(self, x, edge_index, joint):
+        self.calls.append((len(x), self.training, torch.is_grad_enabled()))
+        return self.lin(self.dropout(joint))
+
+
+def fit(module, data, **kwargs):
+    trainer = L.Trainer(
+        accelerator="cpu",
+        max_epochs=1,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        **kwargs,
+    )
+    trainer.fit(module, datamodule=data)
+    return trainer
+
+
+def changed(dataset, **attributes):
+    for name, value in attributes.items():
+        if value is None:
+            delattr(dataset._data, name)
+        else:
+            dataset._data[name] = value
+    return dataset
+
+
+def with_labels(labelled, y):
+    return TactileDataModule(changed(labelled("multiclass"), y=y), val=0.2)
+
+
+@pytest.mark.parametrize(
+    ("y", "match"),
+    [
+        (torch.zeros(60), r"'y' of 'train' must be integers .*got torch.float32.*y.long\(\).*regr"),
+        (torch.arange(60) % 3 - 1, r"'y' of 'train' must be classes from 0 \(got -1\)"),
+        (torch.arange(60) % 4, r"'y' of 'train' must be classes from 0 to 2 \(got 3\)"),
+        (torch.zeros(60, 3), r"must have shape \(S,\) .*got \(\d+, 3\).*is it task='multilabel'"),
+        (None, r"the train part must have labels 'y' \(got none\); return them in the data set's"),
+    ],
+)
+def test_labels_that_are_no_classes(labelled, y, match):
+    model = Linear()
+    with pytest.raises(ValueError, match=match):
+        fit(TactileModule(model, num_classes=3), with_labels(labelled, y))
+    assert model.calls == []  # before the first batch
+
+
+@pytest.mark.parametrize(
+    ("y", "task", "match"),
+    [
+        (torch.zeros(4), "multilabel", r"must have shape \(S, C\) .*got \(4,\).*'multiclass'"),
+        (torch.full((4, 2), 0.5), "multilabel", r"must be 0 or 1 .*got 0.5 to 0.5.*'regression'"),
+        (torch.zeros(4, 2), "multilabel", r"must have 3 numbers a sample.*\(got 2\)"),
+        (torch.zeros(4).long(), "regression", r"floating-point .*got torch.int64.*y.float\(\)"),
+        (torch.tensor([0.0, torch.nan]), "regression", r"'y' of 'part' must be finite"),
+        (torch.zeros(4, 2, 2), "regression", r"must have shape \(S,\) or \(S, C\)"),
+        (torch.zeros(4), "regression", r"must have 3 numbers a sample.*\(got 1\)"),
+    ],
+)
+def test_labels_that_do_not_fit_their_task(y, task, match):
+    with pytest.raises(ValueError, match=match):
+        check_labels(y, task, "part", 3)
+
+
+def test_empty_parts_and_good_labels_pass():
+    check_labels(torch.empty(0).long(), "multiclass", "part", 3)
+    check_labels(torch.empty(0, 3), "multilabel", "part", 3)
+    check_labels(torch.tensor([[0, 1, 1]]), "multilabel", "part", 3)
+    check_labels(torch.tensor([2]), "multiclass", "part", 3)
+    check_labels(torch.zeros(4, 3), "regression", "part", 3)
+
+
+def test_wrong_number_of_outputs_is_found_before_training(labelled):
+    match = r"must return shape \(2, 3\) for 2 samples, one output for each class \(got \(2, 5\)\)"
+    with pytest.raises(ValueError, match=match):
+        fit(TactileModule(Linear(5)), TactileDataModule(labelled("multiclass")))
+
+
+def test_missing_attribute_is_found_before_training(labelled):
+    dataset = changed(labelled("multiclass"), joint=None)
+    with pytest.raises(ValueError, match=r"the model needs 'joint' .*: take a data set with joint"):
+        fit(TactileModule(Linear()), TactileDataModule(dataset))
+
+
+def test_one_look_without_gradients_that_leaves_all_as_it_was(labelled):
+    model = Linear()
+    module, data = TactileModule(model), TactileDataModule(labelled("multiclass"))
+    trainer = fit(module, data, limit_train_batches=0, limit_val_batches=0)
+    assert trainer.global_step == 0
+    assert model.calls == [(2, False, False)]
+    assert model.training
+    torch.manual_seed(1)
+    expected = torch.rand(3)
+    torch.manual_seed(1)
+    module.setup("fit")
+    assert torch.rand(3).equal(expected)
+    model.frozen.eval()
+    module.setup("fit")
+    assert (model.frozen.training, model.dropout.training) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("task", "y", "match"),
+    [
+        ("multiclass", torch.arange(60) % 2, r"no sample of class 'slippery', which cannot be"),
+        ("multilabel", torch.eye(3)[torch.arange(60) % 2], "only one value of label 'slippery'"),
+    ],
+)
+def test_class_that_training_lacks_is_a_warning(labelled, task, y, match):
+    data = TactileDataModule(changed(labelled(task), y=y))
+    with pytest.warns(UserWarning, match=match):
+        fit(TactileModule(Linear(), task=task), data, limit_train_batches=1)
+
+
+def test_missing_readings_are_a_warning(labelled):
+    dataset = labelled("multiclass")
+    x = dataset._data.x.clone()
+    x[::2, 1] = torch.nan
+    data = TactileDataModule(changed(dataset, x=x))
+    with pytest.warns(UserWarning, match=r"readings 'x' of the train part .*add FillMissing\(\)"):
+        fit(TactileModule(Linear()), data, limit_train_batches=0)
+
+
+def test_good_data_gives_no_warning(labelled):
+    module = TactileModule(Linear())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        data = TactileDataModule(labelled("multiclass"))
+        data.setup()
+        module._set_num_classes(3)
+        check_data(module, data, "fit")
+
+
+def test_prediction_needs_no_labels(labelled):
+    test = changed(labelled("multiclass"), y=None)
+    data = TactileDataModule(labelled("multiclass"), test, val=0.0)
+    trainer = L.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)
+    (out,) = trainer.predict(TactileModule(Linear(), num_classes=3), datamodule=data)
+    assert out.shape == (60, 3)
+
+
+def test_empty_training_part(labelled):
+    data = TactileDataModule(labelled("multiclass")[:0], val=0.0)
+    with pytest.raises(ValueError, match="the training part must have samples"):
+        fit(TactileModule(Linear(), num_classes=3), data)

@@ -1,0 +1,213 @@
+r"""Transforms of many samples at once."""
+
+import copy
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, NamedTuple
+
+import torch
+from torch import Tensor
+from torch_geometric import transforms as T
+from torch_geometric.data import Data
+
+from torch_geometric_tactile.data.levels import Schema
+from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.typing import Transform
+
+_EDGES = ("edge_index", "edge_attr", "edge_weight")
+
+
+class StaticRule(NamedTuple):
+    r"""Which attributes a transform reads and adds.
+
+    Args:
+        reads (tuple of str, optional): The attributes that its result follows from. If all samples
+            share them, they share the result, and the transform runs once for all samples. With
+            :obj:`None` it runs for each sample, as a random one must.
+        node (tuple of str): The attributes that it adds with a row for each taxel.
+        edge (tuple of str): The attributes that it adds with a row for each edge.
+        shared (tuple of str): The attributes that it adds with one value for all samples.
+        x (str, optional): Whether it appends columns that follow from :obj:`reads` to :obj:`x`
+            (:obj:`"append"`), or replaces :obj:`x` by them (:obj:`"replace"`).
+    """
+
+    reads: tuple[str, ...] | None = None
+    node: tuple[str, ...] = ()
+    edge: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
+    x: Literal["append", "replace"] | None = None
+
+
+def _reads(*names: str) -> Callable[[Any], StaticRule]:
+    return lambda transform: StaticRule(names)
+
+
+def _columns(*names: str) -> Callable[[Any], StaticRule]:
+    return lambda transform: StaticRule(
+        names, x="append" if getattr(transform, "cat", True) else "replace"
+    )
+
+
+def _named_edge_attr(transform: Any) -> StaticRule:
+    name = transform.attr
+    return StaticRule(("edge_index", name), edge=() if name in _EDGES else (name,))
+
+
+def _encoding(*names: str) -> Callable[[Any], StaticRule]:
+    def rule(transform: Any) -> StaticRule:
+        name = transform.attr_name
+        return StaticRule(names or None, (name,) if name else (), x=None if name else "append")
+
+    return rule
+
+
+def _rotation(transform: Any) -> StaticRule:
+    draws = transform.max_points > 0  # which points are used
+    return StaticRule(None if draws else ("pos", "normal"))
+
+
+# PyG's transforms whose result follows from the topology and the positions: these classes only,
+# since a subclass may do something else.
+_RULES: dict[type, Callable[[Any], StaticRule]] = {
+    T.AddLaplacianEigenvectorPE: _encoding(),  # draws signs
+    T.AddRandomWalkPE: _encoding("edge_index", "edge_weight"),
+    T.AddRemainingSelfLoops: _named_edge_attr,
+    T.AddSelfLoops: _named_edge_attr,
+    T.Cartesian: _reads("pos", *_EDGES),
+    T.Center: _reads("pos"),
+    T.Constant: _columns(),
+    T.Distance: _reads("pos", *_EDGES),
+    T.GCNNorm: _reads("edge_index", "edge_weight"),
+    T.LinearTransformation: _reads("pos"),
+    T.LocalCartesian: _reads("pos", *_EDGES),
+    T.LocalDegreeProfile: _columns("edge_index"),
+    T.NormalizeRotation: _rotation,
+    T.NormalizeScale: _reads("pos"),
+    T.OneHotDegree: _columns("edge_index"),
+    T.PointPairFeatures: _reads("pos", "norm", *_EDGES),
+    T.Polar: _reads("pos", *_EDGES),
+    T.RemoveDuplicatedEdges: _reads(*_EDGES),
+    T.Spherical: _reads("pos", *_EDGES),
+    T.TargetIndegree: _reads(*_EDGES),
+    T.ToUndirected: _reads(*_EDGES),
+    T.TwoHop: _reads(*_EDGES),
+}
+if hasattr(T, "RemoveSelfLoops"):  # not in every PyG that we support
+    _RULES[T.RemoveSelfLoops] = _named_edge_attr
+_UNKNOWN = StaticRule()
+
+
+def static_rule(transform: Transform) -> StaticRule:
+    r"""Returns which attributes a transform reads and adds: its own :obj:`static_rule`, or what is
+    known of PyG's transforms.
+
+    Args:
+        transform (callable): The transform.
+    """
+    declared = getattr(transform, "static_rule", None)
+    if isinstance(declared, StaticRule):
+        return declared
+    known = _RULES.get(type(transform))
+    return _UNKNOWN if known is None else known(transform)
+
+
+def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
+    r"""Applies a transform to many samples at once, with the result of applying it to each.
+
+    * A transform that declares :obj:`supports_static = True` gets all samples in one call.
+    * PyG's deterministic transforms of edges and positions
+      (:class:`~torch_geometric.transforms.Distance`,
+      :class:`~torch_geometric.transforms.ToUndirected`, ...), and those declared with
+      :func:`~torch_geometric_tactile.transforms.static_transform`, run once if all samples share
+      the attributes that they read.
+    * Any other transform is called for each sample.
+
+    Args:
+        transform (callable, optional): From :class:`~torch_geometric.data.Data` to
+            :class:`~torch_geometric.data.Data`.
+        data (StaticData): The samples.
+
+    Raises:
+        ValueError: If the transform gives the samples different topologies.
+    """
+    if transform is None:
+        return data
+    if isinstance(transform, T.Compose):
+        for part in transform.transforms:
+            data = apply_transform(part, data)
+        return data
+    if getattr(transform, "supports_static", False):
+        out: StaticData = transform(data)
+        return out
+    rule = static_rule(transform)
+    once = _applied_once(transform, rule, data)
+    if once is not None:
+        return once
+    if data.num_samples == 0:
+        return data
+    return stack_like([transform(sample) for sample in data.to_data_list()], data, rule)
+
+
+def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> StaticData | None:
+    before = data.to_dict()
+    if rule.reads is None or not all(data.is_shared(key) for key in rule.reads if key in before):
+        return None
+    sample = (data if data.num_samples else _blank(data)).sample(0)
+    given = sample.to_dict()  # taken first, since a function may change `sample` itself
+    found = transform(sample).to_dict()
+    # Transforms copy shallowly, so that an attribute that they leave alone is the same object.
+    changed = {key: value for key, value in found.items() if value is not given.get(key)}
+    if "x" in changed and rule.x is not None:
+        changed["x"] = _widened(data.x, changed["x"], rule)
+    allowed = {"x"} if rule.x is not None else set()
+    allowed.update(rule.node, rule.edge, rule.shared, _EDGES)
+    for key, value in changed.items():
+        is_new = key == "x" or key not in before
+        if not (key in allowed or not isinstance(value, Tensor) if is_new else data.is_shared(key)):
+            return None  # it has other results than those declared
+    out = _declared(copy.copy(data), rule)
+    for key in before.keys() - found.keys():
+        del out[key]
+    # The numbers of taxels and edges first, with which the others have to agree.
+    for key in sorted(changed, key=lambda key: key not in ("x", "edge_index")):
+        out[key] = changed[key]
+    return out
+
+
+def _declared(data: StaticData, rule: StaticRule) -> StaticData:
+    added = (*rule.node, *rule.edge, *rule.shared)
+    return data.declare(node=rule.node, edge=rule.edge, shared=added) if added else data
+
+
+def _blank(data: StaticData) -> StaticData:
+    # One sample in place of none, so that an empty batch gets the same edges as any other.
+    values = {
+        key: value if data.is_shared(key) else value.new_zeros((1, *value.shape[1:]))
+        for key, value in data.to_dict().items()
+    }
+    return StaticData(**values, **data.schema)
+
+
+def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
+    columns = after if rule.x == "replace" else after[:, x.size(-1) :]
+    columns = columns.expand(x.size(0), *columns.shape)
+    if rule.x == "replace":
+        return columns.contiguous()
+    return torch.cat([x.to(after.dtype), columns], dim=-1)
+
+
+def stack_like(
+    samples: Sequence[Data], like: StaticData, rule: StaticRule = _UNKNOWN
+) -> StaticData:
+    r"""Stacks samples after a transform.
+
+    Args:
+        samples (sequence of torch_geometric.data.Data): The samples, at least one.
+        like (StaticData): The samples before the transform, which tell the levels of attributes.
+        rule (StaticRule): The attributes that the transform adds.
+
+    Raises:
+        ValueError: If the samples have different topologies.
+    """
+    added = Schema.of(rule.node, rule.edge, rule.shared)
+    schema = Schema.of(**like.schema).update(added).to_dict()
+    return StaticData.from_data_list(samples, **schema)

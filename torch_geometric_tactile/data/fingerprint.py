@@ -1,0 +1,240 @@
+r"""What a processed file was made from, as text that is the same in every run."""
+
+import enum
+import functools
+import hashlib
+import re
+import sys
+import types
+from collections.abc import Iterable, Mapping, Sequence, Set
+from inspect import Parameter, signature
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import TaxelLayout
+
+_PLAIN = (bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout)
+_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
+_BYTECODE = re.compile(r"bytecode (\d+\.\d+) [0-9a-f]+")
+_LONG = 400  # characters of a description, beyond which only its hash is kept
+_SHORT = 60  # characters of a description in a message
+_NUM_CHANGES = 3  # that a message names
+
+
+def describe(value: Any) -> str:
+    r"""Returns a text that changes if, and only if, a setting changes: also between runs, where
+    addresses in memory and the order of sets differ.
+
+    Tensors, arrays and layouts are described by a hash of their numbers; functions by their name,
+    their byte code, their defaults and the variables that they close over; other objects by their
+    class and their public attributes, and by those private ones that are plain numbers or text
+    (others may be caches).
+
+    Args:
+        value (Any): The setting.
+
+    Examples:
+        >>> from torch_geometric.transforms import Distance
+        >>> describe(Distance(norm=False))
+        'torch_geometric.transforms.distance.Distance(cat=True, interval=(0.0, 1.0), max=None, \
+norm=False)'
+    """
+    text = _describe(value, ())
+    if len(text) <= _LONG:
+        return text
+    return f"{text[:_SHORT]}... (sha256 {_sha256(text.encode())})"
+
+
+def _describe(value: Any, inside: tuple[int, ...]) -> str:
+    if value is None or (isinstance(value, _PLAIN) and not isinstance(value, enum.Enum)):
+        return repr(value)
+    if id(value) in inside:
+        return "..."
+    inside = (*inside, id(value))
+    if isinstance(value, enum.Enum):
+        return f"{_path(type(value))}.{value.name}"
+    if isinstance(value, PathLike):
+        return repr(str(value))
+    if isinstance(value, Tensor | np.ndarray | np.generic):
+        return _describe_array(value)
+    if isinstance(value, TaxelLayout):
+        return f"TaxelLayout('{value.name}', {_sha256(_describe_object(value, inside).encode())})"
+    if isinstance(value, Mapping):
+        pairs = ((_describe(key, inside), _describe(item, inside)) for key, item in value.items())
+        return "{" + ", ".join(f"{key}: {item}" for key, item in sorted(pairs)) + "}"
+    if isinstance(value, Set):
+        return "{" + ", ".join(sorted(_describe(item, inside) for item in value)) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, range):
+        items = ", ".join(_describe(item, inside) for item in value)
+        if type(value) in (list, tuple):
+            return f"[{items}]" if isinstance(value, list) else f"({items})"
+        return f"{_path(type(value))}({items})"
+    return _describe_callable(value, inside) or _describe_object(value, inside)
+
+
+def _describe_array(value: Any) -> str:
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind not in "biufc":
+        return f"array({value.dtype}, {_describe(value.tolist(), ())})"  # text, for example
+    tensor = torch.as_tensor(value).detach().cpu()
+    tensor = tensor if tensor.layout == torch.strided else tensor.to_dense()
+    numbers = tensor.contiguous().reshape(-1).view(torch.uint8).numpy().tobytes()
+    return f"tensor({tensor.dtype}, {tuple(tensor.shape)}, {_sha256(numbers)})"
+
+
+def _describe_callable(value: Any, inside: tuple[int, ...]) -> str | None:
+    if isinstance(value, type):
+        return _path(value)
+    if isinstance(value, types.FunctionType):
+        cells = [_cell(cell) for cell in value.__closure__ or ()]
+        state = (value.__defaults__, value.__kwdefaults__, cells)
+        code = _sha256(_describe_code(value.__code__).encode())
+        text = f"{_path(value)}(bytecode {sys.version_info.major}.{sys.version_info.minor} {code}"
+        return f"{text}, {_describe(state, inside)})"
+    if isinstance(value, types.MethodType):
+        return f"{_describe(value.__self__, inside)}.{value.__func__.__name__}"
+    if isinstance(value, types.BuiltinFunctionType):
+        return _path(value)
+    if isinstance(value, functools.partial):
+        return "partial" + _describe((value.func, value.args, value.keywords), inside)
+    return None
+
+
+def _cell(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # not yet assigned
+        return None
+
+
+def _describe_code(code: types.CodeType) -> str:
+    # Neither file names nor line numbers, which do not change what the function does.
+    consts = (
+        _describe_code(const) if isinstance(const, types.CodeType) else _describe(const, ())
+        for const in code.co_consts
+    )
+    return repr((code.co_code.hex(), code.co_names, code.co_varnames, tuple(consts)))
+
+
+def _describe_object(value: Any, inside: tuple[int, ...]) -> str:
+    state: dict[str, Any] = {}
+    if isinstance(value, torch.nn.Module):
+        state["state_dict"] = value.state_dict()
+        state["repr"] = repr(value)
+    slots = (name for kind in type(value).__mro__ for name in _slots(kind))
+    names = {*getattr(value, "__dict__", ()), *slots}
+    for name in names:
+        item = getattr(value, name, None)
+        if name == "training" or (name.startswith("_") and not _is_plain(item)):
+            continue
+        state[name] = item
+    if not state and type(value).__repr__ is not object.__repr__:
+        return f"{_path(type(value))}: {_ADDRESS.sub('', repr(value))}"
+    items = ", ".join(f"{name}={_describe(state[name], inside)}" for name in sorted(state))
+    return f"{_path(type(value))}({items})"
+
+
+def _slots(kind: type) -> Sequence[str]:
+    slots = kind.__dict__.get("__slots__", ())
+    return (slots,) if isinstance(slots, str) else tuple(slots)
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return all(_is_plain(item) for item in value)
+    return value is not None and isinstance(value, _PLAIN)
+
+
+def _path(value: Any) -> str:
+    return f"{value.__module__}.{value.__qualname__}"
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def constructor_arguments(
+    kind: type, args: Sequence[Any], kwargs: Mapping[str, Any]
+) -> dict[str, Any]:
+    r"""Returns the arguments of a constructor by name, with its defaults.
+
+    Args:
+        kind (type): The class.
+        args (sequence): The arguments given by position.
+        kwargs (Mapping): The arguments given by name.
+
+    Examples:
+        >>> constructor_arguments(type("A", (), {"__init__": lambda self, k, n=3: None}), [2], {})
+        {'k': 2, 'n': 3}
+    """
+    # `bind_partial`: what is missing or unknown is reported by the constructor itself.
+    try:
+        bound = signature(kind.__init__).bind_partial(None, *args, **kwargs)  # type: ignore[misc]
+    except TypeError:
+        return {}
+    bound.apply_defaults()
+    arguments = dict(list(bound.arguments.items())[1:])
+    for parameter in bound.signature.parameters.values():
+        if parameter.kind is Parameter.VAR_KEYWORD:
+            arguments.update(arguments.pop(parameter.name))
+        elif parameter.kind is Parameter.VAR_POSITIONAL and not arguments[parameter.name]:
+            del arguments[parameter.name]
+    return arguments
+
+
+def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    r"""Returns which settings differ, as text: :obj:`"k: 2 -> 5"`.
+
+    The byte code of functions is not compared between versions of Python.
+
+    Args:
+        before (Mapping of str): The settings, as :func:`describe` describes them.
+        now (Mapping of str): Those to compare with.
+    """
+    return [
+        f"{key}: {_short(before.get(key))} -> {_short(now.get(key))}"
+        for key in {**before, **now}
+        if not _is_same(before.get(key), now.get(key))
+    ]
+
+
+def _is_same(old: str | None, new: str | None) -> bool:
+    if old is None or new is None:
+        return old == new
+    if {*_BYTECODE.findall(old)} != {*_BYTECODE.findall(new)}:
+        old, new = (_BYTECODE.sub("bytecode", text) for text in (old, new))
+    return old == new
+
+
+def _short(text: str | None) -> str:
+    if text is None:
+        return "none"
+    return text if len(text) <= _SHORT else f"{text[: _SHORT - 3]}..."
+
+
+def state_changes(before: Iterable[str], now: Iterable[str]) -> list[str]:
+    r"""Returns which lines :obj:`"key=value"` differ, as text: :obj:`"'a.h5' was added"`.
+
+    Args:
+        before (iterable of str): The lines.
+        now (iterable of str): Those to compare with.
+    """
+    old, new = (dict(line.rpartition("=")[::2] for line in lines) for lines in (before, now))
+    return [
+        f"'{key}' was {'added' if key not in old else 'removed' if key not in new else 'changed'}"
+        for key in sorted(old.keys() | new.keys())
+        if old.get(key) != new.get(key)
+    ]
+
+
+def listed(what: Sequence[str]) -> str:
+    r"""Returns the first few changes, and the number of the others.
+
+    Args:
+        what (sequence of str): The changes.
+    """
+    more = f" and {len(what) - _NUM_CHANGES} more" if len(what) > _NUM_CHANGES else ""
+    return ", ".join(what[:_NUM_CHANGES]) + more

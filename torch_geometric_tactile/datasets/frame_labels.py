@@ -1,0 +1,78 @@
+r"""Objects, labels and phases of trials as attributes of their frames."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.datasets.trial import Trial
+
+Properties = Callable[[Trial], tuple[tuple[str, ...], tuple[int, ...]] | None]
+
+
+def frame_labels(
+    trials: Sequence[Trial], objects: Sequence[str], target: str | None, properties: Properties
+) -> tuple[dict[str, list[str]], dict[str, Tensor]]:
+    r"""Returns the names behind numbers, and the attributes of all frames.
+
+    Args:
+        trials (sequence of Trial): The trials.
+        objects (sequence of str): The names of the objects, in the order of their numbers.
+        target (str, optional): What :obj:`y` is, if neither object nor properties.
+        properties (callable): Returns names and values of the properties of a trial, or
+            :obj:`None` if they are unknown.
+
+    Raises:
+        ValueError: If a trial does not tell the target.
+    """
+    num_frames = torch.tensor([trial.num_frames for trial in trials])
+    names: dict[str, list[str]] = {
+        "group": list(objects),
+        "trial": [trial.name for trial in trials],
+        "phase": [*dict.fromkeys(name for trial in trials for name in trial.phase_names)],
+        "property": [],
+        "synthetic": [trial.name for trial in trials if trial.meta.get("synthetic", False)],
+    }
+    out: dict[str, Tensor] = {}
+    if trials[0].joint is not None:
+        out["joint"] = torch.from_numpy(np.concatenate([trial.joint for trial in trials]))
+    if all(trial.object_name is not None for trial in trials):
+        group = [objects.index(trial.object_name or "") for trial in trials]
+        out["group"] = torch.tensor(group).repeat_interleave(num_frames)
+    if all("session" in trial.meta for trial in trials):
+        names["session"], session = _numbered([trial.meta["session"] for trial in trials])
+        out["session"] = session.repeat_interleave(num_frames)
+    names["property"], rows, names["unknown"] = _property_rows(trials, properties)
+    if not names["unknown"]:
+        out["property"] = torch.tensor(rows).repeat_interleave(num_frames, dim=0)
+    if names["phase"]:
+        out["phase"] = torch.cat([trial.numbered_phase(names["phase"]) for trial in trials])
+    if target is not None:
+        labels = [label for trial in trials for label in trial.target(target).tolist()]
+        names["class"], out["y"] = _numbered(labels)
+    return names, out
+
+
+def _numbered(values: list[Any]) -> tuple[list[str], Tensor]:
+    # Integers in their order, before texts.
+    found = sorted(set(values), key=lambda value: (isinstance(value, str), value))
+    number = {value: i for i, value in enumerate(found)}
+    return [str(value) for value in found], torch.tensor([number[value] for value in values])
+
+
+def _property_rows(
+    trials: Sequence[Trial], properties: Properties
+) -> tuple[list[str], list[list[int]], list[str]]:
+    # The names of the properties, their values for each trial, and whose properties are unknown
+    # or others than those of the first trial.
+    known = [properties(trial) for trial in trials]
+    first = next((found[0] for found in known if found is not None), ())
+    rows, unknown = [], set()
+    for trial, found in zip(trials, known, strict=True):
+        if found is None or sorted(found[0]) != sorted(first):
+            unknown.add(trial.object_name or trial.name)
+        else:
+            rows.append([found[1][found[0].index(name)] for name in first])
+    return list(first) if not unknown else [], rows, sorted(unknown)

@@ -1,0 +1,120 @@
+r"""Recordings one after the other, as frames and trials."""
+
+import logging
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.datasets.trial import Trial, make_trial
+from torch_geometric_tactile.sensors import TaxelLayout
+
+SUFFIXES = (".h5", ".hdf5", ".npz", ".csv")
+_logger = logging.getLogger(__name__)
+
+
+def trial_files(folder: Path, pattern: str) -> list[str]:
+    r"""Returns the names of the recordings in a folder, in order; also those in its subfolders,
+    with their names in front, if the pattern has a :obj:`"/"`.
+
+    Args:
+        folder (Path): The folder.
+        pattern (str): The pattern of the names.
+    """
+    if not folder.is_dir():
+        return []
+    found = folder.rglob("*") if "/" in pattern else folder.iterdir()
+    names = [
+        path.relative_to(folder)
+        for path in found
+        if path.suffix.lower() in SUFFIXES and path.is_file()
+    ]
+    return sorted(
+        name.as_posix()
+        for name in names
+        if name.parts[0] != "processed" and not any(part.startswith(".") for part in name.parts)
+    )
+
+
+@dataclass(frozen=True)
+class FrameReader:
+    r"""What recordings must be to be read as frames.
+
+    Args:
+        layout (TaxelLayout): The taxels.
+        pattern (str): Regular expression for the names, see
+            :func:`~torch_geometric_tactile.datasets.trial.make_trial`.
+        needs (tuple of str): Which of :obj:`"object"` and :obj:`"trial"` must be known.
+        num_channels (int, optional): Number of channels of a taxel, if it is known.
+        num_joints (int, optional): Number of joint angles of a frame, if it is known.
+    """
+
+    layout: TaxelLayout
+    pattern: str
+    needs: tuple[str, ...] = ()
+    num_channels: int | None = None
+    num_joints: int | None = None
+
+    def read(
+        self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
+    ) -> tuple[Tensor, list[Trial]]:
+        r"""Returns the readings of all frames, mapped from a temporary file, and the trials.
+
+        Args:
+            recordings (iterable of tuple): What to call each in messages, its name, and it.
+            folder (Path, optional): The folder of the temporary file.
+
+        Shapes:
+            - **output:** readings :math:`(S, N, C)`
+
+        Raises:
+            ValueError: If there is none, or one does not fit the layout or the others.
+        """
+        trials: list[Trial] = []
+        num_missing, num_channels = 0, self.num_channels
+        # The readings are kept on disk, since they may be more than fits into memory.
+        with tempfile.TemporaryFile(dir=folder) as file:
+            for where, name, recording in recordings:
+                trials.append(self._trial(where, name, recording))
+                num_channels = num_channels or recording.num_channels
+                if recording.num_channels != num_channels:
+                    raise ValueError(
+                        f"{where} must have {num_channels} channels a taxel, as {trials[0].where} "
+                        f"(got {recording.num_channels})"
+                    )
+                np.ascontiguousarray(recording.tactile).tofile(file)
+                num_missing += int(recording.missing.sum())
+            if not trials:
+                raise ValueError("'recordings' must hold at least one recording (got none)")
+            num_frames = sum(trial.num_frames for trial in trials)
+            shape = (num_frames, self.layout.num_taxels, int(num_channels or 1))
+            x = torch.from_numpy(np.memmap(file, np.float32, mode="c", shape=shape))
+        if num_missing:
+            _logger.warning(
+                "%d of %d readings of taxels are missing (NaN); see FillMissing and DropTaxels",
+                num_missing,
+                num_frames * self.layout.num_taxels,
+            )
+        return x, trials
+
+    def _trial(self, where: str, name: str, recording: Recording) -> Trial:
+        trial = make_trial(
+            recording,
+            self.layout,
+            where=where,
+            name=name,
+            pattern=self.pattern,
+            needs=self.needs,
+        )
+        for what, count, expected in (
+            ("channels a taxel", recording.num_channels, self.num_channels),
+            ("joint angles a frame, in 'joint'", recording.num_joints, self.num_joints),
+        ):
+            if expected not in (None, count):
+                raise ValueError(f"{where} must have {expected} {what} (got {count or 'none'})")
+        return trial

@@ -1,0 +1,336 @@
+r"""The frames of recordings, for any sensor."""
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import Protocol, Recording, StaticData
+from torch_geometric_tactile.datasets.frame_labels import frame_labels
+from torch_geometric_tactile.datasets.frame_reader import SUFFIXES, FrameReader, trial_files
+from torch_geometric_tactile.datasets.selected_frames import PARTS, SelectedFrames
+from torch_geometric_tactile.datasets.trial import Trial, check_together, checked_labels
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
+from torch_geometric_tactile.typing import Filter, PathLike, Transform
+
+_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
+_CONTENT = "content=2"  # to be raised when the processed file gets other columns
+# Arguments, also of subclasses, that choose from the processed frames.
+_SELECTION_ARGS = (
+    "split",
+    "protocol",
+    "split_by",
+    "fractions",
+    "split_seed",
+    "fold",
+    "phases",
+    "stride",
+)
+_STORED = ("object", "property")
+_logger = logging.getLogger(__name__)
+
+
+class RecordingFrames(SelectedFrames):
+    r"""The frames of a folder of recordings, or of recordings in memory, for any layout, any number
+    of channels and any number of joints (or none). A sample is a frame.
+
+    The folder has one trial a file, in :obj:`root/raw` or in :obj:`root` itself: ``.h5``,
+    ``.hdf5``, ``.npz`` or ``.csv``, as :func:`~torch_geometric_tactile.io.read_recording` reads
+    them. Beside :obj:`x` and :obj:`y` a sample has :obj:`trial` (the file), :obj:`time` in seconds,
+    and, where all files know them, :obj:`joint`, :obj:`group` (the object), :obj:`session` and
+    :obj:`property`; :obj:`phase` is -1 in files that know none. Missing readings stay NaN. If the
+    layout has one link, the samples share its :obj:`pos` and :obj:`normal`; those of a hand follow
+    from the joint angles, see :class:`~torch_geometric_tactile.transforms.TaxelPose`.
+
+    What is known of a recording is read from its metadata or from the name of its file: with the
+    :obj:`pattern` that is the default, ``mug_003.csv`` is trial 3 of the object ``mug``.
+
+    All files are processed once, and anew when one of them was added, removed or changed.
+    :obj:`split`, :obj:`phases` and :obj:`stride` select from the memory-mapped processed file,
+    without a copy of the readings.
+
+    Args:
+        root (str or PathLike, optional): Folder of the data set.
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
+            with the package, or a layout file.
+        recordings (sequence of Recording, optional): Recordings in memory, in place of
+            :obj:`root`.
+        target (str): What :obj:`y` is: :obj:`"object"`, its index in :obj:`group_names`;
+            :obj:`"property"`, a 0 or 1 for each of the :obj:`"label_names"` in the metadata, from
+            the metadata's :obj:`"labels"`; :obj:`"label"`, the label of the recording; or another
+            key of the metadata, of the file's name, or of :obj:`privileged` (frame by frame).
+        split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
+            :obj:`None`.
+        protocol (Protocol, optional): What is held out; whole trials if left out.
+        split_seed (int): Which of the random splits. :obj:`phases` and :obj:`stride` move no frame
+            to another split.
+        fold (int): Which fold of a protocol with folds is tested on.
+        adjacency (str, optional): Which edges of the layout. If left out, its only ones; without
+            any, a :obj:`pre_transform` such as
+            :class:`~torch_geometric_tactile.transforms.KNNGraph` may add some.
+        phases (sequence of str, optional): Only the frames in these phases, of
+            :obj:`privileged["phase"]` and :obj:`meta["phase_names"]`.
+        stride (int): Only every :obj:`stride`-th frame of each trial.
+        pattern (str): Regular expression for the whole name of a file without its suffix. Its named
+            groups are known of the recording, such as :obj:`object`, :obj:`trial`, :obj:`session`
+            and :obj:`label`. With a :obj:`"/"` in it, files in subfolders are read as well, and
+            their names have the folders in front.
+        read_options (Mapping, optional): Options of
+            :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once, before the samples are saved.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+        force_reload (bool): Whether to process the raw files anew.
+
+    Raises:
+        FileNotFoundError: If there are no recordings.
+        ValueError: If an argument is unknown or leaves no sample, a recording cannot be read or
+            does not fit the layout or the others, two hold the same trial, or one does not tell
+            what :obj:`target` asks for.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> grasps = [
+        ...     Recording(time=[0.0, 0.1], tactile=np.zeros((2, 6, 1)), label=label)
+        ...     for label in ("slip", "hold", "slip")
+        ... ]
+        >>> dataset = RecordingFrames(
+        ...     layout=grid(2, 3, 0.01), recordings=grasps, target="label", adjacency="original"
+        ... )
+        >>> dataset, dataset.class_names, dataset.data.y.tolist()
+        (RecordingFrames(6), ['hold', 'slip'], [1, 1, 0, 0, 1, 1])
+    """
+
+    force_reload: bool
+
+    num_channels: int | None = None  # of a taxel; any number with None
+    num_joints: int | None = None
+    _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
+
+    def __init__(
+        self,
+        root: PathLike | None = None,
+        layout: TaxelLayout | PathLike | None = None,
+        *,
+        recordings: Sequence[Recording] | None = None,
+        target: str = "object",
+        split: Literal["train", "val", "test"] | None = None,
+        protocol: Protocol | None = None,
+        split_seed: int = 0,
+        fold: int = 0,
+        adjacency: str | None = None,
+        phases: Sequence[str] | None = None,
+        stride: int = 1,
+        pattern: str = _PATTERN,
+        read_options: Mapping[str, Any] | None = None,
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        force_reload: bool = False,
+    ) -> None:
+        if split is not None and split not in PARTS:
+            raise ValueError(f"'split' must be 'train', 'val', 'test' or None (got '{split}')")
+        if stride < 1:
+            raise ValueError(f"'stride' must be at least 1 (got {stride})")
+        if (root is None) == (recordings is None):
+            both = "none" if root is None else "both"
+            raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")
+        if layout is None:
+            raise ValueError("'layout' must be the taxels of the recordings (got None)")
+        self.layout = as_layout(layout)
+        if adjacency is None and len(self.layout.adjacency) == 1:
+            (adjacency,) = self.layout.adjacency
+        self.target = target
+        self.split = split
+        self.protocol = Protocol("trial") if protocol is None else protocol
+        self.split_seed = split_seed
+        self.fold = fold
+        self.adjacency = adjacency
+        self.phases = (phases,) if isinstance(phases, str) else phases and tuple(phases)
+        self.stride = stride
+        self.pattern = pattern
+        self.read_options = dict(read_options or {})
+        self._recordings: list[Recording] | None = None if recordings is None else list(recordings)
+        edge_index = None if adjacency is None else self.layout.edge_index(adjacency)
+        self.pre_transform, self.pre_filter = pre_transform, pre_filter
+        self.selection_args = (*_SELECTION_ARGS, *self._set_after_loading())
+        super().__init__(root, transform, pre_transform, pre_filter, force_reload)
+        self._recordings = None
+        if not self._is_filtered:
+            self._data.edge_index = edge_index
+            self._data.y = self._target(self._data, self._names)
+        if len(self.group_names) == 1 and target == "object":
+            _logger.warning(
+                "'%s' holds one object only, '%s': there is nothing to tell apart",
+                self.root,
+                self.group_names[0],
+            )
+        self._select()
+
+    @property
+    def raw_dir(self) -> str:
+        r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` where that has none."""
+        root = Path(self.root)
+        inner = root / "raw"
+        return str(
+            root
+            if not trial_files(inner, self.pattern) and trial_files(root, self.pattern)
+            else inner
+        )
+
+    @property
+    def raw_file_names(self) -> list[str]:
+        r"""The files of the trials, in order."""
+        return trial_files(Path(self.raw_dir), self.pattern)
+
+    @property
+    def raw_paths(self) -> list[str]:
+        r"""Their paths."""
+        folder = Path(self.raw_dir)  # looked up once for all
+        return [str(folder / name) for name in trial_files(folder, self.pattern)]
+
+    @property
+    def processed_dir(self) -> str:
+        r"""The folder of the processed file: one of its own for what a filter or transform saw."""
+        folder = Path(self.root, "processed")
+        own = f"{self.target}_{self.adjacency}"
+        return str(folder / own if self._is_filtered else folder)
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for all splits, phases and strides."""
+        return "recording_frames.pt"
+
+    @property
+    def _is_filtered(self) -> bool:
+        return self.pre_transform is not None or self.pre_filter is not None
+
+    def _set_after_loading(self) -> tuple[str, ...]:
+        # Edges and labels of known kinds, unless a filter or transform has seen them. Of a layout
+        # with several links nothing else is stored.
+        if self._is_filtered:
+            return ()
+        target = ("target", "task") if self.target in _STORED else ()
+        layout = ("layout",) if len(self.layout.link_names) > 1 else ()
+        return ("adjacency", *target, *layout)
+
+    def raw_state(self) -> list[str]:
+        r"""Returns the files of the trials with their sizes and times."""
+        state, folder = [_CONTENT], Path(self.raw_dir)
+        for name in trial_files(folder, self.pattern):
+            stat = (folder / name).stat()
+            state.append(f"{name}={stat.st_size},{stat.st_mtime_ns}")
+        return state
+
+    def _process(self) -> None:
+        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
+        if not self.raw_paths and not is_processed:
+            raise FileNotFoundError(self._no_trials())
+        super()._process()
+
+    def _no_trials(self) -> str:
+        return (
+            f"there are no trials in '{Path(self.root, 'raw')}' or '{self.root}': put recordings "
+            f"there, <object>_<number> with one of {', '.join(SUFFIXES)}"
+        )
+
+    def read_trial(self, path: PathLike) -> Recording:
+        r"""Reads the recording in a file; a subclass may read a format of its own.
+
+        Args:
+            path (str or PathLike): The file.
+        """
+        return read_recording(path, **self.read_options)
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Reads all trials."""
+        folder = None
+        if self._recordings is None:
+            folder = Path(self.processed_dir)
+            folder.mkdir(parents=True, exist_ok=True)
+        needs = {*self._needs, *(["object"] if self.target == "object" else [])}
+        reader = FrameReader(
+            self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints
+        )
+        x, trials = reader.read(self._opened(), folder)
+        check_together(trials)
+        num_frames = torch.tensor([trial.num_frames for trial in trials])
+        names, labels = frame_labels(
+            trials,
+            self._object_names(trials),
+            None if self.target in _STORED else self.target,
+            self._properties,
+        )
+        data = StaticData(
+            x=x,
+            time=torch.from_numpy(np.concatenate([trial.time for trial in trials])),
+            trial=torch.arange(len(trials)).repeat_interleave(num_frames),
+            **labels,
+        )
+        if self.adjacency is not None:
+            data.edge_index = self.layout.edge_index(self.adjacency)
+        if len(self.layout.link_names) == 1:
+            data.pos, data.normal = self.layout.pos, self.layout.normal
+        data.y = self._target(data, names)
+        return data, names
+
+    def _object_names(self, trials: Sequence[Trial]) -> list[str]:
+        return sorted({trial.object_name for trial in trials if trial.object_name is not None})
+
+    def _properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
+        # Names and values of the properties of a trial, if they are known.
+        labels, names = trial.meta.get("labels"), trial.meta.get("label_names")
+        if labels is None or names is None:
+            return None
+        return tuple(names), checked_labels(trial, names)
+
+    def _opened(self) -> Iterator[tuple[str, str, Recording]]:
+        # What to call each recording in messages, its name, and the recording.
+        if self._recordings is not None:
+            for i, recording in enumerate(self._recordings):
+                yield f"recording {i}", str(i), recording
+            return
+        folder = Path(self.raw_dir)
+        for path in self.raw_paths:
+            name = Path(path).relative_to(folder).with_suffix("").as_posix()
+            yield f"'{path}'", name, self.read_trial(path)
+
+    def _target(self, data: StaticData, names: Mapping[str, list[str]]) -> Tensor:
+        if self.target == "object":
+            return data.group.clone()
+        if self.target != "property":
+            y: Tensor = data.y
+            return y
+        if names["unknown"]:
+            raise ValueError(self._unknown_properties(names["unknown"]))
+        target: Tensor = data.property.float()
+        return target
+
+    def _unknown_properties(self, unknown: Sequence[str]) -> str:
+        return (
+            f"the properties of {list(unknown)} are unknown: give 0 or 1 for each as 'labels', and "
+            "the same names as 'label_names', in the metadata of all recordings"
+        )
+
+    @property
+    def class_names(self) -> list[str]:
+        r"""The names of the classes or labels of :obj:`y`."""
+        if self.target == "object":
+            return self.group_names
+        return self.property_names if self.target == "property" else super().class_names
+
+    @property
+    def num_classes(self) -> int:
+        r"""The number of classes or labels, also where a split lacks one of them."""
+        return len(self.class_names)
+
+    @property
+    def property_names(self) -> list[str]:
+        r"""The names of the columns of :obj:`property`; empty if a recording knows none."""
+        return list(self._names["property"])

@@ -1,0 +1,89 @@
+r"""Frames of trials, of which some are chosen."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import Protocol, StaticDataset
+
+PARTS = ("train", "val", "test")
+_FRAMES_PER_BLOCK = 4096
+
+
+class SelectedFrames(StaticDataset):
+    r"""A data set whose samples are frames of trials: the frames of a part that a protocol holds
+    out, of some phases, or at a stride. Base class of
+    :class:`~torch_geometric_tactile.datasets.RecordingFrames`, which sets the attributes.
+    """
+
+    split: Any
+    _indices: Any
+    protocol: Protocol
+    split_seed: int
+    fold: int
+    phases: Sequence[str] | None
+    stride: int
+
+    def _select(self) -> None:
+        kept = torch.ones(self.len(), dtype=torch.bool)
+        if self.split is not None:
+            kept &= self._in_split(self.split)
+        if self.stride > 1:
+            _, counts = self._data.trial.unique_consecutive(return_counts=True)
+            first = (counts.cumsum(0) - counts).repeat_interleave(counts)
+            kept &= (torch.arange(len(kept)) - first) % self.stride == 0
+        if self.phases is not None:
+            kept &= self._in_phases(self.phases)
+        if not kept.any():
+            raise ValueError(
+                f"split='{self.split}' with {self._held_out} and phases={self.phases} must leave "
+                f"at least one of {len(kept)} samples in {len(self._data.trial.unique())} trials "
+                "(left none)"
+            )
+        if not kept.all():
+            self._indices = kept.nonzero().view(-1).tolist()
+
+    @property
+    def _held_out(self) -> str:
+        return f"protocol='{self.protocol.describe()}'"
+
+    def _in_split(self, split: str) -> Tensor:
+        kept = torch.zeros(self.len(), dtype=torch.bool)
+        parts = self.protocol.split(self, self.split_seed, self.fold)
+        kept[parts[PARTS.index(split)]] = True
+        return kept
+
+    def _in_phases(self, phases: Sequence[str]) -> Tensor:
+        if not self.phase_names:
+            raise ValueError(
+                f"'phases' must be None, since no recording in '{self.root}' has "
+                f"'phase_names' (got {phases})"
+            )
+        unknown = [name for name in phases if name not in self.phase_names]
+        if unknown or not phases:
+            raise ValueError(f"'phases' must be some of {self.phase_names} (got {phases})")
+        wanted = torch.tensor([self.phase_names.index(name) for name in phases])
+        return torch.isin(self._data.phase, wanted)
+
+    @property
+    def trial_names(self) -> list[str]:
+        r"""The names of the files behind :obj:`trial`, without their suffix."""
+        return list(self._names["trial"])
+
+    @property
+    def phase_names(self) -> list[str]:
+        r"""The names of the phases in :obj:`phase`; empty if no recording knows its phases."""
+        return list(self._names["phase"])
+
+    @property
+    def synthetic(self) -> bool:
+        r"""Whether a simulator made any of the recordings."""
+        return bool(self._names["synthetic"])
+
+    @property
+    def num_missing(self) -> int:
+        r"""How many taxels have no reading, summed over the frames of this selection."""
+        blocks = torch.as_tensor(self.indices()).split(_FRAMES_PER_BLOCK)
+        return sum(int(self._data.x[block].isnan().any(dim=-1).sum()) for block in blocks)

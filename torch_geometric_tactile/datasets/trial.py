@@ -1,0 +1,230 @@
+r"""One recording as a trial of a data set: its object, labels and phases, checked."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.sensors import TaxelLayout
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    r"""A recording without its readings, which may not fit into memory.
+
+    Args:
+        where (str): The recording in messages.
+        name (str): Its name.
+        time (numpy.ndarray): Times in seconds :math:`(T,)`.
+        joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
+        label (str or int, optional): Its label.
+        meta (Mapping): Its metadata, and what the name of its file says.
+        privileged (Mapping of str to numpy.ndarray): What has one value for each frame.
+        object_name (str, optional): The object.
+        number (int, optional): Number of the trial with this object.
+        phase (numpy.ndarray, optional): Indices into :obj:`phase_names` :math:`(T,)`.
+        phase_names (tuple of str): Names of the phases.
+    """
+
+    where: str
+    name: str
+    time: np.ndarray
+    joint: np.ndarray | None
+    label: str | int | None
+    meta: Mapping[str, Any]
+    privileged: Mapping[str, np.ndarray]
+    object_name: str | None = None
+    number: int | None = None
+    phase: np.ndarray | None = None
+    phase_names: tuple[str, ...] = ()
+
+    @property
+    def num_frames(self) -> int:
+        r"""The number of frames."""
+        return len(self.time)
+
+    @property
+    def num_joints(self) -> int:
+        r"""The number of joints, 0 without joint angles."""
+        return 0 if self.joint is None else self.joint.shape[1]
+
+    def numbered_phase(self, names: Sequence[str]) -> Tensor:
+        r"""Returns the phase of each frame as an index into names, or -1 if it is unknown.
+
+        Args:
+            names (sequence of str): The names.
+
+        Shapes:
+            - **output:** :math:`(T,)`
+        """
+        if self.phase is None:
+            return torch.full((self.num_frames,), -1)
+        numbers = torch.tensor([names.index(name) for name in self.phase_names])
+        return numbers[torch.from_numpy(self.phase).long()]
+
+    def target(self, key: str) -> np.ndarray:
+        r"""Returns the label of each frame as text: the recording's own label, a value in its
+        metadata, or what :obj:`privileged` says frame by frame.
+
+        Args:
+            key (str): :obj:`"label"`, or a key of the metadata or of :obj:`privileged`.
+
+        Shapes:
+            - **output:** texts or integers :math:`(T,)`
+
+        Raises:
+            ValueError: If there is none, or it is no text and no integer.
+        """
+        value = self.privileged.get(key)
+        if value is None:
+            label = self.label if key == "label" else None
+            label = self.meta.get(key) if label is None else label
+            if isinstance(label, bool) or not isinstance(label, str | int):
+                raise ValueError(
+                    f"{self.where} must have '{key}', a text or an integer, as its label, in its "
+                    f"metadata or in the name of its file (got {label!r})"
+                )
+            return np.full(self.num_frames, label)
+        if value.dtype.kind not in "biuU":
+            raise ValueError(
+                f"{self.where} must have one text or integer a frame in '{key}' (got {value.dtype})"
+            )
+        return value.astype(int) if value.dtype.kind == "b" else value
+
+
+def make_trial(
+    recording: Recording,
+    layout: TaxelLayout,
+    *,
+    where: str,
+    name: str,
+    pattern: str,
+    needs: Sequence[str] = (),
+) -> Trial:
+    r"""Checks a recording on its own, and reads the name of its file.
+
+    Args:
+        recording (Recording): The recording.
+        layout (TaxelLayout): The taxels that it must have.
+        where (str): The recording in messages.
+        name (str): Name of its file without suffix.
+        pattern (str): Regular expression whose named groups are what the name says, such as
+            :obj:`object`, :obj:`trial` and :obj:`label`. The metadata go before it.
+        needs (sequence of str): Which of :obj:`"object"` and :obj:`"trial"` must be known.
+
+    Raises:
+        ValueError: If the recording has other taxels, no frame, wrong phases, or no object or
+            number where they are needed.
+    """
+    try:
+        recording.check(layout)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+    if recording.num_frames == 0:
+        raise ValueError(f"{where} must hold at least one frame (got none)")
+    found = re.fullmatch(pattern, name)
+    said = {} if found is None else {k: v for k, v in found.groupdict().items() if v is not None}
+    object_name, number = _object_and_trial(where, recording.meta, said, needs)
+    phase, phase_names = _phase(where, recording)
+    return Trial(
+        where=where,
+        name=name,
+        time=recording.time,
+        joint=recording.joint,
+        label=said.get("label") if recording.label is None else recording.label,
+        meta={**said, **recording.meta},
+        privileged={key: value for key, value in recording.privileged.items() if value.ndim == 1},
+        object_name=object_name,
+        number=number,
+        phase=phase,
+        phase_names=phase_names,
+    )
+
+
+def _object_and_trial(
+    where: str, meta: Mapping[str, Any], said: Mapping[str, str], needs: Sequence[str]
+) -> tuple[str | None, int | None]:
+    object_name, number = meta.get("object", said.get("object")), meta.get("trial")
+    if number is None and said.get("trial", "").isdecimal():
+        number = int(said["trial"])
+    is_object = object_name is None or (isinstance(object_name, str) and object_name != "")
+    is_number = number is None or type(number) is int
+    lacks = [k for k, v in (("object", object_name), ("trial", number)) if k in needs and v is None]
+    if lacks or not is_object or not is_number:
+        raise ValueError(
+            f"{where} must tell its object and trial: 'object' (a text) and 'trial' (an integer) "
+            "in its metadata, or a file name <object>_<number> such as 'sponge_003.h5' "
+            f"(got object {object_name!r}, trial {number!r})"
+        )
+    return object_name, number
+
+
+def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    phase, names = recording.privileged.get("phase"), recording.meta.get("phase_names")
+    if phase is None or not isinstance(names, list):
+        return None, ()
+    if (
+        phase.shape != (recording.num_frames,)
+        or phase.dtype.kind not in "iu"
+        or not 0 <= phase.min() <= phase.max() < len(names)
+    ):
+        raise ValueError(
+            f"{where} must hold in 'phase' one index into 'phase_names' a frame, 0 to "
+            f"{len(names) - 1} (got {phase.dtype} of shape {phase.shape})"
+        )
+    return phase, tuple(names)
+
+
+def check_together(trials: Sequence[Trial]) -> None:
+    r"""Checks that recordings go together.
+
+    Args:
+        trials (sequence of Trial): The recordings.
+
+    Raises:
+        ValueError: If two hold the same trial of an object, or their units or their numbers of
+            joints differ.
+    """
+    seen: dict[tuple[str, int], str] = {}
+    units: dict[str, str] = {}
+    for trial in trials:
+        if trial.object_name is not None and trial.number is not None:
+            other = seen.setdefault((trial.object_name, trial.number), trial.where)
+            if other is not trial.where:
+                raise ValueError(
+                    f"trial {trial.number} of '{trial.object_name}' must be in one file (got "
+                    f"{other} and {trial.where})"
+                )
+        if "unit" in trial.meta:
+            units.setdefault(trial.meta["unit"], trial.where)
+        if trial.num_joints != trials[0].num_joints:
+            raise ValueError(
+                f"{trial.where} must have {trials[0].num_joints} joint angles a frame, "
+                f"as {trials[0].where} (got {trial.num_joints})"
+            )
+    if len(units) > 1:
+        listed = " and ".join(f"'{unit}' in {where}" for unit, where in units.items())
+        raise ValueError(f"all recordings must have one unit (got {listed})")
+
+
+def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
+    r"""Returns the :obj:`"labels"` in the metadata of a trial.
+
+    Args:
+        trial (Trial): The trial.
+        names (sequence of str): The names of its properties.
+
+    Raises:
+        ValueError: If they are not a 0 or 1 for each name.
+    """
+    labels = trial.meta["labels"]
+    if not isinstance(labels, list) or len(labels) != len(names) or {*labels} - {0, 1}:
+        raise ValueError(
+            f"{trial.where} must have a 0 or 1 in 'labels' for each of {list(names)} (got {labels})"
+        )
+    return tuple(map(int, labels))

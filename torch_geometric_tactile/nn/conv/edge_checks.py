@@ -1,0 +1,150 @@
+r"""Checks of the edges that a layer receives."""
+
+import weakref
+from typing import Optional
+
+import torch
+from torch import Tensor
+from torch_geometric import EdgeIndex
+from torch_geometric.typing import Adj, OptTensor
+from torch_geometric.utils import is_torch_sparse_tensor, to_edge_index
+
+
+class EdgeCheck:
+    r"""Checks edges once, and again only if another tensor comes in or the same one was written to.
+
+    A pickled or copied check has seen nothing.
+    """
+
+    def __init__(self) -> None:
+        self._seen: Optional[tuple[weakref.ref[Tensor], tuple[int, int]]] = None
+
+    def __call__(self, edge_index: Adj, num_nodes: int) -> None:
+        r"""Checks edges.
+
+        Args:
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+                :math:`(N, N)`.
+            num_nodes (int): Number of nodes :math:`N`.
+
+        Raises:
+            ValueError: If they have another shape, hold no integers, or join other nodes.
+        """
+        if is_traced() or edge_index.is_inference():  # an inference tensor counts no writes
+            check_edge_index(edge_index, num_nodes)
+            return
+        state = (edge_index._version, num_nodes)
+        seen = self._seen
+        if seen is None or seen[0]() is not edge_index or seen[1] != state:
+            check_edge_index(edge_index, num_nodes)
+            self._seen = (weakref.ref(edge_index), state)
+
+    def __deepcopy__(self, memo: object) -> "EdgeCheck":
+        return EdgeCheck()
+
+    def __reduce__(self) -> tuple[type["EdgeCheck"], tuple[()]]:
+        return EdgeCheck, ()
+
+
+def is_traced() -> bool:
+    r"""Tells whether a compiler, an export or a trace records the operations, which must not depend
+    on values.
+    """
+    return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
+
+
+def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
+    r"""Checks the shape and the type of edges, not their values.
+
+    Args:
+        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+            :math:`(N, N)`.
+        num_nodes (int): Number of nodes :math:`N`.
+
+    Raises:
+        ValueError: If they have another shape or hold no integers.
+    """
+    if is_torch_sparse_tensor(edge_index):
+        if tuple(edge_index.shape) != (num_nodes, num_nodes):
+            raise ValueError(
+                f"'edge_index' must have shape ({num_nodes}, {num_nodes}) if it is sparse, the "
+                f"number of nodes in 'x' (got {tuple(edge_index.shape)})"
+            )
+        return
+    if edge_index.dim() != 2 or edge_index.size(0) != 2:
+        raise ValueError(
+            f"'edge_index' must have shape (2, num_edges) (got {tuple(edge_index.shape)})"
+        )
+    kind = edge_index.dtype
+    if kind.is_floating_point or kind.is_complex or kind == torch.bool:
+        raise ValueError(f"'edge_index' must hold integers (got {kind})")
+
+
+def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
+    r"""Checks the shape and the type of edges and, unless a compiler records, the nodes they join.
+
+    Args:
+        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+            :math:`(N, N)`.
+        num_nodes (int): Number of nodes :math:`N`.
+
+    Raises:
+        ValueError: If they have another shape, hold no integers, or join other nodes.
+    """
+    check_edge_form(edge_index, num_nodes)
+    if (
+        is_traced()
+        or is_torch_sparse_tensor(edge_index)
+        or edge_index.device.type == "meta"
+        or edge_index.numel() == 0
+    ):
+        return
+    low, high = torch.stack(torch.aminmax(edge_index)).tolist()  # one synchronisation on a GPU
+    if low < 0 or high >= num_nodes:
+        raise ValueError(
+            f"'edge_index' must hold node numbers from 0 to {num_nodes - 1}, those of 'x' "
+            f"(got {low} to {high})"
+        )
+
+
+def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
+    r"""Checks the shape and the type of edge weights.
+
+    Args:
+        edge_index (torch.Tensor): Edges, or a sparse matrix that holds the weights itself.
+        edge_weight (torch.Tensor, optional): Their weights.
+
+    Raises:
+        ValueError: If there is not one real number for each edge.
+    """
+    if edge_weight is None:
+        return
+    if is_torch_sparse_tensor(edge_index):
+        raise ValueError(
+            "'edge_weight' must be None if 'edge_index' is sparse, whose values are the weights "
+            f"(got shape {tuple(edge_weight.shape)})"
+        )
+    num_edges = edge_index.size(1)
+    if tuple(edge_weight.shape) not in ((num_edges,), (num_edges, 1)):
+        raise ValueError(
+            f"'edge_weight' must have shape ({num_edges},), a weight for each edge "
+            f"(got {tuple(edge_weight.shape)})"
+        )
+    if edge_weight.dtype == torch.bool or edge_weight.is_complex():
+        raise ValueError(f"'edge_weight' must hold real numbers (got {edge_weight.dtype})")
+
+
+def as_edges(edge_index: Adj, edge_weight: OptTensor = None) -> tuple[Tensor, OptTensor]:
+    r"""Returns edges and their weights, also those of PyG's transposed sparse adjacency.
+
+    Args:
+        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+            :math:`(N, N)` of targets and sources.
+        edge_weight (torch.Tensor, optional): Their weights.
+    """
+    if isinstance(edge_index, EdgeIndex):
+        return edge_index.as_tensor(), edge_weight
+    if not is_torch_sparse_tensor(edge_index):
+        return edge_index, edge_weight
+    index, value = to_edge_index(edge_index)
+    return index.flip(0), value

@@ -1,0 +1,178 @@
+r"""The constants that poses are multiplied with: made once for a hand and a layout."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors.joints import Joint, LinkTree, joint_turns
+from torch_geometric_tactile.sensors.layout import TaxelLayout
+
+
+class Level(NamedTuple):
+    r"""The :math:`K` links that hang on the links of the level before, so that their poses are one
+    product: where their parents are, which joint moves them, the terms of its rotation
+    :math:`(K, 3, 3, 3)` and their origins in the parents' frames :math:`(K, 3)`.
+    """
+
+    parent: Tensor
+    column: Tensor
+    turns: Tensor
+    xyz: Tensor
+
+
+class FewTables(NamedTuple):
+    r"""What poses few frames of a layout with few operations."""
+
+    parents: list[Tensor]  # of the links of each level, where they are in the level before
+    column: Tensor  # of each link's joint in the joint vector
+    turns: Tensor  # (L - 1, 3, 16), the three terms of each link's matrix below its parent
+    link: Tensor  # (N,), of each taxel
+    pos: Tensor  # (N, 1, 4)
+    normal: Tensor  # (N, 1, 4)
+
+
+LinkTable = tuple[int, Tensor, Tensor | None]  # a link, and what its pose is multiplied with
+
+
+def tree_levels(tree: LinkTree, moving: Sequence[Joint]) -> list[Level]:
+    r"""Returns the levels of a hand's links.
+
+    Args:
+        tree (LinkTree): The links.
+        moving (sequence of Joint): The joints that move, in the order of the joint vector.
+    """
+    number = {name: i for i, name in enumerate(tree.names)}
+    column = {joint.name: i for i, joint in enumerate(moving)}
+    return [
+        Level(
+            torch.tensor([number[joint.parent] for joint in level]),
+            # A fixed joint reads the column of zeros behind the joints' own.
+            torch.tensor([column.get(joint.name, len(moving)) for joint in level]),
+            torch.stack([joint_turns(joint) for joint in level]),
+            torch.tensor([joint.xyz for joint in level], dtype=torch.double),
+        )
+        for level in tree.levels
+    ]
+
+
+def pose_links(levels: Sequence[Level], joint: Tensor) -> tuple[Tensor, Tensor]:
+    r"""Returns rotation :math:`(..., L, 3, 3)` and translation :math:`(..., L, 3)` of all links.
+
+    Args:
+        levels (sequence of Level): The links.
+        joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
+    """
+    shape = joint.shape[:-1]
+    waves = _waves(joint)
+    rotation = torch.eye(3).to(joint).expand(*shape, 1, 3, 3)
+    translation = joint.new_zeros(*shape, 1, 3)
+    for parent, column, turns, xyz in levels:
+        turns = turns.to(joint).flatten(-2)
+        turn = (waves[..., column, None, :] @ turns).view(*shape, len(column), 3, 3)
+        above = rotation[..., parent, :, :]
+        origin = (above @ xyz.to(joint).unsqueeze(-1)).squeeze(-1)
+        rotation = torch.cat([rotation, above @ turn], dim=-3)
+        translation = torch.cat([translation, translation[..., parent, :] + origin], dim=-2)
+    return rotation, translation
+
+
+def _waves(joint: Tensor) -> Tensor:
+    angle = torch.nn.functional.pad(joint, (0, 1))
+    return torch.stack([torch.ones_like(angle), angle.sin(), 1 - angle.cos()], dim=-1)
+
+
+def few_tables(
+    levels: Sequence[Level], numbers: Mapping[str, int], layout: TaxelLayout, like: Tensor
+) -> FewTables:
+    r"""Returns the tables of :func:`pose_few`.
+
+    Args:
+        levels (sequence of Level): The links of the hand.
+        numbers (Mapping of str to int): Their numbers, of those that carry taxels.
+        layout (TaxelLayout): The taxels.
+        like (torch.Tensor): What the tables are multiplied with, for type and device.
+    """
+    assert layout.link is not None
+    number = torch.zeros(len(layout.link_names), dtype=torch.long)
+    for name, i in numbers.items():
+        number[layout.link_names.index(name)] = i
+    normal = torch.zeros_like(layout.pos) if layout.normal is None else layout.normal
+    parents, column, turns, xyz = zip(*levels, strict=True)
+    table = torch.zeros(sum(map(len, parents)), 3, 4, 4, dtype=torch.double)
+    table[..., :3, :3] = torch.cat(turns)
+    table[:, 0, :3, 3] = torch.cat(xyz)
+    table[:, 0, 3, 3] = 1.0
+    first = [0, *torch.tensor([len(level) for level in parents]).cumsum(0).tolist()]
+    with torch.inference_mode(False):  # or no gradient could pass through them later
+        return FewTables(
+            # A link hangs on the level before its own.
+            [
+                (level - (first[i - 1] + 1 if i else 0)).to(like.device)
+                for i, level in enumerate(parents)
+            ],
+            torch.cat(column).to(like.device),
+            table.flatten(2).to(like),
+            number[layout.link].to(like.device),
+            torch.nn.functional.pad(layout.pos, (0, 1), value=1.0).unsqueeze(1).to(like),
+            torch.nn.functional.pad(normal, (0, 1)).unsqueeze(1).to(like),
+        )
+
+
+def pose_few(few: FewTables, joint: Tensor, with_normal: bool) -> tuple[Tensor, Tensor | None]:
+    r"""Returns positions and normals :math:`(T, N, 3)` of few frames.
+
+    It works with homogeneous matrices and taxel by taxel: more arithmetic than with
+    :func:`link_tables`, but fewer operations, whose number decides the delay of a live frame.
+
+    Args:
+        few (FewTables): Of :func:`few_tables`.
+        joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
+        with_normal (bool): Whether normals are wanted.
+    """
+    steps = (_waves(joint)[:, few.column, None, :] @ few.turns).unflatten(-1, (4, 4)).squeeze(2)
+    root = torch.eye(4, dtype=joint.dtype, device=joint.device)
+    poses, start = [root.expand(len(joint), 1, 4, 4)], 0
+    for parent in few.parents:
+        step = steps[:, start : start + len(parent)]
+        poses.append(poses[-1][:, parent] @ step if start else step)
+        start += len(parent)
+    pose = torch.cat(poses, dim=1)[:, few.link, :3]
+    pos = (pose * few.pos).sum(dim=-1)
+    return pos, (pose * few.normal).sum(dim=-1) if with_normal else None
+
+
+def link_tables(
+    numbers: Mapping[str, int], layout: TaxelLayout, like: Tensor
+) -> tuple[list[LinkTable], Tensor | None]:
+    r"""Returns a table for each link, and the place of each taxel in their results if these are in
+    another order than the taxels.
+
+    Args:
+        numbers (Mapping of str to int): Numbers of the hand's links that carry taxels.
+        layout (TaxelLayout): The taxels.
+        like (torch.Tensor): What the tables are multiplied with, for type and device.
+    """
+    assert layout.link is not None
+    with torch.inference_mode(False):  # or no gradient could pass through them later
+        tables, order = [], []
+        for name, i in numbers.items():
+            taxels = (layout.link == layout.link_names.index(name)).nonzero().view(-1)
+            tables.append((i, *_link_table(layout, taxels, like)))
+            order.append(taxels)
+        place = torch.cat(order).argsort()
+    in_order = torch.equal(place, torch.arange(layout.num_taxels))
+    return tables, None if in_order else place
+
+
+def _link_table(layout: TaxelLayout, taxels: Tensor, like: Tensor) -> tuple[Tensor, Tensor | None]:
+    # Position and normal are linear in the link's pose: one matrix serves all frames.
+    eye = torch.eye(3).to(like)
+
+    def turned(vectors: Tensor) -> Tensor:
+        return torch.einsum("nj,ik->ijnk", vectors[taxels].to(like), eye).reshape(9, -1)
+
+    shift = eye.unsqueeze(1).expand(3, len(taxels), 3).reshape(3, -1)
+    normal = None if layout.normal is None else turned(layout.normal)
+    return torch.cat([turned(layout.pos), shift]), normal

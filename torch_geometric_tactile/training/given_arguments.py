@@ -1,0 +1,114 @@
+r"""The arguments of ``fit`` and its like before they are parsed, to build the data first."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import yaml
+
+from torch_geometric_tactile.training.config import merged
+
+_SECTIONS = ("data", "model", "trainer")
+
+
+@dataclass
+class GivenArguments:
+    r"""Configuration files joined in their order, and the other arguments.
+
+    Args:
+        config (dict): The contents of the files; a later one stands above the earlier.
+        others (list of str): The arguments that name no file.
+    """
+
+    config: dict[str, Any] = field(default_factory=dict)
+    others: list[str] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, args: Sequence[str]) -> Self:
+        r"""Reads the configuration files that arguments name.
+
+        Args:
+            args (list of str): The arguments.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If a file is not a mapping.
+        """
+        given, rest = cls(), iter(args)
+        for arg in rest:
+            flag, equals, value = arg.partition("=")
+            if flag in ("--config", "-c"):
+                path = value if equals else next(rest, None)
+                if path is None:
+                    given.others.append(arg)
+                else:
+                    given.config = merged(given.config, _read(Path(path)))
+            else:
+                given.others.append(arg)
+        return given
+
+    @property
+    def only_informs(self) -> bool:
+        r"""Whether nothing is to be run, only help or the configuration to be printed."""
+        flags = [arg.partition("=")[0] for arg in self.others]
+        return any(
+            flag in ("-h", "--help", "--print_config") or flag.endswith(".help") for flag in flags
+        )
+
+    @property
+    def prints_config(self) -> bool:
+        r"""Whether the configuration is to be printed."""
+        return any(arg.partition("=")[0] == "--print_config" for arg in self.others)
+
+    def of(self, section: str) -> list[str]:
+        r"""Returns the arguments that change a section of the configuration.
+
+        Args:
+            section (str): :obj:`"data"` or :obj:`"model"`.
+        """
+        found, rest = [], iter(self.others)
+        for arg in rest:
+            name, equals, _ = arg.partition("=")
+            if name == f"--{section}" or name.startswith(f"--{section}."):
+                found += [arg] if equals else [arg, next(rest, "")]
+        return found
+
+    def last(self, *names: str) -> str | None:
+        r"""Returns the last value of an option; :obj:`None` if it is not given.
+
+        Args:
+            *names (str): Its names, without dashes.
+        """
+        value = None
+        for i, arg in enumerate(self.others):
+            flag, equals, text = arg.partition("=")
+            if flag.removeprefix("--") in names and flag.startswith("--"):
+                value = text if equals else next(iter(self.others[i + 1 :]), None)
+        return value
+
+
+def own_modules() -> None:
+    r"""Makes the modules of the working directory importable, as :obj:`python -m` does, for
+    classes of one's own in a configuration.
+    """
+    here = str(Path.cwd())
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no configuration '{path}'")
+    content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    if not isinstance(content, Mapping):
+        raise ValueError(
+            f"configuration '{path}' must be a mapping with the keys {', '.join(_SECTIONS)} (got "
+            f"{type(content).__name__})"
+        )
+    content = dict(content)
+    for section in _SECTIONS:  # a section may be a file of its own, beside this one
+        if isinstance(content.get(section), str):
+            content[section] = _read(path.parent / content[section])
+    return content

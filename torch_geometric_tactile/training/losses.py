@@ -1,0 +1,149 @@
+r"""Losses of the tasks."""
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from torch_geometric_tactile.training.metrics import Task
+
+RegressionLoss = Literal["mse", "l1", "huber"]
+ClassWeights = Sequence[float] | Literal["balanced"]
+
+_REGRESSION: dict[str, Callable[[Tensor, Tensor], Tensor]] = {
+    "mse": F.mse_loss,
+    "l1": F.l1_loss,
+    "huber": F.huber_loss,
+}
+
+
+def check_loss(
+    task: Task,
+    loss: str | None,
+    class_weights: ClassWeights | None,
+    label_smoothing: float,
+) -> None:
+    r"""Checks that the settings of a loss fit its task.
+
+    Args:
+        task (str): The task.
+        loss (str, optional): Loss of a regression.
+        class_weights (sequence of float or str, optional): Weights of the classes.
+        label_smoothing (float): Smoothing of the labels.
+
+    Raises:
+        ValueError: If they do not.
+    """
+    if loss is not None and (task != "regression" or loss not in _REGRESSION):
+        raise ValueError(
+            f"'loss' must be one of {list(_REGRESSION)} for task='regression', and left out for "
+            f"others (got '{loss}' for task='{task}')"
+        )
+    if not 0 <= label_smoothing < 1:
+        raise ValueError(
+            f"'label_smoothing' must be at least 0 and below 1 (got {label_smoothing})"
+        )
+    if task == "regression" and (class_weights is not None or label_smoothing):
+        raise ValueError(
+            "'class_weights' and 'label_smoothing' must be left out for task='regression': there "
+            "are no classes"
+        )
+    if isinstance(class_weights, str):
+        if class_weights != "balanced":
+            raise ValueError(
+                f"'class_weights' must be numbers or 'balanced' (got '{class_weights}')"
+            )
+    elif class_weights is not None and not all(weight >= 0 for weight in class_weights):
+        raise ValueError(f"'class_weights' must not be negative (got {list(class_weights)})")
+
+
+def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
+    r"""Returns weights that make rare classes count as much as common ones.
+
+    For classes, that of class :math:`c` is :math:`S / (C S_c)`, as in scikit-learn; for labels it
+    is the number of samples without the label over that of samples with it. A class that is in no
+    sample, or a label that is in none or all, has the weight one.
+
+    Args:
+        y (torch.Tensor): Classes :math:`(S,)`, or labels :math:`(S, C)`, of the training part.
+        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+        num_classes (int): Number of classes or labels :math:`C`.
+
+    Shapes:
+        - **output:** :math:`(C,)`
+
+    Examples:
+        >>> balanced_weights(torch.tensor([0, 0, 0, 1]), "multiclass", 2)
+        tensor([0.6667, 2.0000])
+    """
+    if task == "multilabel":
+        having = (y > 0.5).sum(dim=0).double()
+        weights = (len(y) - having) / having
+        return torch.where((having > 0) & (having < len(y)), weights, 1.0).float()
+    count = torch.bincount(y, minlength=num_classes).double()
+    return torch.where(count > 0, len(y) / (num_classes * count), 1.0).float()
+
+
+def task_loss(
+    out: Tensor,
+    y: Tensor,
+    task: Task,
+    *,
+    loss: RegressionLoss | None = None,
+    weights: Tensor | None = None,
+    label_smoothing: float = 0.0,
+) -> Tensor:
+    r"""Returns the mean loss of a batch: the cross entropy of classes, the binary cross entropy of
+    labels, or the mean squared error of numbers.
+
+    Args:
+        out (torch.Tensor): What the model returned :math:`(B, C)`.
+        y (torch.Tensor): Classes :math:`(B,)`, labels :math:`(B, C)`, or numbers :math:`(B, C)` or,
+            if there is one a sample, :math:`(B,)`.
+        task (str): What :obj:`y` means.
+        loss (str, optional): :obj:`"mse"` (if left out), :obj:`"l1"` or :obj:`"huber"`, for
+            numbers.
+        weights (torch.Tensor, optional): Weight of each class, or of the samples that have each
+            label :math:`(C,)`.
+        label_smoothing (float): What part of the target is spread over all classes, or, for
+            labels, over both values.
+
+    Raises:
+        ValueError: If :obj:`y` has another shape.
+    """
+    if task == "regression":
+        return _REGRESSION[loss or "mse"](out, numbers_like(y, out))
+    expected = out.shape if task == "multilabel" else out.shape[:1]
+    if y.shape != expected:
+        other = "multiclass" if task == "multilabel" else "multilabel"
+        raise ValueError(
+            f"'y' must have shape {tuple(expected)} for task='{task}' (got {tuple(y.shape)}); is "
+            f"it task='{other}', or has the model another number of outputs?"
+        )
+    if task == "multiclass":
+        return F.cross_entropy(out, y, weights, label_smoothing=label_smoothing)
+    target = y.to(out.dtype)
+    if label_smoothing:
+        target = target * (1 - label_smoothing) + label_smoothing / 2
+    return F.binary_cross_entropy_with_logits(out, target, pos_weight=weights)
+
+
+def numbers_like(y: Tensor, out: Tensor) -> Tensor:
+    r"""Returns the target numbers in shape and type of a model's outputs.
+
+    Args:
+        y (torch.Tensor): Numbers :math:`(B,)` or :math:`(B, C)`.
+        out (torch.Tensor): What the model returned :math:`(B, C)`.
+
+    Raises:
+        ValueError: If there are more or fewer numbers than outputs.
+    """
+    target = y.view(-1, 1) if y.dim() == 1 else y
+    if target.shape != out.shape:  # broadcasting would compute something
+        raise ValueError(
+            f"'y' must have shape {tuple(out.shape)} for task='regression' (got {tuple(y.shape)}); "
+            "has the model another number of outputs?"
+        )
+    return target.to(out.dtype)

@@ -1,0 +1,300 @@
+r"""The sizes of a model, taken from the data that it is trained on."""
+
+import importlib
+import inspect
+import json
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self, Union, get_args, get_origin, get_type_hints
+
+from jsonargparse.typing import register_type
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
+from torch_geometric_tactile.training.checks import check_labels, num_outputs
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.metrics import Task, check_task
+
+_MODELS = "torch_geometric_tactile.nn.models"
+# The attribute of a batch behind each input of our models.
+_INPUTS = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
+
+
+@dataclass(frozen=True)
+class DataSizes:
+    r"""The sizes of samples, as batches have them.
+
+    Args:
+        layout (TaxelLayout): The layout of the sensor.
+        in_channels (int): Features :math:`F` of each taxel in :obj:`x`.
+        num_outputs (int): Number of classes, labels or targets; 0 if the data does not say.
+        num_edges (int): Number of edges.
+        num_joints (int): Number of joint angles; 0 if there are none.
+        channels (dict): Features by input: those of :obj:`"tactile"`, :obj:`"edge"`,
+            :obj:`"absolute"` and :obj:`"position"` that the samples have.
+        all_outputs (bool): Whether :obj:`num_outputs` is certain. Without names of the classes, it
+            is a lower bound: there may be classes that no sample has.
+    """
+
+    layout: TaxelLayout
+    in_channels: int
+    num_outputs: int
+    num_edges: int
+    num_joints: int
+    channels: dict[str, int]
+    all_outputs: bool = True
+
+    @classmethod
+    def of(cls, data: TactileDataModule, task: Task = "multiclass") -> Self:
+        r"""Measures one sample of a data module, which need not be set up: scaling, which would
+        have to be fitted, changes no size.
+
+        Args:
+            data (TactileDataModule): The data.
+            task (str): What :obj:`y` means.
+
+        Raises:
+            ValueError: If :obj:`y` does not fit :obj:`task`.
+        """
+        y = data.dataset.column("y")
+        if y is not None:
+            check_labels(y, task, "dataset")
+        sample = data.example()
+        found = {name: getattr(sample, key, None) for name, key in _INPUTS.items()}
+        joint, edges = getattr(sample, "joint", None), sample.edge_index
+        return cls(
+            layout=data.layout,
+            in_channels=sample.x.size(-1),
+            num_outputs=num_outputs(data, task),
+            num_edges=0 if edges is None else edges.size(1),
+            num_joints=0 if joint is None else joint.size(-1),
+            channels={name: x.size(-1) for name, x in found.items() if isinstance(x, Tensor)},
+            all_outputs=task != "multiclass" or bool(data.class_names),
+        )
+
+
+def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -> dict[str, Any]:
+    r"""Fills in the sizes that the configuration of a model leaves out, and checks those that it
+    gives.
+
+    An argument of the model is filled in by its name: :obj:`layout`, :obj:`num_nodes`,
+    :obj:`num_taxels`, :obj:`in_channels` (of one finger, if the model also has
+    :obj:`num_fingers`), :obj:`channels`, :obj:`out_channels`, :obj:`num_classes` and
+    :obj:`num_edges`. It counts as left out if it is not there, or :obj:`None`. Whether a model sees
+    joint angles is a choice and not a size: :obj:`num_joints` is filled in only if it is
+    :obj:`None`, or has no default.
+
+    Args:
+        config (Mapping): The :obj:`model` section of a configuration: the arguments of
+            :class:`~torch_geometric_tactile.training.TactileModule`, classes as
+            :obj:`{"class_path", "init_args"}`.
+        data (TactileDataModule or DataSizes): The data, or its sizes.
+
+    Returns:
+        dict: The section with all sizes, as plain data.
+
+    Raises:
+        ValueError: If a size is given that is not that of the data.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.transforms import KNNGraph
+        >>> data = TactileDataModule(FakeTactileDataset(20, pre_transform=KNNGraph(2)))
+        >>> config = {"model": {"class_path": "TactileGCN"}}
+        >>> fill_sizes(config, data)["model"]["init_args"]["out_channels"]
+        2
+    """
+    filled = dict(config)
+    model = filled.get("model")
+    if isinstance(model, str):
+        model = {"class_path": model}
+    if not isinstance(model, Mapping) or "class_path" not in model:
+        return filled
+    cls = _find(model["class_path"])
+    if cls is None:  # whoever builds it explains why there is no such class
+        return filled
+    task: Task = filled.get("task") or "multiclass"
+    check_task(task)
+    sizes = data if isinstance(data, DataSizes) else DataSizes.of(data, task)
+    outputs = filled.get("num_classes") or sizes.num_outputs
+    init_args = dict(model.get("init_args") or {})
+    for name, parameter in _parameters(cls).items():
+        value = _size(name, parameter.annotation, sizes, outputs, init_args, cls)
+        if value is None:
+            continue
+        if name == "num_joints" and init_args.get(name) == 0:
+            continue
+        if init_args.get(name) is not None:
+            _check(f"'{name}' of {cls.__name__}", init_args[name], value, sizes)
+        elif name != "num_joints" or name in init_args or parameter.default is parameter.empty:
+            init_args[name] = value
+    filled["model"] = {**model, "init_args": init_args}
+    if filled.get("num_classes") is None and sizes.num_outputs:
+        filled["num_classes"] = sizes.num_outputs
+    return filled
+
+
+def layout_from_text(text: str) -> TaxelLayout:
+    r"""Returns the layout that a configuration names: one that comes with the package, a layout
+    file, or the content of such a file.
+
+    Args:
+        text (str): Name, path, or JSON.
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    if text.lstrip().startswith("{"):
+        return TaxelLayout.from_dict(json.loads(text))
+    return as_layout(text)
+
+
+def layout_to_text(layout: TaxelLayout) -> str:
+    r"""Returns the shortest text that :func:`layout_from_text` reads anywhere: the name of a layout
+    that comes with the package, or else its whole content as JSON.
+
+    Args:
+        layout (TaxelLayout): The layout.
+    """
+    return layout.name if _is_stock(layout) else json.dumps(layout.to_dict())
+
+
+# Wherever a class of a configuration asks for a layout, a name or a path may be given.
+register_type(TaxelLayout, layout_to_text, layout_from_text)
+
+
+def _size(
+    name: str,
+    annotation: Any,
+    sizes: DataSizes,
+    outputs: int,
+    init_args: Mapping[str, Any],
+    cls: type,
+) -> Any:
+    # The value of an argument; None for one that is no size, or that the data does not have.
+    if name == "layout":
+        return _stored_layout(sizes.layout, annotation, cls)
+    if name == "channels":
+        return sizes.channels if _accepts(annotation, dict, Mapping) else sizes.in_channels
+    if name == "in_channels":
+        return _of_one_finger(sizes.in_channels, init_args, cls)
+    if name == "num_joints" and init_args.get(name, 0) is None and not sizes.num_joints:
+        raise ValueError(
+            f"'num_joints' of {cls.__name__} must be left out or 0, since the data has no joint "
+            "angles (got null)"
+        )
+    return {
+        "num_nodes": sizes.layout.num_taxels,
+        "num_taxels": sizes.layout.num_taxels,
+        "out_channels": outputs or None,
+        "num_classes": outputs or None,
+        "num_edges": sizes.num_edges or None,
+        "num_joints": sizes.num_joints or None,
+    }.get(name)
+
+
+def _of_one_finger(in_channels: int, init_args: Mapping[str, Any], cls: type) -> int:
+    parameters = _parameters(cls)
+    if "num_fingers" not in parameters:
+        return in_channels
+    fingers = init_args.get("num_fingers") or parameters["num_fingers"].default
+    if not isinstance(fingers, int) or in_channels % fingers:
+        raise ValueError(
+            f"'num_fingers' of {cls.__name__} must divide the {in_channels} channels of 'x' "
+            f"(got {fingers})"
+        )
+    return in_channels // fingers
+
+
+def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:
+    if what.startswith("'layout'"):
+        _check_layout(what, given, sizes.layout)
+        return
+    if isinstance(expected, dict):  # each input for itself: unused ones need not be given
+        if isinstance(given, Mapping):
+            for name in given.keys() & expected.keys():
+                _check(f"{what} for '{name}'", given[name], expected[name], sizes)
+        return
+    lower_bound = what.startswith(("'out_channels'", "'num_classes'")) and not sizes.all_outputs
+    if given == expected or (lower_bound and given > expected):
+        return
+    least = "at least " if lower_bound else ""
+    raise ValueError(
+        f"{what} must be {least}{expected}, as in the data (got {given}); leave it out to take it "
+        "from there"
+    )
+
+
+def _check_layout(what: str, given: Any, layout: TaxelLayout) -> None:
+    if isinstance(given, int):
+        same = given == layout.num_taxels
+    else:
+        if isinstance(given, str):
+            given = layout_from_text(given)
+        same = not isinstance(given, TaxelLayout) or given.matches(layout)
+    if not same:
+        raise ValueError(
+            f"{what} must be '{layout.name}' with {layout.num_taxels} taxels, as in the data (got "
+            f"{given!r}); leave it out to take it from there"
+        )
+
+
+def _stored_layout(layout: TaxelLayout, annotation: Any, cls: type) -> str | int | None:
+    if annotation is TaxelLayout:  # a dataclass, which jsonargparse reads field by field
+        raise ValueError(
+            f"'layout' of {cls.__name__} must accept text, to be stored in a configuration (got "
+            "only TaxelLayout): annotate it TaxelLayout | str, and call as_layout on it"
+        )
+    if _accepts(annotation, TaxelLayout) or (_accepts(annotation, str) and _is_stock(layout)):
+        return layout_to_text(layout)
+    return layout.num_taxels if _accepts(annotation, int) else None
+
+
+def _is_stock(layout: TaxelLayout) -> bool:
+    try:
+        return stock_layout(layout.name).matches(layout)
+    except ValueError:
+        return False
+
+
+def _accepts(annotation: Any, *kinds: type) -> bool:
+    if annotation is inspect.Parameter.empty:
+        return str in kinds
+    if get_origin(annotation) in (Union, types.UnionType):
+        return any(_accepts(part, *kinds) for part in get_args(annotation))
+    kind = get_origin(annotation) or annotation
+    return any(kind is other or kind == other for other in kinds)
+
+
+def _find(class_path: str) -> Any:
+    module, _, name = class_path.rpartition(".")
+    try:
+        return getattr(importlib.import_module(module or _MODELS), name)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _parameters(cls: Any) -> dict[str, inspect.Parameter]:
+    # Those of the parents as well, as far as `**kwargs` hands them on.
+    found: dict[str, inspect.Parameter] = {}
+    calls = (
+        [base.__dict__["__init__"] for base in cls.__mro__ if "__init__" in base.__dict__]
+        if (isinstance(cls, type))
+        else [cls]
+    )
+    for call in calls:
+        try:
+            parameters = inspect.signature(call).parameters.values()
+            hints = get_type_hints(call)
+        except (NameError, TypeError, ValueError):  # an annotation that cannot be resolved
+            break
+        for parameter in parameters:
+            if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
+                typed = parameter.replace(
+                    annotation=hints.get(parameter.name, inspect.Parameter.empty)
+                )
+                found.setdefault(parameter.name, typed)
+        if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
+            break
+    return found

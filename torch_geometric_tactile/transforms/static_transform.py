@@ -1,0 +1,82 @@
+r"""Declaring what a transform reads and adds."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.data import StaticRule
+from torch_geometric_tactile.typing import Transform
+
+_TOPOLOGY = ("pos", "normal", "edge_index", "edge_attr", "edge_weight")
+
+
+class StaticTransform(BaseTransform):
+    r"""A transform together with what it reads and adds; see :func:`static_transform`.
+
+    Args:
+        transform (callable): The transform.
+        static_rule (StaticRule): What it reads and adds.
+    """
+
+    def __init__(self, transform: Transform, static_rule: StaticRule) -> None:
+        self.transform = transform
+        self.static_rule = static_rule
+
+    def forward(self, data: Any) -> Any:
+        r"""Applies the transform."""
+        return self.transform(data)
+
+    def __repr__(self) -> str:
+        name = getattr(self.transform, "__name__", repr(self.transform))
+        return f"{type(self).__name__}({name})"
+
+
+def static_transform(
+    transform: Transform,
+    *,
+    reads: Iterable[str] | None = _TOPOLOGY,
+    node: Iterable[str] = (),
+    edge: Iterable[str] = (),
+    shared: Iterable[str] = (),
+) -> StaticTransform:
+    r"""Declares what a PyG transform of your own reads and adds, so that it runs once a batch
+    instead of once a sample.
+
+    If all samples of a batch share the attributes that the transform reads, they share its result
+    as well, and it is called for one of them. Otherwise, and always with :obj:`reads=None`, it is
+    called for each sample. A transform class may declare the same in a class attribute
+    :obj:`static_rule`, a :class:`~torch_geometric_tactile.data.StaticRule`.
+
+    Args:
+        transform (callable): From :class:`~torch_geometric.data.Data` to
+            :class:`~torch_geometric.data.Data`.
+        reads (iterable of str, optional): The attributes that its result follows from;
+            :obj:`None` for a random transform.
+        node (iterable of str): The attributes that it adds with a row for each taxel.
+        edge (iterable of str): The attributes that it adds with a row for each edge, in addition
+            to :obj:`edge_index`, :obj:`edge_attr` and :obj:`edge_weight`.
+        shared (iterable of str): The attributes that it adds with one value for all samples.
+
+    Raises:
+        ValueError: If a list of names is a text.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.data import StaticData, apply_transform
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> def add_height(data):
+        ...     data.height = data.pos[:, 2:]
+        ...     return data
+        >>> data = StaticData(x=torch.zeros(5, 6, 1), pos=grid(2, 3, pitch=0.002).pos)
+        >>> transform = static_transform(add_height, reads=["pos"], node=["height"])
+        >>> apply_transform(transform, data).height.shape
+        torch.Size([6, 1])
+    """
+    given = {"reads": reads, "node": node, "edge": edge, "shared": shared}
+    names: dict[str, tuple[str, ...] | None] = {}
+    for argument, value in given.items():
+        if isinstance(value, str):
+            raise ValueError(f"'{argument}' must be a list of names (got '{value}')")
+        names[argument] = None if value is None else tuple(value)
+    return StaticTransform(transform, StaticRule(**names))  # type: ignore[arg-type]
