@@ -192,3 +192,8 @@ def test_dead_taxels_bad_input():
             transform(Data(pos=LAYOUT.pos))
     with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \(4,\)\)"):
         DropTaxels()(Data(x=torch.zeros(4)))
+
+
+def test_patches_of_a_layout_by_name():
+    data = DropPatches("allegro_uskin", patches=["index_1"])(Data(x=torch.ones(384, 3)))
+    assert data.dropped.nonzero().view(-1).tolist() == list(range(16))

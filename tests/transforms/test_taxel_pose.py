@@ -182,3 +182,9 @@ def test_taxel_pose_bad_input():
         transform(Data(x=torch.zeros(4, 3), joint=torch.zeros(16)))
     with pytest.raises(ValueError, match=r"'finger' must have the links of layout 'allegro_uskin'"):
         TaxelPose(LAYOUT, FINGER)
+
+
+def test_layout_is_found_by_name_or_file(tmp_path):
+    PAIR.save(tmp_path / "pair.json")
+    assert TaxelPose("allegro_uskin_240").layout.num_taxels == 240
+    assert TaxelPose(tmp_path / "pair.json", FINGER).layout.matches(PAIR)

@@ -261,7 +261,9 @@ def test_topological_segmentation_bad_input():
     with pytest.raises(ValueError, match=r"'by' must be one of .* \(got 'finger'\)"):
         TopologicalSegmentation("finger", LAYOUT)
     for wrong in ([], [[0, 1]], [0.0, 1.0]):
-        with pytest.raises(ValueError, match="'by' must be 'digit', 'patch' or a whole number"):
+        with pytest.raises(
+            ValueError, match="'by', if neither 'digit' nor 'patch', must be a whole n"
+        ):
             TopologicalSegmentation(wrong)
     with pytest.raises(ValueError, match=r"must have 384 numbers, as layout .* \(got 4\)"):
         TopologicalSegmentation(HALVES, LAYOUT)
@@ -273,3 +275,8 @@ def test_topological_segmentation_bad_input():
     for call in (TopologicalSegmentation(HALVES), TopologicalSegmentation(HALVES).split):
         with pytest.raises(ValueError, match=r"needs 'edge_index' \(got none\)"):
             call(Data(x=torch.zeros(4, 1)))
+
+
+def test_layout_is_found_by_name():
+    named = TopologicalSegmentation("digit", "allegro_uskin")
+    assert named.segment.bincount().tolist() == [72, 72, 72, 56, 112]

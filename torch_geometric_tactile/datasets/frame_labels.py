@@ -66,7 +66,7 @@ def _property_rows(
     trials: Sequence[Trial], properties: Properties
 ) -> tuple[list[str], list[list[int]], list[str]]:
     # The names of the properties, their values for each trial, and whose properties are unknown
-    # or others than those of the first trial.
+    # or differ from those of the first trial.
     known = [properties(trial) for trial in trials]
     first = next((found[0] for found in known if found is not None), ())
     rows, unknown = [], set()

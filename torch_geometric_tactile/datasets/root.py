@@ -1,4 +1,4 @@
-r"""Where data sets are kept."""
+r"""The default folders of data sets."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,7 @@ import pooch
 
 def default_root(name: str) -> Path:
     r"""Returns the folder of a data set that was given no root: :obj:`$TACTILE_DATA/name`, or one
-    in the user's cache folder where that variable is not set.
+    in the user's cache folder if that variable is not set.
 
     Args:
         name (str): Name of the data set.

@@ -34,7 +34,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
     <https://github.com/3dperceptionlab/biotacsp-stability-set-v2>`_.
 
     Args:
-        path (str or PathLike): The file; its columns may stand in any order.
+        path (str or PathLike): The file; its columns may be in any order.
 
     Raises:
         FileNotFoundError: If there is no such file.

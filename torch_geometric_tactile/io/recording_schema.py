@@ -1,4 +1,4 @@
-r"""What HDF5 and npz files of a recording have in common: names, versions and checks.
+r"""Names, versions and checks that HDF5 and npz files of recordings share.
 
 =====================  ====================================================================
 ``format``             :obj:`"tactile recording"`
@@ -72,7 +72,7 @@ def check_version(path: Path, version: Any) -> None:
 
     Args:
         path (Path): The file.
-        version (int): The version that stands in it.
+        version (int): The version of the file.
 
     Raises:
         ValueError: If it cannot.

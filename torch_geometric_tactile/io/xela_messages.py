@@ -128,7 +128,7 @@ def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
 def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
     r"""Reads a file of messages.
 
-    The messages may stand one a line or spread over several, with lines of a log between them.
+    There may be one message a line, or one over several lines, with lines of a log between them.
     A greeting (``{"message": "Welcome"}``) is skipped. A message with the number of the one before
     is left out, and counted as :obj:`"repeated_messages"` in the metadata, which also hold
     :obj:`"models"`, :obj:`"taxels"` and :obj:`"handedness"` of the sensors (what the server says,
@@ -197,7 +197,7 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"'{path}' cannot be read as text: {error}") from error
-    # Line breaks stand inside of the texts of some servers, which strict JSON forbids.
+    # Some servers send line breaks inside of texts, which strict JSON forbids.
     decoder = json.JSONDecoder(strict=False)
     ends = [match.start() for match in re.finditer("\n", text)]
     start = text.find("{")

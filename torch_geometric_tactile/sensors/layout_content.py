@@ -45,7 +45,7 @@ def layout_to_content(layout: "TaxelLayout") -> dict[str, Any]:
 
 
 def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns the arguments of :class:`TaxelLayout` that plain data stand for.
+    r"""Returns the arguments of :class:`TaxelLayout` from plain data.
 
     Args:
         content (Mapping): As of :meth:`TaxelLayout.from_dict`.

@@ -24,7 +24,7 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     list of :obj:`{"kind", "from", "to"}`) and :obj:`"one_way"` (single directed edges). Lengths are
     in the layout's :obj:`"unit"`.
 
-    A shape's :obj:`"rows"` counts the taxels of each row from the base outwards; shorter rows stand
+    A shape's :obj:`"rows"` counts the taxels of each row from the base outwards; shorter rows are
     in the middle. A :obj:`"planar"` patch has a :obj:`"pitch"`, and :obj:`"origin"` is its centre.
     A :obj:`"capsule"` (a half cylinder with a dome at its end) has a :obj:`"pitch"` along the axis,
     a :obj:`"radius"`, the :obj:`"straight"` length of its cylinder and the
@@ -107,7 +107,7 @@ class _Patch:
         if any((self.width - row) % 2 for row in rows):
             raise ValueError(
                 f"the rows of shape '{shape}' must be all even or all odd, so that shorter ones "
-                f"stand in the middle (got {rows})"
+                f"are in the middle (got {rows})"
             )
         self.cells: list[_Cell] = [
             (row, (self.width - count) // 2 + column)

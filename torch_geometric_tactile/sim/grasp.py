@@ -20,7 +20,7 @@ _SCHEDULE = ((1.2, 2.2), (2.0, 3.0), (2.2, 3.2), (0.6, 1.4), (1.8, 2.6))
 _FULL_LENGTH = 17.0
 _PALM = 0.016  # height of the palm's skin above the origin of the palm, m
 _HOVER, _ABOVE, _PRESS = 0.10, 0.030, 0.001  # palm above the object while hovering and reached, m
-_THUMB = -0.030  # where the thumb stands behind the palm's origin, m
+_THUMB = -0.030  # where the thumb is behind the palm's origin, m
 _OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
 _CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
 _SQUEEZE = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)
@@ -183,7 +183,7 @@ class GraspSimulator:
         geom = contact.geom[touching]
         if len(geom) == 0:
             return out, bones, support
-        # With elliptic cones the force in the frame of the contact stands in `efc_force` as it is.
+        # With elliptic cones `efc_force` is the force in the frame of the contact.
         address = contact.efc_address[touching]
         local = data.efc_force[address[:, None] + np.arange(3)]
         world = np.einsum("ca,cai->ci", local, contact.frame[touching].reshape(-1, 3, 3))

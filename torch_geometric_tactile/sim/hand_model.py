@@ -179,7 +179,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
     x, y, z = (length / 2 for length in item.size)
     body = SubElement(world, "body", name="object", pos=_text((0, 0, STAND[2] + z)))
     SubElement(body, "freejoint", name="object")
-    lying = item.shape == "cylinder"  # MuJoCo's cylinders stand along z
+    lying = item.shape == "cylinder"  # MuJoCo's cylinders point along z
     SubElement(
         body,
         "geom",

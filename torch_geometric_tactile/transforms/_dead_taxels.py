@@ -1,4 +1,4 @@
-r"""What the transforms that simulate dead taxels share."""
+r"""The base class of transforms that simulate dead taxels."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ class DeadTaxels(BaseTransform):
             out, :obj:`p` is 0.1.
         chosen_name (str): The name of the argument :obj:`chosen`, for messages.
         value (float): The reading of a dead taxel.
-        generator (torch.Generator, optional): Where random numbers come from.
+        generator (torch.Generator, optional): The source of random numbers.
     """
 
     supports_static = True

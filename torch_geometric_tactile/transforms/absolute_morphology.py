@@ -1,4 +1,4 @@
-r"""Where the taxels are in the frame of the hand."""
+r"""Positions of the taxels in the frame of the hand."""
 
 import math
 from collections.abc import Sequence

@@ -7,9 +7,10 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels
 from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
+from torch_geometric_tactile.typing import PathLike
 
 
 @functional_transform("drop_patches")
@@ -18,14 +19,15 @@ class DropPatches(DeadTaxels):
     value and marks them as :obj:`dropped` (functional name: :obj:`drop_patches`).
 
     Args:
-        layout (TaxelLayout): The taxels and their patches.
+        layout (TaxelLayout or str or PathLike): The taxels and their patches: a layout, the name of
+            one that comes with the package, or a layout file.
         p (float, optional): Probability with which each patch of each sample is dropped; 0.1 if
             neither :obj:`p` nor :obj:`patches` is given.
         patches (sequence of int or str, optional): The patches, by number or name, that are
             dropped in every sample, in place of :obj:`p`.
         value (float): The reading of a dead taxel; NaN makes it a missing one.
-        generator (torch.Generator, optional): Where random numbers come from; PyTorch's own if
-            left out.
+        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -46,14 +48,14 @@ class DropPatches(DeadTaxels):
 
     def __init__(
         self,
-        layout: TaxelLayout,
+        layout: TaxelLayout | PathLike,
         p: float | None = None,
         patches: Sequence[int | str] | Tensor | None = None,
         value: float = 0.0,
         generator: torch.Generator | None = None,
     ) -> None:
         super().__init__(p, patches, "patches", value, generator)
-        self.layout = layout
+        self.layout = as_layout(layout)
         self.patches = None if patches is None else self._numbers(patches)
 
     def _numbers(self, patches: Sequence[int | str] | Tensor) -> list[int]:

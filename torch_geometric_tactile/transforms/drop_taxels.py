@@ -21,8 +21,8 @@ class DropTaxels(DeadTaxels):
         taxels (sequence of int, optional): The taxels that are dropped in every sample, in place
             of :obj:`p`.
         value (float): The reading of a dead taxel; NaN makes it a missing one.
-        generator (torch.Generator, optional): Where random numbers come from; PyTorch's own if
-            left out.
+        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,

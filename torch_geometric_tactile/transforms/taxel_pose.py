@@ -1,4 +1,4 @@
-r"""From joint angles to the places of the taxels."""
+r"""Positions of the taxels from joint angles."""
 
 from torch import Tensor
 from torch_geometric.data import Batch, Data
@@ -6,8 +6,9 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, as_layout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+from torch_geometric_tactile.typing import PathLike
 
 
 @functional_transform("taxel_pose")
@@ -23,7 +24,8 @@ class TaxelPose(BaseTransform):
         \mathbf{n}'_i = \mathbf{R}_l(\mathbf{q}) \, \mathbf{n}_i
 
     Args:
-        layout (TaxelLayout, optional): The taxels, in the frames of their links;
+        layout (TaxelLayout or str or PathLike, optional): The taxels, in the frames of their links:
+            a layout, the name of one that comes with the package, or a layout file;
             :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
         kinematics (HandKinematics, optional): The hand that these links belong to; the Allegro
             hand if left out.
@@ -51,11 +53,11 @@ class TaxelPose(BaseTransform):
 
     def __init__(
         self,
-        layout: TaxelLayout | None = None,
+        layout: TaxelLayout | PathLike | None = None,
         kinematics: HandKinematics | None = None,
         normal: bool = True,
     ) -> None:
-        layout = allegro_uskin() if layout is None else layout
+        layout = allegro_uskin() if layout is None else as_layout(layout)
         kinematics = HandKinematics.allegro() if kinematics is None else kinematics
         kinematics.require_links(layout)
         self.layout = layout

@@ -1,4 +1,4 @@
-r"""A hand in segments."""
+r"""The segments of a hand as parts of the graph."""
 
 import copy
 from collections.abc import Sequence
@@ -11,15 +11,16 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, check_segment
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+from torch_geometric_tactile.typing import PathLike
 
 _SET_HERE = ("segment_batch", "edge_is_within")
 
 
 @functional_transform("topological_segmentation")
 class TopologicalSegmentation(BaseTransform):
-    r"""Parts the taxels into segments, such as the digits of a hand, that are joined by no edge
+    r"""Divides the taxels into segments, such as the digits of a hand, without edges between them
     (functional name: :obj:`topological_segmentation`), as in the "Multifingered Object Recognition
     with Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation"
     paper: :obj:`"digit"` is its method I, :obj:`"patch"` its method II.
@@ -35,7 +36,9 @@ class TopologicalSegmentation(BaseTransform):
         by (str or sequence of int): What a segment is, :obj:`"digit"` or :obj:`"patch"` of the
             layout, or a whole number for each taxel :math:`(N,)`. Segments are numbered from zero
             without gaps, in ascending order.
-        layout (TaxelLayout, optional): The taxels; needed for :obj:`"digit"` and :obj:`"patch"`.
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
+            that comes with the package, or a layout file; needed for :obj:`"digit"` and
+            :obj:`"patch"`.
         drop (bool): Whether to drop the edges between segments, with their :obj:`edge_attr` and
             :obj:`edge_weight`. Otherwise all edges stay, and :obj:`edge_is_within` tells which do
             not leave their segment.
@@ -67,24 +70,20 @@ class TopologicalSegmentation(BaseTransform):
     def __init__(
         self,
         by: str | Sequence[int] | Tensor,
-        layout: TaxelLayout | None = None,
+        layout: TaxelLayout | PathLike | None = None,
         drop: bool = True,
     ) -> None:
         self.by = by if isinstance(by, str) else "numbers"
         self.layout = layout
         self.drop = drop
+        layout = None if layout is None else as_layout(layout)
         if isinstance(by, str):
             if layout is None:
                 raise ValueError(f"'by' must come with a layout if it is a name (got '{by}')")
             numbers = layout.segments(by)  # type: ignore[arg-type]
         else:
-            numbers = torch.as_tensor(by).cpu()
-            whole = not (numbers.is_floating_point() or numbers.is_complex())
-            if numbers.dim() != 1 or len(numbers) == 0 or not whole or numbers.dtype == torch.bool:
-                raise ValueError(
-                    "'by' must be 'digit', 'patch' or a whole number for each taxel "
-                    f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
-                )
+            what = "'by', if neither 'digit' nor 'patch',"
+            numbers = check_segment(torch.as_tensor(by).cpu(), what=what, gaps=True)
             if layout is not None and len(numbers) != layout.num_taxels:
                 raise ValueError(
                     f"'by' must have {layout.num_taxels} numbers, as layout '{layout.name}' has "

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.sensors import check_edges
 from torch_geometric_tactile.visualization.figure import plain_text
 
 if TYPE_CHECKING:
@@ -42,14 +43,7 @@ def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
     Raises:
         ValueError: If they have another shape or join other taxels.
     """
-    edge_index = torch.as_tensor(edge_index).detach().cpu().long()
-    if edge_index.dim() != 2 or edge_index.size(0) != 2:
-        raise ValueError(f"'{name}' must have shape (2, num_edges) (got {tuple(edge_index.shape)})")
-    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_taxels:
-        raise ValueError(
-            f"'{name}' must join taxels 0 to {num_taxels - 1} "
-            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
-        )
+    edge_index = check_edges(torch.as_tensor(edge_index).detach().cpu(), num_taxels, f"'{name}'")
     return edge_index[:, edge_index[0] != edge_index[1]]
 
 
