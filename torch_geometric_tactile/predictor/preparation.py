@@ -97,12 +97,8 @@ class Preparation:
         stored = copy.copy(dataset)
         stored.transform = None
         sample = stored.batch([0])
-        # What was computed from the layout once is there to be taken; the rest is not.
+        # Results that depend on the layout only are among what the samples share.
         rest = [part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)]
-        for part in rest:
-            for key in _access(part)[1] or ():
-                if key in sample and key != "x" and not sample.is_shared(key):
-                    del sample[key]
         joint = sample.joint if "joint" in sample else None
         return cls(
             dataset.layout,

@@ -103,8 +103,7 @@ def test_part(data: Any, predictor: Predictor) -> StaticDataset:
             f"the predictor must be of layout '{data.layout.name}', as the data "
             f"(got '{predictor.layout.name}')"
         )
-    part = data.test_dataloader().dataset
-    part = copy.copy(getattr(part, "dataset", part))
+    part = copy.copy(data.test_dataloader().dataset)
     part.transform = None
     fit_parts(predictor.transform, part, adapt=True)
     return part
@@ -115,7 +114,7 @@ def _own_parts(settings: dict[str, Any], argument: str) -> Any:
 
     from torch_geometric_tactile.training import TactileDataModule, classifier_from_config
 
-    if argument == "model":
-        return classifier_from_config(settings["model"]).model
     data = instantiate_module(TactileDataModule, settings["data"])
+    if argument == "model":
+        return classifier_from_config(settings["model"], data).model
     return [data.dataset.pre_transform, data.dataset.transform, data.transform]
