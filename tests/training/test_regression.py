@@ -9,8 +9,9 @@ import lightning as L
 import torch
 from sklearn.metrics import mean_absolute_error, r2_score, root_mean_squared_error
 
+from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.reports.predictions import write_samples
 from torch_geometric_tactile.training import (
-    PredictionWriter,
     TactileDataModule,
     TactileModule,
     regression_metrics,
@@ -97,18 +98,19 @@ def test_shapes_must_fit(prediction, y):
 @pytest.mark.parametrize(
     ("targets", "names", "header"),
     [
-        (1, (), ["index", "prediction"]),
-        (3, (), ["index", "prediction_0", "prediction_1", "prediction_2"]),
-        (2, ("mass", "friction"), ["index", "prediction_mass", "prediction_friction"]),
+        (1, (), ["index", "0"]),
+        (3, (), ["index", "0", "1", "2"]),
+        (2, ("mass", "friction"), ["index", "mass", "friction"]),
     ],
 )
 def test_numbers_are_written(numbered, joint_model, tmp_path, targets, names, header):
     data = TactileDataModule(numbered(targets), numbered(targets, names=names), val=0.0)
     data.dataset._names = data.test_dataset._names
     module = TactileModule(joint_model(targets), task="regression")
-    writer = PredictionWriter()
-    trainer(tmp_path, callbacks=[writer]).predict(module, data, return_predictions=False)
-    with writer.written.open() as file:
+    trainer(tmp_path, max_epochs=1).fit(module, data)
+    predictor = Predictor.from_dataset(module.model, data.test_dataset, task="regression")
+    write_samples(predictor, data.test_dataset, tmp_path / "predictions.csv")
+    with (tmp_path / "predictions.csv").open() as file:
         rows = list(csv.reader(file))
     assert rows[0] == header
     expected = module.eval()(data.test_dataset.batch([7]))[0]

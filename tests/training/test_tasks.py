@@ -9,8 +9,9 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import lightning as L
 
+from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.reports.predictions import write_samples
 from torch_geometric_tactile.training import (
-    PredictionWriter,
     TactileClassifier,
     TactileDataModule,
     classifier_from_config,
@@ -90,9 +91,10 @@ def test_labels_without_names_are_numbered(labelled, joint_model, tmp_path):
 
 
 def written(classifier, data, tmp_path):
-    writer = PredictionWriter()
-    trainer(tmp_path, callbacks=[writer]).predict(classifier, data, return_predictions=False)
-    with writer.written.open() as file:
+    test = data.test_dataset
+    predictor = Predictor.from_dataset(classifier.model, test, data.transform, classifier.task)
+    write_samples(predictor, test, tmp_path / "predictions.csv")
+    with (tmp_path / "predictions.csv").open() as file:
         return list(csv.DictReader(file))
 
 

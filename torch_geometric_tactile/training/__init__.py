@@ -19,13 +19,11 @@ from torch_geometric_tactile.training.module import (
     TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training.prediction_writer import PredictionWriter
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 __all__ = [
     "AtomicCheckpointIO",
     "DataSizes",
-    "PredictionWriter",
     "TactileClassifier",
     "TactileDataModule",
     "TactileModule",

@@ -1,4 +1,4 @@
-r"""The command line's ``fit``, ``validate``, ``test`` and ``predict``."""
+r"""The command line's ``fit``, ``validate`` and ``test``."""
 
 import sys
 import warnings
@@ -28,7 +28,6 @@ from torch_geometric_tactile.training.given_arguments import (
     read_config,
 )
 from torch_geometric_tactile.training.module import TactileModule, keep_config
-from torch_geometric_tactile.training.prediction_writer import PredictionWriter
 from torch_geometric_tactile.training.sizes import fill_sizes
 
 
@@ -60,7 +59,7 @@ class TactileCLI(LightningCLI):
                 "log_every_n_steps": 10,
                 # By name, such that the configuration that a run keeps can be read again.
                 "plugins": [{"class_path": f"{AtomicCheckpointIO.__module__}.AtomicCheckpointIO"}],
-                "callbacks": [ModelCheckpoint(save_last=True), PredictionWriter()],
+                "callbacks": [ModelCheckpoint(save_last=True)],
                 "logger": [
                     {
                         "class_path": f"{CSVLogger.__module__}.CSVLogger",
