@@ -26,8 +26,10 @@ from tqdm import tqdm
 from torch_geometric_tactile.baselines import GraspSVM
 from torch_geometric_tactile.data import splits
 from torch_geometric_tactile.datasets import BioTacSP
-from torch_geometric_tactile.experiments.evaluation import data_module, judge, train_classifier
+from torch_geometric_tactile.experiments.run import fit_classifier
+from torch_geometric_tactile.training import TactileDataModule, classification_metrics
 from torch_geometric_tactile.training.config import load_config
+from torch_geometric_tactile.training.predictions import collect_predictions
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
 
 MODEL = ("model", "model", "init_args")
@@ -113,8 +115,17 @@ def accuracy(name, seed, fold, session, folds, root):
     scheduler = config["model"]["lr_scheduler"]
     if scheduler is not None:
         scheduler["init_args"]["T_max"] = epochs
-    data = data_module(config, train, test, "session")
-    return judge(train_classifier(config, data, seed, epochs), data).metrics()["accuracy"]
+    data = TactileDataModule(
+        train,
+        test,
+        split="frame",
+        val=0.0,
+        transform=SessionZScore(),
+        batch_size=config["data"]["batch_size"],
+    )
+    classifier = fit_classifier(config["model"], data, seed, {"accelerator": "cpu"}, epochs)
+    said = collect_predictions(classifier, data.test_dataloader())
+    return classification_metrics(said.probability, said.y)["accuracy"]
 
 
 def main():

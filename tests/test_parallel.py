@@ -5,7 +5,8 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments.plan import Settings, run_table
+from torch_geometric_tactile.experiments.plan import Settings, make_plan
+from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
 from torch_geometric_tactile.parallel import (
     KEPT_MEMORY,
     check_backend,
@@ -53,11 +54,12 @@ def test_scheduler_that_does_not_answer(monkeypatch):
 
 def test_table_is_trained_by_dask(grasps, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra 'dask'")
-    settings = Settings(seeds=1, epochs=1, stride=4)
-    run = run_table("p2-table2", grasps, tmp_path, settings, ["ii_tac"], jobs=2, backend="dask")
+    settings = Settings(seeds=1, epochs=1)
+    plan = make_plan("p2-table2", settings, data={"root": str(grasps)}, selection={"stride": 4})
+    run = run_plan(plan, tmp_path, Workers(2, "dask"), only=["ii_tac"])
     assert not run.failed
     assert len(run.results) == len(list((tmp_path / "runs").glob("ii_tac_*.json"))) == 2
-    assert run_table("p2-table2", grasps, tmp_path, settings, ["ii_tac"]).kept == 2
+    assert run_plan(plan, tmp_path, only=["ii_tac"]).kept == 2
 
 
 @pytest.mark.parametrize(
@@ -75,6 +77,20 @@ def test_closing_stops_the_work():
     next(results)
     results.close()
     assert list(results) == []
+
+
+def test_workers_compute_with_one_thread(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    assert set(run_parallel(os.getenv, ["OMP_NUM_THREADS"] * 4, 2)) == {"1"}
+
+
+def test_one_job_is_done_here():
+    assert {process for process, _ in run_parallel(process_and_square, range(3))} == {os.getpid()}
+
+
+def test_fewer_jobs_than_one():
+    with pytest.raises(ValueError, match=r"'jobs' must be at least 1 \(got 0\)"):
+        list(run_parallel(process_and_square, range(3), 0))
 
 
 def test_memory_is_kept_by_processes_started_inside_only(monkeypatch):

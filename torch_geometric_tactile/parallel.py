@@ -1,4 +1,7 @@
-r"""Many jobs on many processes, of this machine or of a cluster."""
+r"""Many jobs on many processes, of this machine or of a cluster.
+
+joblib is imported when something runs: it comes with scikit-learn, and takes a while.
+"""
 
 import logging
 import os
@@ -6,8 +9,6 @@ import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Literal, TypeVar
-
-from joblib import Parallel, delayed, parallel_config, register_parallel_backend
 
 from torch_geometric_tactile.interrupts import interrupts_ignored
 
@@ -35,7 +36,7 @@ def kept_memory() -> Iterator[None]:
 
 
 def check_backend(backend: str, scheduler: str | None = None) -> None:
-    r"""Tells before anything runs whether the jobs can be run.
+    r"""Checks before anything runs that the jobs can be run.
 
     Args:
         backend (str): Name of the backend.
@@ -70,32 +71,40 @@ def run_parallel(
     backend: Backend = "loky",
     scheduler: str | None = None,
 ) -> Generator[_Result, None, None]:
-    r"""Yields the result of each item as soon as it is there, in whatever order that is.
+    r"""Yields the result of each item as soon as it is ready, in any order.
 
-    The workers ignore Ctrl-C, which reaches all processes of a terminal: they are stopped from
-    here, when the generator is closed.
+    With one job of this machine the items are worked on here, one after the other. Workers ignore
+    Ctrl-C, which reaches all processes of a terminal: they are stopped from here, when the
+    generator is closed. Those of this machine compute with one thread each, unless the function
+    sets another number.
 
     Args:
-        function (callable): What to do with an item; of the top level of a module.
+        function (callable): Called with each item; defined at the top level of a module.
         items (iterable): The items.
-        jobs (int): How many processes; those of the cluster where there is a :obj:`scheduler`.
+        jobs (int): Number of processes; with a :obj:`scheduler`, the cluster's own number.
         backend (str): :obj:`"loky"` (processes of this machine), :obj:`"dask"` or :obj:`"ray"`.
         scheduler (str, optional): Address of a running cluster of Dask or Ray. If left out, one of
             :obj:`jobs` processes is started on this machine.
 
     Raises:
+        BrokenProcessPool: If a worker of this machine was killed.
         ImportError: If the package of the backend is missing.
         OSError: If no cluster answers at :obj:`scheduler`.
-        ValueError: If there is no such backend, or it takes no scheduler.
+        ValueError: If :obj:`jobs` is below one, there is no such backend, or it takes no scheduler.
     """
+    if jobs < 1:
+        raise ValueError(f"'jobs' must be at least 1 (got {jobs})")
     check_backend(backend, scheduler)
+    from joblib import Parallel, delayed, parallel_config
+
     with ExitStack() as stack:
         with interrupts_ignored():
             if backend == "dask":
                 stack.enter_context(_dask_cluster(jobs, scheduler))
             elif backend == "ray":
                 stack.enter_context(_ray_cluster(jobs, scheduler))
-            stack.enter_context(parallel_config(backend=backend))
+            threads = {"inner_max_num_threads": 1} if backend == "loky" else {}
+            stack.enter_context(parallel_config(backend=backend, **threads))
             parallel = Parallel(
                 n_jobs=jobs if scheduler is None else -1,
                 return_as="generator_unordered",
@@ -129,6 +138,7 @@ def _dask_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
 @contextmanager
 def _ray_cluster(jobs: int, scheduler: str | None) -> Iterator[Any]:
     import ray
+    from joblib import register_parallel_backend
     from ray.util.joblib import ray_backend, register_ray
 
     register_ray()

@@ -4,7 +4,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.cli import build_parser, main
-from torch_geometric_tactile.experiments import plan as experiments
+from torch_geometric_tactile.experiments import run_plan
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def command(grasps, tmp_path, monkeypatch):
             "machine": "a machine",
         }
 
-    monkeypatch.setattr(experiments, "run_in_process", run)
+    monkeypatch.setattr(run_plan, "run_safely", run)
     short = ["--root", str(grasps), "--out", str(tmp_path), "--seeds", "1", "--epochs", "1"]
     return lambda *flags: main(["table", "p2-table2", *short, *flags])
 
@@ -66,6 +66,7 @@ def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path
             "'only' must fit the name of an experiment of p2-table2: x_tac, x_pos",
         ),
         (["--phases", "fly"], "'phases' must be some of ['reach', 'hold']"),
+        (["--protocols", "object"], "'protocols' must be some of ['by trial', 'by frame']"),
         (["--root", "nowhere"], "simulate some: tactile simulate --out 'nowhere'"),
         (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
     ],
@@ -75,22 +76,13 @@ def test_wrong_arguments_are_explained(command, capsys, flags, message):
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("flag", ["--seeds", "--epochs", "--stride", "--jobs", "--threads"])
+@pytest.mark.parametrize(
+    "flag", ["--seeds", "--epochs", "--stride", "--folds", "--jobs", "--threads"]
+)
 def test_numbers_below_one_are_refused(flag, capsys):
     with pytest.raises(SystemExit, match="2"):
         build_parser().parse_args(["table", "p1-table2", flag, "0"])
     assert f"argument {flag}: must be at least 1 (got 0)" in capsys.readouterr().err
-
-
-def test_more_objects_than_the_models_know(command, monkeypatch, capsys):
-    look = experiments.describe_recordings
-    monkeypatch.setattr(
-        experiments,
-        "describe_recordings",
-        lambda *args: type(r := look(*args))(**{**vars(r), "num_classes": 20}),
-    )
-    assert command() == 1
-    assert "the models of p2-table2 tell 8 objects apart (got 20 in" in capsys.readouterr().err
 
 
 def test_help_is_for_strangers(capsys):

@@ -5,10 +5,13 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.commands.table import _BACKENDS, _TABLES
-from torch_geometric_tactile.experiments.tables import load_table, table_names
-from torch_geometric_tactile.parallel import BACKENDS
-from torch_geometric_tactile.training.config import expand_template
+from torch_geometric_tactile.commands.table import TABLES
+from torch_geometric_tactile.experiments.building import check_arguments
+from torch_geometric_tactile.experiments.numbers import table_numbers
+from torch_geometric_tactile.experiments.plan import Settings, make_plan
+from torch_geometric_tactile.experiments.run_plan import run_plan
+from torch_geometric_tactile.experiments.tables import cell_config, load_table, table_names
+from torch_geometric_tactile.training.config import expand_template, find_config
 
 
 def published(name, key="accuracy"):
@@ -16,19 +19,56 @@ def published(name, key="accuracy"):
 
 
 def test_names_on_the_command_line_are_the_tables():
-    assert tuple(table_names()) == _TABLES
-    assert BACKENDS == _BACKENDS
+    assert tuple(table_names()) == TABLES
 
 
-@pytest.mark.parametrize("name", table_names())
+PAPERS = [name for name in table_names() if name.startswith("p")]
+
+
+@pytest.mark.parametrize("name", PAPERS)
 def test_each_experiment_of_the_template_has_one_place(name):
     table = load_table(name)
+    (template,) = {cell.config.partition("/")[0] for cell in table.cells}
     names = [cell.experiment for cell in table.cells]
-    assert sorted(names) == sorted(expand_template(table.template))
+    assert sorted(names) == sorted(expand_template(template))
     places = {(cell.section, cell.row, cell.column) for cell in table.cells}
     assert len(places) == len(names)
-    classifier = expand_template(table.template)[names[0]]["model"]
-    assert table.task == classifier.get("task", "multiclass")
+    assert table.task == cell_config(table.cells[0])["model"].get("task", "multiclass")
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_data_and_fractions_are_those_of_the_configurations(name):
+    table = load_table(name)
+    for cell in table.cells:
+        settings = cell_config(cell)["data"]["dataset"]
+        assert settings["class_path"] == table.data.class_path
+        arguments = settings["init_args"]
+        assert arguments["task"] == table.data.arguments["task"]
+        assert arguments["adjacency"] == cell.data.get("adjacency", "original")
+        for entry in table.protocols:
+            _, val, test = arguments["fractions"]
+            assert (entry.protocol.val, entry.protocol.test) == (val, test)
+
+
+def test_table_of_the_demo():
+    table = load_table("bts3")
+    assert len(table.cells) == 14
+    assert table.columns("") == ["session", "raw"]
+    assert [cell.config for cell in table.cells[:2]] == ["grasp_gcn_df"] * 2
+    for cell in table.cells:
+        if cell.config is not None:
+            config = cell_config(cell)["data"]
+            assert config["dataset"]["class_path"] == table.data.class_path
+            k = config["dataset"]["init_args"]["pre_transform"]
+            assert k == table.data.arguments["pre_transform"]
+    protocols = {entry.name: entry.protocol.describe() for entry in table.protocols}
+    assert protocols == {
+        "random folds": "5 folds by frame",
+        "leave objects out": "5 folds by object",
+        "unseen objects": "the given parts",
+    }
+    check_arguments(table.data.class_path, table.data.arguments)
+    assert not table.is_published
 
 
 def test_published_numbers_of_the_property_paper():
@@ -80,6 +120,8 @@ def test_selection_by_patterns():
 def test_wrong_names_list_the_right_ones():
     with pytest.raises(ValueError, match=r"'name' must be one of \['p1-table2'.*\(got 'p5'\)"):
         load_table("p5")
+    with pytest.raises(ValueError, match=r"'protocols' must be some of \['by trial', 'by frame'\]"):
+        load_table("p1-table3").select_protocols(["frame", "object"])
     with pytest.raises(ValueError, match=r"'only' must fit.*sparse, slanted.*\(got 'gcn_\*'\)"):
         load_table("p1-table3").select(["dense", "gcn_*"])
 
@@ -91,14 +133,99 @@ def test_list_prints_every_experiment_with_its_number(name, capsys):
     lines = text.splitlines()
     for cell in load_table(name).cells:
         (line,) = [line for line in lines if line.startswith(f"{cell.experiment} ")]
-        assert f"{cell.published['accuracy']:g}" in line
-    assert "private recordings" in text
+        if cell.published:
+            assert f"{cell.published['accuracy']:g}" in line
+    assert ("private recordings" in text) == name.startswith("p")
+    assert "Held out: " in text
+
+
+def test_protocols_by_their_names():
+    table = load_table("p1-table2")
+    assert [entry.name for entry in table.select_protocols(["frame"])] == ["by frame"]
+    assert table.select_protocols(["by frame", "trial"]) == table.protocols
+    assert table.select_protocols(None) == table.protocols
 
 
 def test_unknown_table_is_refused_before_anything_is_imported(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["table", "p3-table1"])
     assert "invalid choice: 'p3-table1'" in capsys.readouterr().err
+
+
+OWN = """
+title: Mine
+data:
+  class_path: torch_geometric_tactile.datasets.FakeTactileDataset
+  init_args:
+    num_samples: 40
+    num_objects: 4
+    pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
+protocols:
+  four folds: {by: frame, folds: 4, stratify: y}
+seeds: 2
+measure_memory: false
+cells:
+  - row: GCN
+    config: mine/gcn.yaml
+  - row: SVM
+    estimator: {class_path: torch_geometric_tactile.baselines.GraspSVM}
+    transform: {class_path: torch_geometric_tactile.transforms.ZScore}
+"""
+
+
+@pytest.fixture
+def own_table(tmp_path):
+    """The file of a table that a user wrote, beside the configuration of a model."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "gcn.yaml").write_text(find_config("grasp_gcn_df").read_text())
+    (tmp_path / "mine.yaml").write_text(OWN)
+    return tmp_path / "mine.yaml"
+
+
+def test_own_table_is_run_and_written(own_table, tmp_path, capsys):
+    arguments = ["table", str(own_table), "--out", str(tmp_path / "out"), "--epochs", "1"]
+    assert main(arguments) == 0
+    assert "mine: 16 of 16 runs finished" in capsys.readouterr().out
+    page = (tmp_path / "out" / "mine.md").read_text()
+    assert page.startswith("# Mine\n\nRecordings of your own: 40 ")
+    assert "Held out: four folds: 4 folds by frame, stratified by y, pooled" in page
+    assert "after 1 epoch (Adam, learning rate 0.01, batches of 256" in page
+    assert "Published" not in page
+    assert main([*arguments, "--no-train"]) == 0
+    assert "(16 kept from before)" in capsys.readouterr().out
+
+
+def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):
+    plan = make_plan(str(own_table), Settings(seeds=1))
+    run = run_plan(plan, tmp_path, only=["SVM"])
+    (accuracy,) = [n for n in table_numbers(run) if (n.experiment, n.metric) == ("SVM", "accuracy")]
+    parts = [result["metrics"]["accuracy"] * result["num_test"] for _, result in run.results]
+    assert accuracy.runs == 1
+    assert accuracy.mean == pytest.approx(100 * sum(parts) / 40)
+    one_missing = run._replace(results=run.results[1:])
+    assert not [n for n in table_numbers(one_missing) if n.metric == "accuracy"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("title: Mine", "shows: speed\ntitle: Mine", "'shows' must be one of"),
+        ("title: Mine", "titel: Mine", "table 'mine' cannot be read: .*titel"),
+        ("protocols:", "protocolls:", "table 'mine' must have 'protocols'"),
+        ("row: SVM", "row: GCN", "'cells' of table 'mine' must have different names"),
+        ("    config: mine/gcn.yaml", "", "'GCN' must have either a 'config' or an 'estimator'"),
+        ("by: frame", "bye: frame", r"a protocol must have keys of .*\(got 'bye'\)"),
+    ],
+)
+def test_wrong_files_are_explained(own_table, old, new, message):
+    own_table.write_text(OWN.replace(old, new))
+    with pytest.raises(ValueError, match=message):
+        load_table(str(own_table))
+
+
+def test_file_that_is_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match="none"):
+        load_table(str(tmp_path / "none.yaml"))
 
 
 def test_data_file_is_shipped():

@@ -16,6 +16,10 @@ def halve(data):
     return data
 
 
+def _name(transform):
+    return getattr(transform, "__name__", repr(transform))
+
+
 def transforms():
     zscore = SessionZScore().fit(FakeTactileDataset(num_samples=10))
     return [None, KNNGraph(k=2), halve, Distance(), zscore, Compose([zscore, ToUndirected()])]
@@ -36,7 +40,7 @@ def assert_same(static, batch):
         assert torch.allclose(static.edge_attr.repeat(size, 1), batch.edge_attr, atol=1e-5)
 
 
-@pytest.mark.parametrize("transform", transforms(), ids=str)
+@pytest.mark.parametrize("transform", transforms(), ids=_name)
 def test_loader_yields_the_batches_of_pyg(transform):
     dataset = FakeTactileDataset(10, pre_transform=KNNGraph(k=3), transform=transform)
     static = list(StaticLoader(dataset, batch_size=4))

@@ -172,11 +172,12 @@ def test_attached_subclasses(kind):
 def test_attached_settings(setting):
     # A layer that a user has set otherwise is not computed as if it were not.
     x, layer = samples(8, 11, 3, dtype=torch.double), thread("whole")
-    plain = layer(x, EDGE_INDEX[:, :7])
+    edges = (EDGE_INDEX[:, :7], 0.5 + torch.arange(7, dtype=torch.double))
+    plain = layer(x, *edges)
     for name, value in setting.items():
         setattr(layer.convs[1], name, value)
-    out = layer(x, EDGE_INDEX[:, :7])
-    assert torch.allclose(out[:7], layer(x[:7], EDGE_INDEX[:, :7]))
+    out = layer(x, *edges)
+    assert torch.allclose(out[:7], layer(x[:7], *edges))
     assert torch.allclose(out, plain) == (set(setting) <= {"fast", "cached"})
 
 

@@ -72,7 +72,7 @@ def test_a_checkpoint_is_a_predictor(labelled, tmp_path):
 def test_a_checkpoint_needs_no_lightning(labelled, tmp_path, monkeypatch):
     _, data, path = trained(labelled, Own(), tmp_path)
     monkeypatch.setitem(sys.modules, "lightning", None)
-    with pytest.raises(ValueError, match="'model' must be given.*Own"):
+    with pytest.raises(ValueError, match=r"'model' must be given.*Own"):
         Predictor.from_checkpoint(path)
     predictor = Predictor.from_checkpoint(path, model=Own())
     stored = data.dataset.data

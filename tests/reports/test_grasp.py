@@ -6,19 +6,22 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
-from torch_geometric_tactile.datasets import BioTacSP, default_root
-from torch_geometric_tactile.experiments.evaluation import MODELS
-from torch_geometric_tactile.reports import grasp as demo
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.experiments.grasp_table import grasp_table
+from torch_geometric_tactile.experiments.plan import Settings, make_plan
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.reports.grasp import write_grasp_report
 from torch_geometric_tactile.training import TactileClassifier
 
 PICTURES = ("confusion.png", "grasps.png", "protocols.png", "roc.png")
+SHORT = ["demo", "--generated", "--seeds", "2", "--folds", "2", "--epochs", "1", "--jobs", "1"]
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo") / "report"
-    content = demo.main(out=out, seeds=2, folds=2, epochs=1, generated=True)
-    return out, content
+    assert main([*SHORT, "--out", str(out)]) == 0
+    return out, json.loads((out / "metrics.json").read_text())
 
 
 def test_demo_writes_every_file_whole(report):
@@ -27,6 +30,7 @@ def test_demo_writes_every_file_whole(report):
         "report.html",
         "metrics.json",
         "grasp_gcn_df.ckpt",
+        "runs",
         *PICTURES,
     }
     for name in PICTURES:
@@ -49,13 +53,38 @@ def test_demo_page_needs_no_other_file(report):
 
 
 def test_demo_metrics_cover_models_protocols_scalings_and_seeds(report):
+    _, content = report
+    keys = {(r["model"], r["protocol"], r["scaling"], r["seed"]) for r in content["results"]}
+    assert len(keys) == len(content["results"]) == 7 * 6 * 2 * 2
+    assert content["data"]["generated"] is True
+    assert (content["data"]["train_samples"], content["data"]["test_samples"]) == (2000, 600)
+    assert (content["folds"], content["epochs"]) == (2, 1)
+    by_key = {(r["model"], r["protocol"], r["scaling"], r["seed"]): r for r in content["results"]}
+    assert by_key["SVM", "random folds", "raw", 1]["num_samples"] == 2000  # the folds together
+    palms = [f"palm {palm}" for palm in ("down", "side", "45")]
+    assert sum(by_key["SVM", palm, "raw", 0]["num_samples"] for palm in palms) == 600
+    assert all(0 <= record["f1_positive"] <= 1 for record in content["results"])
+
+
+def test_demo_goes_on_where_it_was_stopped(report, capsys):
     out, content = report
-    saved = json.loads((out / "metrics.json").read_text())
-    assert saved == json.loads(json.dumps(content))
-    keys = {(r["model"], r["protocol"], r["scaling"], r["seed"]) for r in saved["results"]}
-    assert len(keys) == len(saved["results"]) == len(MODELS) * 6 * 2 * 2
-    assert saved["data"]["generated"] is True
-    assert all(0 <= record["accuracy"] <= 1 for record in saved["results"])
+    runs = sorted((out / "runs").iterdir())
+    assert len(runs) == 14 * 2 * (2 + 2 + 1)
+    before = {path: path.stat().st_mtime_ns for path in runs}
+    runs[0].unlink()
+    assert main([*SHORT, "--out", str(out)]) == 0
+    assert sorted((out / "runs").iterdir()) == runs
+    changed = [path for path in runs if path.stat().st_mtime_ns != before[path]]
+    assert changed == runs[:1]
+    assert json.loads((out / "metrics.json").read_text())["results"] == content["results"]
+    assert "GCN-DF" in capsys.readouterr().out
+
+
+def test_report_of_a_part_is_refused(tmp_path):
+    plan = make_plan(grasp_table(generated=True), Settings(seeds=1))
+    run = PlanRun(plan, [], 0, {}, len(plan.experiments))
+    with pytest.raises(ValueError, match=r"'run' must be complete \(got 154 runs missing\)"):
+        write_grasp_report(run, {}, tmp_path, 0.0)
 
 
 def test_demo_keeps_the_model_that_it_judged(report):
@@ -72,42 +101,6 @@ def test_demo_keeps_the_model_that_it_judged(report):
     assert classifier.layout.name == "biotac_sp"
 
 
-def test_demo_refuses_one_fold(tmp_path):
-    with pytest.raises(ValueError, match=r"'folds' must be at least 2 \(got 1\)"):
-        demo.main(out=tmp_path, folds=1, generated=True)
-
-
-def test_data_is_generated_where_there_is_no_network(monkeypatch):
-    monkeypatch.setattr(BioTacSP, "url", "http://127.0.0.1:9")  # nobody listens there
-    data = demo.open_data(None)
-    assert data.generated
-    assert data.notice.startswith("Data: GENERATED")
-    assert "could not be downloaded" in data.notice
-    assert len(data.train)
-    assert len(data.test)
-
-
-def test_data_is_found_loose_in_a_folder_which_is_left_as_it_was(bts3_recordings, tmp_path):
-    before = sorted(path.name for path in bts3_recordings.iterdir())
-    for folder in (bts3_recordings, bts3_recordings.parent):
-        data = demo.open_data(folder)
-        assert not data.generated
-        assert len(data.train) == 4682
-        assert len(data.test) == 1149
-    assert sorted(path.name for path in bts3_recordings.iterdir()) == before
-    assert data.train.root == str(default_root("BioTacSP"))
-
-
-def test_data_is_found_in_the_root_of_the_data_set(bts3_root):
-    assert demo.open_data(bts3_root).train.root == str(bts3_root)
-
-
-def test_missing_folder_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"'--root' must be a folder \(got '.*nowhere'\)"):
-        demo.open_data(tmp_path / "nowhere")
-
-
-def test_damaged_data_is_an_error_and_not_replaced_by_generated(write_bts3, tmp_path):
-    write_bts3(tmp_path / "set" / "raw")
-    with pytest.raises(ValueError, match="must have the SHA-256 checksum"):
-        demo.open_data(tmp_path / "set")
+def test_demo_refuses_one_fold(tmp_path, capsys):
+    assert main(["demo", "--generated", "--folds", "1", "--out", str(tmp_path)]) == 1
+    assert "'folds' must be at least 2 (got 1)" in capsys.readouterr().err

@@ -1,27 +1,24 @@
 import csv
 import math
+from dataclasses import replace
 
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
+from torch_geometric_tactile.experiments.data_source import DataFacts
 from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.experiments.numbers import table_numbers
-from torch_geometric_tactile.experiments.plan import Settings, TableRun
-from torch_geometric_tactile.experiments.recordings import Recordings
-from torch_geometric_tactile.experiments.tables import load_table
+from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.tables import cell_config, load_table
 from torch_geometric_tactile.reports.table import csv_text, markdown, write_table
 from torch_geometric_tactile.reports.table_caption import NOTHING
 
-DATA = Recordings(
-    "sim",
-    "f",
-    True,
-    80,
-    7000,
-    8,
-    {"object_set": "paper8", "seed": 1, "mujoco": "3", "preset": {"duration": 17.0, "rate": 100.0}},
+CAPTION = (
+    "**Simulated**, never a real hand's result: 80 trials of `tactile simulate` (objects `paper8`, "
+    "seed 1, 17 s at 100 Hz, MuJoCo 3)."
 )
 
 
@@ -41,15 +38,33 @@ def result(metrics, memory=100.0, labels=None):
     }
 
 
-def run(table, entries, **settings):
+def run(name, entries, seeds=2, split_by=("trial", "frame")):
     """A run with results for (experiment, split, seed): result."""
-    settings = Settings(**{"seeds": 2, "epochs": 3, "stride": 20, **settings})
+    table = load_table(name)
+    protocols = table.select_protocols(split_by)
+    data = replace(table.data, kind="simulated", caption=CAPTION, selection={"stride": 20})
+    experiments = {}
+    for seed in range(seeds):
+        for protocol in protocols:
+            for cell in table.cells:
+                config = cell_config(cell)
+                experiments[cell.experiment, protocol.name, seed] = Experiment(
+                    cell.experiment,
+                    data,
+                    protocol.protocol,
+                    protocol.name,
+                    config["model"],
+                    seed=seed,
+                    epochs=3,
+                    batch_size=config["data"]["batch_size"],
+                )
+    facts = DataFacts(7000, 80, 8, 8)
+    plan = Plan(table, protocols, seeds, data, facts, tuple(experiments.values()))
     results = [
-        (Experiment(name, {}, None, "f", seed, split, 3, 20), value)
-        for (name, split, seed), value in entries.items()
+        (experiments[cell, f"by {split}", seed], value)
+        for (cell, split, seed), value in entries.items()
     ]
-    total = len(load_table(table).cells) * settings.seeds * len(settings.split_by)
-    return TableRun(load_table(table), settings, DATA, results, 0, {}, total - len(results))
+    return PlanRun(plan, results, 0, {}, len(experiments) - len(results))
 
 
 @pytest.fixture
@@ -130,7 +145,7 @@ def test_property_table_counts_labels_two_ways():
     assert rows[gcn + 1][1:4] == ["simulated, by trial: all labels right", "25.0", NOTHING]
     assert rows[gcn + 2][1:4] == ["simulated, by trial: mean of the labels", "50.0", NOTHING]
     assert rows[2][:5] == ["FNN", "published, real hand, private data", "73.52", "", "75.44"]
-    numbers = {n.metric: n.mean for n in table_numbers(load_table("p1-table2"), [])}
+    numbers = {n.metric: n.mean for n in table_numbers(run("p1-table2", {}))}
     assert numbers == {"accuracy": pytest.approx(85.57)}  # of the last cell
     assert "label_accuracy: light,75" in csv_text(run("p1-table2", entries)).replace(".0,", ",")
 
@@ -167,8 +182,8 @@ def test_csv_by_hand(objects):
 
 
 def test_own_recordings_are_not_called_simulated(objects):
-    own = objects._replace(recordings=Recordings("own", "f", False, 80, 7000, 8))
-    page = markdown(own)
+    data = replace(objects.plan.data, kind="measured", caption="Recordings of your own: 80 trials.")
+    page = markdown(objects._replace(plan=replace(objects.plan, data=data)))
     assert "Recordings of your own: 80 trials." in page
     assert "measured, by trial" in page
     assert "imulated" not in page

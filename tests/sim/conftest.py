@@ -82,7 +82,7 @@ def control8_grasps():
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory):
     """The folder of one short trial of each of the eight objects, and the reports."""
-    for package in ("mujoco", "h5py", "joblib"):
+    for package in ("mujoco", "h5py"):
         pytest.importorskip(package, reason="needs the extra 'sim'")
     from torch_geometric_tactile.sim import simulate
 

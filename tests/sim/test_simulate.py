@@ -10,7 +10,6 @@ from sklearn.neighbors import KNeighborsClassifier
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
-pytest.importorskip("joblib", reason="needs the extra 'sim'")
 
 import joblib
 
@@ -282,7 +281,7 @@ def test_bad_arguments_are_named(tmp_path):
             simulate(tmp_path, **arguments)
 
 
-@pytest.mark.parametrize("package", ["mujoco", "h5py", "joblib"])
+@pytest.mark.parametrize("package", ["mujoco", "h5py"])
 def test_missing_package_names_the_extra(tmp_path, monkeypatch, package):
     find = module.find_spec
     monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))

@@ -5,7 +5,6 @@ import pytest
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
-pytest.importorskip("joblib", reason="needs the extra 'sim'")
 
 
 def test_ctrl_c_keeps_finished_trials_and_nothing_else(start_run, wait_until_gone, tmp_path):

@@ -5,7 +5,6 @@ import pytest
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
-pytest.importorskip("joblib", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.sim import paper8, simulate
 

@@ -79,6 +79,13 @@ def test_model_on_the_command_line_is_filled_as_well(config):
     assert (cli.model.model.in_channels, cli.model.model.hidden_channels) == (1, 5)
 
 
+def test_model_section_may_be_a_file(config, tmp_path):
+    (tmp_path / "model.yaml").write_text("label_smoothing: 0.2")
+    cli = built([*config, "--model", "model.yaml"])
+    assert (cli.model.label_smoothing, cli.model.num_classes) == (0.2, 2)
+    assert cli.model.hparams["model"]["init_args"]["channels"]["tactile"] == 3
+
+
 def test_wrong_size_is_an_explained_error(config, capsys):
     assert main(["fit", *config, "--model.model.init_args.out_channels", "5"]) == 1
     error = capsys.readouterr().err

@@ -8,6 +8,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
+from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile.baselines.features import statistical_features
@@ -52,6 +53,11 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         self.finger = finger
         self.C = C
         self.kernel = kernel
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
+        return tags
 
     def features(self, x: ArrayLike) -> np.ndarray:
         r"""Returns the features that the machine sees.

@@ -2,6 +2,7 @@ r"""``tactile demo``: from data to judged models and a report."""
 
 import argparse
 import os
+import sys
 
 from torch_geometric_tactile.commands.arguments import positive
 
@@ -16,6 +17,9 @@ EXAMPLES = """\
 examples:
   tactile demo                           downloads the data, or generates some with no network
   tactile demo --root recordings --seeds 1 --epochs 3
+
+Each run (a model, a protocol, a scaling, a seed, a fold) is a file in DIR/runs when it is finished:
+the same command goes on where it was stopped. The same runs as a plain table: tactile table bts3
 """
 
 
@@ -32,7 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "that has them; by default $TACTILE_DATA, else they are downloaded, and with no network "
         "the data is generated",
     )
-    parser.add_argument("--out", default="report", help="folder of the report (default: report)")
+    parser.add_argument(
+        "--out", metavar="DIR", default="report", help="folder of the report (default: report)"
+    )
     parser.add_argument(
         "--seeds", type=positive, default=3, help="trainings of every model (default: 3)"
     )
@@ -57,15 +63,35 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.reports import grasp
+    import time
+    from pathlib import Path
 
-    grasp.main(
-        root=arguments.root,
-        out=arguments.out,
-        seeds=arguments.seeds,
-        folds=arguments.folds,
-        epochs=arguments.epochs,
-        num_processes=arguments.jobs,
-        generated=arguments.generated,
+    from torch_geometric_tactile.commands.progress import progress
+    from torch_geometric_tactile.experiments.grasp_table import grasp_table
+    from torch_geometric_tactile.experiments.plan import Settings, make_plan
+    from torch_geometric_tactile.experiments.run import run_experiment
+    from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+    from torch_geometric_tactile.reports import grasp
+    from torch_geometric_tactile.visualization.figure import new_figure
+
+    new_figure(1.0, 1.0)  # tells before a long run whether its pictures can be drawn
+    start = time.perf_counter()
+    settings = Settings(seeds=arguments.seeds, epochs=arguments.epochs, folds=arguments.folds)
+    table = grasp_table(arguments.root, arguments.generated)
+    print(table.data.caption, flush=True)
+    plan = make_plan(table, settings)
+    out = Path(arguments.out)
+    with progress("Train and judge", "model") as show:
+        finished = run_plan(plan, out, Workers(arguments.jobs), on_progress=show)
+    if finished.failed:
+        for name, reason in finished.failed.items():
+            print(f"tactile: error: {name}: {reason}", file=sys.stderr)
+        return 1
+    main = next(
+        e for e in plan.experiments if (e.name, e.protocol.by, e.seed) == (grasp.MAIN, "given", 0)
     )
+    result = run_experiment(main, checkpoint=out / grasp.CHECKPOINT)
+    report = grasp.write_grasp_report(finished, result, out, time.perf_counter() - start)
+    seconds = report.content["seconds"]
+    print(f"\n{report.text}\n\nReport: {out / 'report.html'} ({seconds:.0f} s)")
     return 0

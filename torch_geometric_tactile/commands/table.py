@@ -2,29 +2,27 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands.arguments import positive
-
-if TYPE_CHECKING:
-    from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.parallel import BACKENDS
 
 # The names in `experiments`, which is too heavy to import for them.
-_TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4")
-_BACKENDS = ("loky", "dask", "ray")
+TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "bts3")
 _HEADERS = {"accuracy": "accuracy (%)", "spread": "±", "auc": "ROC", "memory": "memory (MB)"}
 
-HELP = "train the models of a table of the papers, and write it beside the published numbers"
+HELP = "train the models of a table, and write it beside the published numbers"
 DESCRIPTION = """\
-Trains and tests the models of a table of the papers on recordings of an Allegro hand with 384
-taxels, by trial and by frame, and writes the table beside the published numbers: DIR/NAME.md,
-NAME.csv and NAME.png. Needs the extras 'train' and 'viz'.
+Trains and tests the models of a table and writes DIR/NAME.md, NAME.csv and NAME.png. The tables
+of the papers are on recordings of an Allegro hand with 384 taxels, held out by trial and by frame,
+beside the published numbers. Needs the extras 'train' and 'viz'.
 
 tables:
   p1-table2   object properties by inputs: 36 GCNs, CNNs and FNNs, with and without joint angles
   p1-table3   object properties by adjacency: the best of them on four graphs
   p2-table2   objects by segmentation of the hand: 18 GCNs (and their ROC values, Table III)
   p2-table4   memory that training these 18 takes
+  bts3        grasp stability on real grasps: what 'tactile demo' reports
+  FILE.yaml   your own, on any data set (see the page on experiments in the documentation)
 """
 EXAMPLES = """\
 examples:
@@ -38,7 +36,7 @@ examples:
                                                          where it was trained before
   tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
-Each run (a model, a seed, a split) is a file in DIR/runs when it is finished. The same command
+Each run (a model, a seed, a protocol) is a file in DIR/runs when it is finished. The same command
 goes on where it was stopped or killed. Tables of one DIR share their runs. Nothing is chosen by
 the test part: the number of epochs is fixed, and the model is tested once, at the end.
 One experiment alone: tactile fit --config p1_table2/mt_gcn_te_joint
@@ -51,15 +49,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("name", metavar="TABLE", choices=_TABLES, help=", ".join(_TABLES))
+    parser.add_argument(
+        "name",
+        metavar="TABLE",
+        type=_table_name,
+        help=f"{', '.join(TABLES)}, or a file of your own that ends with .yaml",
+    )
     parser.add_argument(
         "--list", action="store_true", help="print the experiments with their published numbers"
     )
     parser.add_argument(
         "--root",
         metavar="DIR",
-        help="folder of the recordings; by default $TACTILE_DATA/AllegroUSkin, or a folder in the "
-        "user's cache",
+        help="folder of the data; by default $TACTILE_DATA with the name of the data set, such as "
+        "AllegroUSkin, or a folder in the user's cache",
     )
     parser.add_argument(
         "--out", metavar="DIR", default="tables", help="folder of table and runs (default: tables)"
@@ -68,8 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seeds",
         metavar="N",
         type=positive,
-        default=5,
-        help="runs of each experiment; a seed decides split and training (default: 5)",
+        help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
+        "for those of the papers)",
     )
     parser.add_argument(
         "--epochs", metavar="N", type=positive, help="epochs, instead of the configurations' 50"
@@ -78,8 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--stride",
         metavar="N",
         type=positive,
-        default=1,
-        help="use every N-th frame of each trial (default: 1, all)",
+        help="use every N-th frame of each trial (default: all)",
     )
     parser.add_argument(
         "--phases",
@@ -88,12 +90,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="use only frames in these phases of the grasp, such as: squeeze lift hold",
     )
     parser.add_argument(
+        "--protocols",
         "--split-by",
+        metavar="PROTOCOL",
         nargs="+",
-        choices=("trial", "frame"),
-        default=("trial", "frame"),
-        help="hold out whole trials, or random frames of all trials (default: both, one after the "
-        "other, never mixed)",
+        help="what is held out, of what the table names: for those of the papers, whole trials "
+        "(trial) or random frames of all trials (frame) (default: all, one after the other, never "
+        "mixed)",
+    )
+    parser.add_argument(
+        "--folds", metavar="N", type=positive, help="folds of protocols that have some, at least 2"
     )
     parser.add_argument(
         "--only", metavar="GLOB", nargs="+", help="train only experiments with such names"
@@ -112,7 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--backend",
-        choices=_BACKENDS,
+        choices=BACKENDS,
         default="loky",
         help="what starts the runs: processes of this machine (loky, the default), or Dask or Ray, "
         "which know many machines; they are extras of the same names",
@@ -124,6 +130,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _table_name(text: str) -> str:
+    if text not in TABLES and not text.endswith((".yaml", ".yml")):
+        raise argparse.ArgumentTypeError(
+            f"invalid choice: '{text}' (choose from {', '.join(TABLES)}, or give a .yaml file)"
+        )
+    return text
+
+
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status.
 
@@ -133,42 +147,45 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(_listed(arguments.name))
         return 0
-    from tqdm import tqdm
-
-    from torch_geometric_tactile.experiments.plan import Settings, run_table
+    from torch_geometric_tactile.commands.progress import progress
+    from torch_geometric_tactile.experiments.plan import Settings, make_plan
+    from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+    from torch_geometric_tactile.experiments.tables import load_table
     from torch_geometric_tactile.reports.table import write_table
     from torch_geometric_tactile.visualization.figure import new_figure
 
     new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
+    table = load_table(arguments.name)
+    table.select(arguments.only)  # a wrong pattern is found before the data is read
+    workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
     settings = Settings(
-        arguments.seeds,
-        arguments.epochs,
-        arguments.stride,
-        arguments.phases,
-        arguments.split_by,
-        arguments.accelerator,
-        arguments.threads,
+        seeds=arguments.seeds,
+        epochs=arguments.epochs,
+        folds=arguments.folds,
+        protocols=arguments.protocols and tuple(arguments.protocols),
+        accelerator=arguments.accelerator,
+        threads=arguments.threads,
     )
-    # Without a terminal there is no bar, and with Ctrl-C none stays.
-    with tqdm(desc=arguments.name, unit="run", disable=None, leave=False) as bar:
-
-        def show(experiment: "Experiment", ended: int, all_runs: int) -> None:
-            bar.total = all_runs
-            bar.set_postfix_str(experiment.label, refresh=False)
-            bar.update(ended - bar.n)
-
-        finished = run_table(
-            arguments.name,
-            arguments.root,
-            arguments.out,
-            settings,
-            arguments.only,
-            arguments.jobs,
-            arguments.backend,
-            arguments.scheduler,
-            not arguments.no_train,
-            on_progress=show,
-        )
+    chosen = {"stride": arguments.stride, "phases": arguments.phases}
+    plan = make_plan(
+        table,
+        settings,
+        data={} if arguments.root is None else {"root": arguments.root},
+        selection={name: value for name, value in chosen.items() if value is not None},
+    )
+    try:
+        with progress(table.name, "run") as show:
+            finished = run_plan(
+                plan,
+                arguments.out,
+                workers,
+                only=arguments.only,
+                train=not arguments.no_train,
+                on_progress=show,
+            )
+    except KeyboardInterrupt as stop:
+        more = ", and with --no-train it writes the table of those" if str(stop) else ""
+        raise KeyboardInterrupt(f"{stop}{more}") from None
     paths = write_table(finished, arguments.out)
     print(finished.describe(), flush=True)
     for path in paths:
@@ -191,8 +208,13 @@ def _listed(name: str) -> str:
         for cell in table.cells
     ]
     headers = ["experiment", "model", "inputs", "", *(_HEADERS[key] for key in keys)]
-    return (
-        f"{table.title}\n{len(rows)} experiments; published numbers ({table.place}), of a real "
-        f"hand with private recordings:\n\n{tabulate(rows, headers)}\n\n"
-        f"One of them alone: tactile fit --config {table.template}/{table.cells[0].experiment}"
+    published = (
+        f"; published numbers ({table.place}), of a real hand with private recordings"
+        if table.is_published
+        else ""
     )
+    protocols = "; ".join(f"{p.name} ({p.protocol.describe()})" for p in table.protocols)
+    text = f"{table.title}\n{len(rows)} experiments{published}:\n\n{tabulate(rows, headers)}\n\n"
+    text += f"Held out: {protocols}"
+    alone = next((cell.config for cell in table.cells if cell.config is not None), None)
+    return text if alone is None else f"{text}\nOne of them alone: tactile fit --config {alone}"

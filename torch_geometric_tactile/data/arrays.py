@@ -21,7 +21,7 @@ def static_data_from_arrays(
     edge_index: Any | None,
     columns: Mapping[str, Any],
     names: Mapping[str, Sequence[str]],
-    schema: Mapping[str, Sequence[str]],
+    schema: Mapping[str, Any],
 ) -> tuple[StaticData, dict[str, list[str]]]:
     r"""Checks arrays against a layout and returns them as samples, with the names behind their
     integer attributes.
@@ -148,7 +148,7 @@ def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
     if unknown:
         raise ValueError(f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
     number = {name: i for i, name in enumerate(names)}
-    return torch.tensor([number[name] for name in array.tolist()], dtype=torch.long)
+    return torch.tensor([number[str(name)] for name in array.tolist()], dtype=torch.long)
 
 
 def layout_of(data: StaticData) -> TaxelLayout:

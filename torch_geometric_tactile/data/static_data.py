@@ -185,7 +185,7 @@ class StaticData(Data):
         return self.num_samples
 
     @property
-    def schema(self) -> dict[str, list[str]]:
+    def schema(self) -> dict[str, Any]:
         r"""The declarations, as arguments of the constructor and of :meth:`from_data_list`."""
         schema: Schema = self._schema
         return schema.to_dict()

@@ -31,6 +31,7 @@ class FakeTactileDataset(StaticDataset):
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once.
         pre_filter (callable, optional): Tells whether a sample is kept.
+        num_test (int, optional): Number of test grasps; :obj:`num_samples` if left out.
 
     Raises:
         ValueError: If :obj:`split` is unknown or a number is below one.
@@ -54,14 +55,21 @@ class FakeTactileDataset(StaticDataset):
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
+        num_test: int | None = None,
     ) -> None:
         if split not in ("train", "test", "all"):
             raise ValueError(f"'split' must be 'train', 'test' or 'all' (got '{split}')")
-        for name, number in (("num_samples", num_samples), ("num_objects", num_objects)):
+        num_test = num_samples if num_test is None else num_test
+        for name, number in (
+            ("num_samples", num_samples),
+            ("num_objects", num_objects),
+            ("num_test", num_test),
+        ):
             if number < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {number})")
         self.layout = biotac_sp() if layout is None else layout
         self.num_samples = num_samples
+        self.num_test = num_test
         self.split = split
         self.num_objects = num_objects
         self.num_fingers = num_fingers
@@ -99,11 +107,12 @@ class FakeTactileDataset(StaticDataset):
         return data, names
 
     def _generate(self, offset: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        objects = min(self.num_objects, self.num_samples)
+        num_samples = self.num_test if offset else self.num_samples
+        objects = min(self.num_objects, num_samples)
         grasps = simulate_grasps(
             self.layout,
             objects=objects,
-            grasps_per_object=-(-self.num_samples // objects),
+            grasps_per_object=-(-num_samples // objects),
             sessions=len(_SESSIONS),
             num_fingers=self.num_fingers,
             seed=2 * self.seed + offset,

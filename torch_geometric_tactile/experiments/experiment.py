@@ -1,34 +1,19 @@
-r"""One experiment of a table: a model trained once and tested once."""
+r"""One experiment of a table, as a value: a model trained once and tested once."""
 
-import copy
 import hashlib
 import json
-import math
-import os
-import platform
-import time
-from dataclasses import dataclass
-from functools import cache, cached_property
-from pathlib import Path
-from typing import Any
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Self
 
-import lightning as L
 import torch
 import torch_geometric
-from lightning.pytorch.cli import instantiate_module
-from torch import Tensor
-from torch.utils.data import DataLoader
 
 from torch_geometric_tactile import __version__
-from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.experiments.evaluation import quiet
-from torch_geometric_tactile.experiments.memory import PeakMemory
-from torch_geometric_tactile.training.config import merged
-from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import classification_metrics
-from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
-
-_NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.experiments.data_source import DataSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,81 +21,98 @@ class Experiment:
     r"""What is trained and tested.
 
     Args:
-        name (str): Its name.
-        config (dict): Its configuration; the settings below stand above it.
-        root (str, optional): Folder of the recordings.
-        data (str): Fingerprint of the recordings.
+        name (str): Its name in the table.
+        data (DataSource): The samples.
+        protocol (Protocol): What is held out.
+        protocol_name (str): What the table calls it.
+        model (dict): The :obj:`model` section of a configuration, which a
+            :class:`~torch_geometric_tactile.training.TactileClassifier` is built from; or a
+            scikit-learn classifier as :obj:`{"class_path", "init_args"}`.
+        transform (dict, optional): What every batch goes through, as :obj:`{"class_path",
+            "init_args"}`; fitted on the training part.
         seed (int): Seed of the split and of the training.
-        split_by (str): :obj:`"trial"` or :obj:`"frame"`.
-        epochs (int): Number of epochs.
-        stride (int): Only every :obj:`stride`-th frame of each trial.
-        phases (tuple of str, optional): Only frames in these phases.
+        fold (int): Which of the protocol's folds is tested on.
+        epochs (int): Number of epochs; 0 for scikit-learn.
+        batch_size (int): Number of samples of a batch.
+        trainer (dict): Further arguments of :class:`lightning.Trainer`.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of torch.
+        measure_memory (bool): Whether it needs a process of its own, which measures its memory.
     """
 
     name: str
-    config: dict[str, Any]
-    root: str | None
-    data: str
-    seed: int
-    split_by: str
-    epochs: int
-    stride: int = 1
-    phases: tuple[str, ...] | None = None
+    data: DataSource
+    protocol: Protocol
+    protocol_name: str
+    model: dict[str, Any]
+    transform: dict[str, Any] | None = None
+    seed: int = 0
+    fold: int = 0
+    epochs: int = 0
+    batch_size: int = 128
+    trainer: dict[str, Any] = field(default_factory=dict)
     accelerator: str = "cpu"
     threads: int = 1
+    measure_memory: bool = False
+
+    @property
+    def is_estimator(self) -> bool:
+        r"""Whether the model is scikit-learn's."""
+        return "class_path" in self.model
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all that the result follows from. Two experiments of one configuration are one,
         whatever their names; threads and the place of the recordings do not count.
         """
-        config = json.dumps(self.config, sort_keys=True)
+        config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
         return {
-            "config": hashlib.sha256(config.encode()).hexdigest(),
-            "data": self.data,
+            "config": _sha256(config),
+            "data": self.data.identity(),
+            "protocol": self.protocol.to_dict(),
             "seed": self.seed,
-            "split_by": self.split_by,
+            "fold": self.fold,
             "epochs": self.epochs,
-            "stride": self.stride,
-            "phases": None if self.phases is None else list(self.phases),
+            "batch_size": self.batch_size,
             "accelerator": self.accelerator,
+            "measure_memory": self.measure_memory,
             "versions": versions(),
         }
 
     @cached_property
     def code(self) -> str:
         r"""A short code of the identity."""
-        content = json.dumps(self.identity(), sort_keys=True)
-        return hashlib.sha256(content.encode()).hexdigest()[:12]
+        return _sha256(self.identity())[:12]
 
     @property
     def label(self) -> str:
-        r"""What a user reads: name, split and seed."""
-        return f"{self.name}, by {self.split_by}, seed {self.seed}"
+        r"""What a user reads: name, protocol, seed and fold."""
+        fold = "" if self.protocol.folds is None and not self.fold else f", fold {self.fold}"
+        return f"{self.name}, {self.protocol_name}, seed {self.seed}{fold}"
 
     @property
     def file_name(self) -> str:
         r"""The name of the file of its result."""
-        return f"{self.name}_{self.split_by}_seed{self.seed}_{self.code}.json"
+        readable = re.sub(r"[^\w.-]+", "-", self.label.replace(", ", "_").replace("seed ", "seed"))
+        return f"{readable}_{self.code}.json"
 
-    def full_config(self) -> dict[str, Any]:
-        r"""Returns the configuration with the settings in it, without what only validation needs:
-        nothing is chosen.
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns it as plain data, for another process."""
+        content = {**vars(self), "data": self.data.to_dict(), "protocol": self.protocol.to_dict()}
+        content.pop("code", None)  # a cached property
+        return content
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        r"""Builds an experiment from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): The arguments.
         """
-        settings = {
-            "root": self.root,
-            "split_by": self.split_by,
-            "split_seed": self.seed,
-            "stride": self.stride,
-            "phases": None if self.phases is None else list(self.phases),
+        values = {
+            "data": DataSource(**content["data"]),
+            "protocol": Protocol.from_dict(content["protocol"]),
         }
-        datasets = {key: {"init_args": settings} for key in ("dataset", "test_dataset")}
-        trainer = {"max_epochs": self.epochs, "accelerator": self.accelerator}
-        over = {"seed_everything": self.seed, "data": datasets, "trainer": trainer}
-        config = copy.deepcopy(merged(self.config, over))  # jsonargparse writes into its own
-        config["data"] = {**config["data"], "val_dataset": None, "val": 0.0}
-        return config
+        return cls(**{**content, **values})
 
 
 def versions() -> dict[str, str]:
@@ -122,131 +124,5 @@ def versions() -> dict[str, str]:
     }
 
 
-def run_experiment(experiment: Experiment) -> dict[str, Any]:
-    r"""Trains for the given number of epochs and tests once, at the end; nothing is chosen by the
-    test part.
-
-    Peak memory is the growth from before the model is built, with the recordings loaded and the
-    scaling fitted, to the highest point of training: parameters, gradients, the optimizer's state,
-    activations and one batch.
-
-    Args:
-        experiment (Experiment): What to do.
-
-    Returns:
-        dict: :obj:`metrics` (of :func:`classification_metrics`), :obj:`label_names`,
-        :obj:`num_train` and :obj:`num_test` (frames), :obj:`frames_per_second` of training,
-        :obj:`peak_memory_mb` and what it :obj:`measures`, :obj:`num_parameters`,
-        :obj:`train_seconds` and :obj:`seconds` in all, and :obj:`machine`.
-    """
-    start = time.perf_counter()
-    if experiment.accelerator == "gpu" and not torch.cuda.is_available():
-        raise ValueError("'accelerator' must be 'cpu': torch finds no GPU here (got 'gpu')")
-    torch.set_num_threads(experiment.threads)
-    config = experiment.full_config()
-    data: TactileDataModule = instantiate_module(TactileDataModule, config["data"])
-    data.setup()
-    _warm_up(experiment.accelerator)
-    memory = PeakMemory("cuda" if experiment.accelerator == "gpu" else "cpu")
-    memory.start()
-    L.seed_everything(experiment.seed, verbose=False)
-    classifier = classifier_from_config(config["model"], data)
-    clock = _Clock()
-    with quiet():
-        trainer = _trainer(callbacks=[clock], **config["trainer"])
-        trainer.fit(classifier, datamodule=data)
-    peak = memory.stop()
-    score, y = _test(classifier, data, trainer.strategy.root_device)
-    num_train, num_test = len(data.dataset), len(y)
-    multilabel = classifier.task == "multilabel"
-    return {
-        "metrics": _finite(classification_metrics(score, y, classifier.task)),
-        "label_names": data.class_names if multilabel else None,
-        "num_train": num_train,
-        "num_test": num_test,
-        "frames_per_second": num_train * experiment.epochs / clock.seconds,
-        "peak_memory_mb": peak if math.isfinite(peak) else None,
-        "measures": memory.measure,
-        "num_parameters": sum(p.numel() for p in classifier.model.parameters()),
-        "train_seconds": clock.seconds,
-        "seconds": time.perf_counter() - start,
-        "machine": machine(experiment.accelerator, experiment.threads),
-    }
-
-
-def _trainer(**arguments: Any) -> L.Trainer:
-    return L.Trainer(
-        devices=1,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        **arguments,
-    )
-
-
-@cache
-def _warm_up(accelerator: str) -> None:
-    # What is loaded at a process's first training is not to count as memory or time of a model.
-    batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
-    classifier = TactileClassifier(_Linear())
-    with quiet():
-        trainer = _trainer(max_epochs=1, accelerator=accelerator)
-        batches: Any = [batch]
-        trainer.fit(classifier, DataLoader(batches, batch_size=None))
-
-
-class _Linear(torch.nn.Module):
-    def __init__(self) -> None:
-        super().__init__()
-        self.lin = torch.nn.Linear(2, 2)
-
-    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
-        logits: Tensor = self.lin(x).mean(dim=1)
-        return logits
-
-
-class _Clock(L.Callback):
-    seconds = math.nan
-
-    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        self._start = time.perf_counter()
-
-    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        if trainer.strategy.root_device.type == "cuda":
-            torch.cuda.synchronize()
-        self.seconds = time.perf_counter() - self._start
-
-
-def _test(
-    classifier: TactileClassifier, data: TactileDataModule, device: torch.device
-) -> tuple[Tensor, Tensor]:
-    classifier.to(device).eval()
-    scores, targets = [], []
-    with torch.inference_mode():
-        for batch in data.test_dataloader():
-            logits = classifier(batch.to(device))
-            scores.append(classifier.probability(logits).cpu())
-            targets.append(batch.y.cpu())
-    return torch.cat(scores), torch.cat(targets)
-
-
-def _finite(metrics: dict[str, float]) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in metrics.items()}
-
-
-def machine(accelerator: str, threads: int) -> str:
-    r"""Describes this machine in a few words.
-
-    Args:
-        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
-        threads (int): Threads of torch.
-    """
-    name = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        lines = cpuinfo.read_text("utf-8", "replace").splitlines()
-        models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-        name = models[0] if models else name
-    text = f"{name}, {os.cpu_count()} cores, {threads} thread{'s' if threads > 1 else ''} a run"
-    return f"{torch.cuda.get_device_name()}; {text}" if accelerator == "gpu" else text
+def _sha256(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

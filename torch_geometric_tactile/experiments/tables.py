@@ -1,13 +1,23 @@
-r"""The tables of the papers: what they print, and which experiment stands beside each number."""
+r"""Tables as values: what is compared on which data, by which protocols, beside which published
+numbers.
+"""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import yaml
+
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.training.config import TEMPLATES, expand_template, load_config
+
+_SHOWS = ("accuracy", "memory")
+_PUBLISHED = ("accuracy", "spread", "auc", "memory")
 
 
 @dataclass(frozen=True)
@@ -15,44 +25,102 @@ class Cell:
     r"""One place of a table.
 
     Args:
-        section (str): The part of the table, such as :obj:`"with joint angles"`.
         row (str): The model.
-        column (str): Its inputs.
-        experiment (str): Name of the experiment in the table's template.
+        column (str): Its inputs, or whatever else tells it from others of its row.
+        experiment (str): Name of the experiment.
+        section (str): The part of the table, such as :obj:`"with joint angles"`; may be empty.
+        config (str, optional): The configuration that it is trained by: a shipped one by its name,
+            or a file.
+        estimator (dict, optional): A scikit-learn classifier as :obj:`{"class_path",
+            "init_args"}`, instead of :obj:`config`.
+        transform (dict, optional): What every batch goes through, instead of what the
+            configuration says.
+        data (dict): Arguments of the data set that only this place has.
         published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`,
             :obj:`auc`, and :obj:`memory` in MB, where it does.
     """
 
-    section: str
     row: str
     column: str
     experiment: str
-    published: dict[str, float]
+    section: str = ""
+    config: str | None = None
+    estimator: dict[str, Any] | None = None
+    transform: dict[str, Any] | None = None
+    data: dict[str, Any] = field(default_factory=dict)
+    published: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if (self.config is None) == (self.estimator is None):
+            raise ValueError(
+                f"'{self.experiment}' must have either a 'config' or an 'estimator' (got "
+                f"{'none' if self.config is None else 'both'})"
+            )
 
 
 @dataclass(frozen=True)
-class PublishedTable:
-    r"""A table of a paper.
+class TableProtocol:
+    r"""What a table holds out of its data.
 
     Args:
-        name (str): Its name on the command line.
+        name (str): What the table calls it, such as :obj:`"by trial"`.
+        protocol (Protocol): What is held out.
+        data (dict): Arguments of the data set that only this protocol has.
+        note (str): What it tells, as a sentence; may be empty.
+    """
+
+    name: str
+    protocol: Protocol
+    data: dict[str, Any] = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    r"""A table, of a paper or a user's own.
+
+    Args:
+        name (str): Its name, and that of its files.
         title (str): What it shows.
-        paper (str): Title of the paper.
-        place (str): Where in the paper it stands.
-        template (str): The configurations of its experiments.
+        data (DataSource): The samples.
+        protocols (tuple of TableProtocol): What is held out, one protocol after the other.
+        cells (tuple of Cell): Its places, row by row.
+        paper (str): Title of the paper, if it is of one.
+        place (str): Where in the paper it is.
         task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
         shows (str): :obj:`"accuracy"` or :obj:`"memory"`.
-        cells (tuple of Cell): Its places, row by row.
+        seeds (int): Runs of each experiment, unless told otherwise.
+        measure_memory (bool): Whether every run gets a process whose memory is measured. Not worth
+            it for hundreds of small models.
+
+    Raises:
+        ValueError: If there is no protocol or no place, or a name stands for two.
     """
 
     name: str
     title: str
-    paper: str
-    place: str
-    template: str
-    task: str
-    shows: str
+    data: DataSource
+    protocols: tuple[TableProtocol, ...]
     cells: tuple[Cell, ...]
+    paper: str = ""
+    place: str = ""
+    task: str = "multiclass"
+    shows: str = "accuracy"
+    seeds: int = 5
+    measure_memory: bool = True
+
+    def __post_init__(self) -> None:
+        if self.shows not in _SHOWS:
+            raise ValueError(f"'shows' must be one of {list(_SHOWS)} (got '{self.shows}')")
+        for what, names in (
+            ("protocols", [protocol.name for protocol in self.protocols]),
+            ("cells", [cell.experiment for cell in self.cells]),
+        ):
+            if not names or len(set(names)) < len(names):
+                raise ValueError(
+                    f"'{what}' of table '{self.name}' must have different names, at least one "
+                    f"(got {names})"
+                )
 
     @property
     def sections(self) -> list[str]:
@@ -64,8 +132,13 @@ class PublishedTable:
         r"""Its models, in order."""
         return list(dict.fromkeys(cell.row for cell in self.cells))
 
+    @property
+    def is_published(self) -> bool:
+        r"""Whether any number of it is published."""
+        return any(cell.published for cell in self.cells)
+
     def columns(self, section: str) -> list[str]:
-        r"""Returns the inputs of a section, those with fewer first.
+        r"""Returns the columns of a section, in the order of the row that has most.
 
         Args:
             section (str): The section.
@@ -100,34 +173,111 @@ class PublishedTable:
             if any(fnmatchcase(cell.experiment, pattern) for pattern in patterns)
         )
 
+    def select_protocols(self, names: Iterable[str] | None) -> tuple[TableProtocol, ...]:
+        r"""Returns some of the protocols, in the order of the table.
+
+        Args:
+            names (iterable of str, optional): Their names; a leading :obj:`"by"` may be left out.
+                All if left out.
+
+        Raises:
+            ValueError: If there is no such protocol; the message lists those there are.
+        """
+        if names is None:
+            return self.protocols
+        wanted, known = list(names), [protocol.name for protocol in self.protocols]
+        for name in wanted:
+            if not {name, f"by {name}"} & set(known):
+                raise ValueError(f"'protocols' must be some of {known} (got '{name}')")
+        if not wanted:
+            raise ValueError(f"'protocols' must be some of {known} (got none)")
+        chosen = {*wanted, *(f"by {name}" for name in wanted)}
+        return tuple(protocol for protocol in self.protocols if protocol.name in chosen)
+
 
 @cache
 def _content() -> dict[str, dict[str, Any]]:
-    path = files("torch_geometric_tactile.experiments") / "published.yaml"
+    path = files("torch_geometric_tactile.experiments") / "tables.yaml"
     content: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))["tables"]
     return content
 
 
 def table_names() -> list[str]:
-    r"""Returns the names of the tables."""
+    r"""Returns the names of the shipped tables."""
     return list(_content())
 
 
-def load_table(name: str) -> PublishedTable:
-    r"""Returns a table of a paper.
+def load_table(name: str) -> Table:
+    r"""Returns a shipped table, or one that a user wrote.
 
     Args:
-        name (str): Its name, such as :obj:`"p1-table2"`.
+        name (str): Its name, such as :obj:`"p1-table2"`, or the path of a YAML file. Paths of
+            configurations in the file are relative to its folder.
 
     Raises:
-        ValueError: If there is no such table; the message lists those that there are.
+        ValueError: If there is no such table, and the message lists those there are; or the file
+            is not as described on the page on experiments.
     """
-    if name not in _content():
-        raise ValueError(f"'name' must be one of {table_names()} (got '{name}')")
-    content = dict(_content()[name])
-    cells = []
-    for entry in content.pop("cells"):
-        entry = dict(entry)
-        place = {key: entry.pop(key) for key in ("section", "row", "column", "experiment")}
-        cells.append(Cell(**place, published=entry))
-    return PublishedTable(name=name, cells=tuple(cells), **content)
+    if name in _content():
+        return _table(name, _content()[name], Path())
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ValueError(
+            f"'name' must be one of {table_names()}, or a file that ends with .yaml (got '{name}')"
+        )
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if not isinstance(content, Mapping):
+        raise ValueError(f"'{path}' must hold a table (got {type(content).__name__})")
+    return _table(path.stem, dict(content), path.parent)
+
+
+def _table(name: str, content: Mapping[str, Any], folder: Path) -> Table:
+    entries = dict(content)
+    try:
+        data = dict(entries.pop("data"))
+        source = DataSource(arguments=data.pop("init_args", None) or {}, **data)
+        protocols = tuple(_protocol(*item) for item in entries.pop("protocols").items())
+        template = entries.pop("template", None)
+        cells = tuple(_cell(cell, template, folder) for cell in entries.pop("cells"))
+        return Table(name=name, data=source, protocols=protocols, cells=cells, **entries)
+    except KeyError as error:
+        raise ValueError(f"table '{name}' must have {error} (got none)") from error
+    except (TypeError, AttributeError) as error:
+        raise ValueError(f"table '{name}' cannot be read: {error}") from error
+
+
+def _protocol(name: str, content: Mapping[str, Any]) -> TableProtocol:
+    values = dict(content)
+    data, note = values.pop("data", {}), values.pop("note", "")
+    return TableProtocol(name, Protocol.from_dict(values), data, note)
+
+
+def _cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cell:
+    values = dict(content)
+    published = {key: values.pop(key) for key in _PUBLISHED if key in values}
+    config = values.pop("config", None)
+    if config is None and template is not None and "estimator" not in values:
+        config = f"{template}/{values['experiment']}"
+    if config is not None and (folder / config).is_file():
+        config = str(folder / config)
+    values.setdefault("experiment", values["row"])
+    values.setdefault("column", "")
+    return Cell(config=config, published=published, **values)
+
+
+def cell_config(cell: Cell) -> dict[str, Any]:
+    r"""Returns the configuration of a cell.
+
+    Args:
+        cell (Cell): The cell, with a :obj:`config`.
+
+    Raises:
+        FileNotFoundError: If there is no such configuration.
+    """
+    name = str(cell.config)
+    template, slash, experiment = name.partition("/")
+    if slash and template in TEMPLATES:
+        configs = expand_template(template)
+        if experiment in configs:
+            return configs[experiment]
+    return load_config(name)

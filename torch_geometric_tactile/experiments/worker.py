@@ -15,11 +15,11 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
 from typing import Any
 
-from torch_geometric_tactile.experiments.experiment import Experiment, run_experiment
+from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.experiments.memory import PeakMemory
+from torch_geometric_tactile.experiments.run import run_experiment
 from torch_geometric_tactile.parallel import KEPT_MEMORY
 
 _MODULE = "torch_geometric_tactile.experiments.worker"
@@ -29,12 +29,9 @@ _SIGKILL = -9
 _mine = threading.local()  # a worker of a cluster may run several jobs in threads
 
 
-def run_in_process(experiment: Experiment, parent: int | None = None) -> dict[str, Any]:
-    r"""Runs an experiment in another process and returns its result, or :obj:`{"error": ...}`
-    where it failed or was killed.
-
-    The process is used again for the next experiment of this thread, which saves its start, if it
-    can measure the peak memory of each.
+def run_safely(experiment: Experiment, parent: int | None = None) -> dict[str, Any]:
+    r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed: in a
+    process of its own if its memory is to be measured, and otherwise here.
 
     Args:
         experiment (Experiment): What to do.
@@ -42,6 +39,32 @@ def run_in_process(experiment: Experiment, parent: int | None = None) -> dict[st
             with it.
     """
     _end_with(parent)
+    return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
+
+
+def run_here(experiment: Experiment) -> dict[str, Any]:
+    r"""Runs an experiment in this process and returns its result, or :obj:`{"error": ...}` if it
+    failed.
+
+    Args:
+        experiment (Experiment): What to do.
+    """
+    try:
+        return run_experiment(experiment)
+    except Exception as error:
+        return {"error": " ".join(f"{type(error).__name__}: {error}".split())[:1000]}
+
+
+def run_in_process(experiment: Experiment) -> dict[str, Any]:
+    r"""Runs an experiment in another process and returns its result, or :obj:`{"error": ...}` if it
+    failed or was killed.
+
+    The process is used again for the next experiment of this thread, which saves its start, if it
+    can measure the peak memory of each.
+
+    Args:
+        experiment (Experiment): What to do.
+    """
     while True:
         process = getattr(_mine, "process", None)
         if process is None or process.threads != experiment.threads or not process.alive:
@@ -86,7 +109,7 @@ class _Process:
         assert self._popen.stdin is not None
         assert self._popen.stdout is not None
         with suppress(BrokenPipeError):  # it has ended
-            self._popen.stdin.write(json.dumps(asdict(experiment)).encode() + b"\n")
+            self._popen.stdin.write(json.dumps(experiment.to_dict()).encode() + b"\n")
             self._popen.stdin.flush()
         line = self._popen.stdout.readline()
         if line:
@@ -134,12 +157,7 @@ def main() -> None:
             content = json.loads(lines.get(timeout=_IDLE_SECONDS))
         except queue.Empty:
             return
-        phases = content.pop("phases")
-        experiment = Experiment(**content, phases=None if phases is None else tuple(phases))
-        try:
-            result = run_experiment(experiment)
-        except Exception as error:
-            result = {"error": " ".join(f"{type(error).__name__}: {error}".split())[:1000]}
+        result = run_here(Experiment.from_dict(content))
         answers.write(json.dumps(result) + "\n")
         answers.flush()
         if "error" in result or not PeakMemory.can_start_anew():

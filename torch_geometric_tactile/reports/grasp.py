@@ -1,13 +1,11 @@
-r"""The main job: from data to a judged model and a report."""
+r"""The page of the demo: models of grasp stability, and what each protocol says of them."""
 
 import json
 import math
 import platform
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 import torch_geometric
 from sklearn.metrics import confusion_matrix, roc_auc_score, roc_curve
@@ -16,13 +14,19 @@ from torch import Tensor
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.datasets import BioTacSP, FakeTactileDataset, default_root
-from torch_geometric_tactile.experiments import evaluation
+from torch_geometric_tactile.experiments.grasp_numbers import (
+    Judged,
+    Score,
+    grasp_judgements,
+    grasp_records,
+    grasp_summary,
+)
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.reports.html import ReportPicture, ReportTable, write_report
-from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
-from torch_geometric_tactile.training.config import load_config
-from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
+from torch_geometric_tactile.transforms import SessionZScore
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import (
     plot_confusion,
@@ -32,77 +36,72 @@ from torch_geometric_tactile.visualization import (
     save_figure,
 )
 
+CHECKPOINT = "grasp_gcn_df.ckpt"
+MAIN = "gcn_df_session"
 _MAIN = "GCN-DF"
-_CHECKPOINT = "grasp_gcn_df.ckpt"
+_UNSEEN = "unseen objects"
 _FINGERS = ("index finger", "middle finger", "thumb")
-_SCALING_NAMES = {"raw": "raw", "session": "scaled by session"}
+_SCALINGS = {"session": "scaled by session", "raw": "raw"}
+_Summary = dict[str, dict[str, dict[str, dict[str, Score]]]]
 
 
-class _Data(NamedTuple):
-    train: StaticDataset
-    test: StaticDataset
-    notice: str
-    generated: bool
+class GraspReport(NamedTuple):
+    r"""What was written: the content of :obj:`metrics.json`, and the table as text."""
+
+    content: dict[str, Any]
+    text: str
 
 
-def main(
-    root: PathLike | None = None,
-    out: PathLike = "report",
-    seeds: int = 3,
-    folds: int = 5,
-    epochs: int | None = None,
-    num_processes: int = 1,
-    generated: bool = False,
-) -> dict[str, Any]:
-    r"""Trains and judges all models and writes the report folder.
+def write_grasp_report(
+    run: PlanRun, main: dict[str, Any], out: PathLike, seconds: float
+) -> GraspReport:
+    r"""Writes :obj:`report.html`, its pictures and :obj:`metrics.json`.
 
     Args:
-        root (str or PathLike, optional): Folder of the data; downloaded if left out, generated if
-            it cannot be downloaded.
-        out (str or PathLike): Folder of the report.
-        seeds (int): Number of seeds.
-        folds (int): Number of folds.
-        epochs (int, optional): Epochs, instead of those of the configurations.
-        num_processes (int): How many models are trained at a time.
-        generated (bool): Whether to generate the data in any case.
-
-    Returns:
-        dict: What :obj:`metrics.json` holds.
+        run (PlanRun): A run of the table :obj:`bts3` of which nothing is missing.
+        main (dict): The result of the experiment :obj:`MAIN` on the unseen objects, seed 0, whose
+            checkpoint is :obj:`CHECKPOINT` in the same folder.
+        out (str or PathLike): The folder.
+        seconds (float): How long everything took.
 
     Raises:
-        ValueError: If the data is damaged or :obj:`folds` is below two.
+        ImportError: If matplotlib or jinja2 is missing.
+        ValueError: If runs are missing.
     """
-    if folds < 2:
-        raise ValueError(f"'folds' must be at least 2 (got {folds})")
-    start = time.perf_counter()
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
-    data = open_data(root, generated)
-    print(data.notice)  # noqa: T201 - the first line that the user reads
-    jobs = evaluation.make_jobs(list(evaluation.MODELS), seeds, folds)
-    results = evaluation.run_jobs(jobs, data.train, data.test, folds, epochs, num_processes)
-    pooled = evaluation.pool_folds(results)
-    records = list(evaluation.summarize(pooled, data.train.session_names))
-    checkpoint = _train_main(data, out, epochs)
-    summary = _summary(records)
-    table = _table(summary, seeds)
-    print(f"\n{_terminal_table(table)}")  # noqa: T201
-    pictures = _pictures(data, pooled, summary, out)
+    if run.missing:
+        raise ValueError(f"'run' must be complete (got {run.missing} runs missing)")
+    out, plan = Path(out), run.plan
+    unseen = next(e for e in plan.experiments if e.protocol_name == _UNSEEN)
+    train, test = unseen.data.parts(unseen.protocol, unseen.seed, unseen.fold)
+    judgements = grasp_judgements(run)
+    records = list(grasp_records(judgements, run))
+    summary = grasp_summary(records)
+    table = _table(summary, plan.seeds)
+    num_neighbours = plan.data.arguments["pre_transform"]["init_args"]["k"]
+    pictures = _pictures(train, num_neighbours, judgements, summary, out)
+    cell = next(cell for cell in plan.table.cells if cell.experiment == MAIN)
+    metrics = Judgement.from_dict(main["predictions"]).metrics()
     content = {
         "data": {
-            "source": data.notice,
-            "generated": data.generated,
-            "train_samples": len(data.train),
-            "train_objects": _count_groups(data.train),
-            "test_samples": len(data.test),
-            "test_objects": _count_groups(data.test),
+            "source": plan.data.caption,
+            "generated": plan.data.kind == "generated",
+            "train_samples": len(train),
+            "train_objects": _count_groups(train),
+            "test_samples": len(test),
+            "test_objects": _count_groups(test),
         },
         "machine": _machine(),
-        "seeds": list(range(seeds)),
-        "folds": folds,
-        "epochs": epochs or "as configured",
-        "seconds": round(time.perf_counter() - start, 1),
-        "checkpoint": checkpoint,
+        "seeds": list(range(plan.seeds)),
+        "folds": max(entry.protocol.folds or 1 for entry in plan.protocols),
+        "epochs": _epochs(run),
+        "seconds": round(seconds, 1),
+        "checkpoint": {
+            "file": CHECKPOINT,
+            "config": cell_config(cell),
+            "seed": 0,
+            "scaling": cell.column,
+            **{name: metrics[name] for name in ("accuracy", "f1", "f1_positive")},
+        },
         "results": records,
     }
     with atomic_path(out / "metrics.json") as temporary:
@@ -110,113 +109,35 @@ def main(
     write_report(
         out / "report.html",
         title="Grasp stability from touch",
-        notice=data.notice,
+        notice=plan.data.caption,
         facts=_facts(content),
         tables=[table],
         pictures=pictures,
     )
-    print(f"\nReport: {out / 'report.html'} ({content['seconds']:.0f} s)")  # noqa: T201
-    return content
+    return GraspReport(content, _terminal_table(table))
 
 
-def open_data(root: PathLike | None, generated: bool = False) -> _Data:
-    r"""Finds the data set, downloads it, or generates a stand-in.
-
-    Args:
-        root (str or PathLike, optional): Folder of the data.
-        generated (bool): Whether to generate it in any case.
-    """
-    graph = KNNGraph(k=_num_neighbours())
-    reason = "generated data was asked for"
-    if not generated:
-        home = default_root("BioTacSP") if root is None else Path(root).expanduser()
-        try:
-            if root is not None:
-                home = _find(home)
-            train = BioTacSP(home, "train", pre_transform=graph)
-            notice = (
-                "Data: real. BioTac SP stability set v2 (BTS3), "
-                "github.com/3dperceptionlab/biotacsp-stability-set-v2, checksums verified."
-            )
-            return _Data(train, BioTacSP(home, "test", pre_transform=graph), notice, False)
-        except ConnectionError as error:
-            reason = str(error)
-    notice = (
-        "Data: GENERATED, not measured (FakeTactileDataset, seed 0); no number below says anything "
-        f"about a real hand. Why not real data: {reason}."
-    )
-    train = FakeTactileDataset(2000, "train", num_objects=20, pre_transform=graph)
-    test = FakeTactileDataset(600, "test", num_objects=20, pre_transform=graph)
-    return _Data(train, test, notice, True)
+def _epochs(run: PlanRun) -> int | str:
+    # The number that was asked for, where all have it instead of their configurations' own.
+    configured = {
+        cell.experiment: cell_config(cell)["trainer"]["max_epochs"]
+        for cell in run.plan.table.cells
+        if cell.config is not None
+    }
+    asked = {e.epochs for e in run.plan.experiments if e.name in configured}
+    own = all(e.epochs == configured.get(e.name, e.epochs) for e in run.plan.experiments)
+    return "as configured" if own else asked.pop()
 
 
-def _num_neighbours() -> int:
-    dataset = load_config(str(evaluation.MODELS[_MAIN]))["data"]["dataset"]
-    return int(dataset["init_args"]["pre_transform"]["init_args"]["k"])
-
-
-def _find(folder: Path) -> Path:
-    r"""Returns the root of the data set; loose files are copied out of a folder that may not be
-    ours to write to.
-    """
-    if not folder.is_dir():
-        raise FileNotFoundError(f"'--root' must be a folder (got '{folder}')")
-    for home in (folder, folder / "BioTacSP"):
-        if (home / "raw").is_dir():
-            return home
-    home = default_root("BioTacSP")
-    if home.parent.resolve() == folder.resolve():  # $TACTILE_DATA itself
-        BioTacSP.import_raw(folder, home)
-        return home
-    return home if BioTacSP.import_raw(folder, home) else folder / "BioTacSP"
-
-
-def _train_main(data: _Data, out: Path, epochs: int | None) -> dict[str, Any]:
-    r"""Trains the model that is kept, with session scaling and seed 0."""
-    config = load_config(str(evaluation.MODELS[_MAIN]))
-    module = evaluation.data_module(config, data.train, data.test, "session")
-    classifier = evaluation.train_classifier(
-        config,
-        module,
-        seed=0,
-        epochs=epochs,
-        logger=False,
-        enable_checkpointing=False,
-        enable_model_summary=False,
-        plugins=[AtomicCheckpointIO()],
-    )
-    classifier.trainer.save_checkpoint(out / _CHECKPOINT, weights_only=False)
-    metrics = evaluation.judge(classifier, module).metrics()
-    return {"file": _CHECKPOINT, "config": config, "seed": 0, "scaling": "session", **metrics}
-
-
-def _summary(records: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
-    r"""Returns mean and standard deviation over seeds by model, protocol and scaling."""
-    summary: dict[str, dict[str, dict[str, dict[str, Any]]]] = {}
-    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
-    for record in records:
-        key = (record["model"], record["protocol"], record["scaling"])
-        groups.setdefault(key, []).append(record)
-    for (model, protocol, scaling), group in groups.items():
-        cell = {}
-        for name in ("accuracy", "f1"):
-            values = np.array([record[name] for record in group])
-            # One seed has no deviation, which is not a deviation of zero.
-            sd = float(values.std(ddof=1)) if len(values) > 1 else float("nan")
-            cell[name] = (float(values.mean()), sd)
-        summary.setdefault(model, {}).setdefault(protocol, {})[scaling] = cell
-    return {model: summary[model] for model in evaluation.MODELS if model in summary}
-
-
-def _table(summary: dict[str, Any], seeds: int) -> ReportTable:
+def _table(summary: _Summary, seeds: int) -> ReportTable:
     protocols = list(summary[_MAIN])
     rows = []
     for model, cells in summary.items():
-        for scaling in reversed(evaluation.SCALINGS):
+        for scaling in _SCALINGS:
             row = [f"*{model}" if model == _MAIN else model, scaling]
             for protocol in protocols:
-                accuracy, f1 = (cells[protocol][scaling][name] for name in ("accuracy", "f1"))
-                row.append(f"{_percent(*accuracy)} / {_percent(*f1)}")
+                scores = cells[protocol][scaling]
+                row.append(f"{_percent(scores['accuracy'])} / {_percent(scores['f1_positive'])}")
             rows.append(row)
     return ReportTable(
         title="Accuracy / F1 score of slip, in %",
@@ -226,8 +147,9 @@ def _table(summary: dict[str, Any], seeds: int) -> ReportTable:
     )
 
 
-def _percent(mean: float, sd: float) -> str:
-    return f"{100 * mean:.1f}" + ("" if math.isnan(sd) else f" ± {100 * sd:.1f}")
+def _percent(score: Score) -> str:
+    spread = "" if math.isnan(score.spread) else f" ± {100 * score.spread:.1f}"
+    return f"{100 * score.mean:.1f}{spread}"
 
 
 def _terminal_table(table: ReportTable) -> str:
@@ -249,41 +171,46 @@ _CAPTION = (
 
 
 def _pictures(
-    data: _Data, pooled: dict[evaluation.Job, evaluation.Judgement], summary: Any, out: Path
+    train: StaticDataset,
+    num_neighbours: int,
+    judgements: dict[Judged, Judgement],
+    summary: _Summary,
+    out: Path,
 ) -> list[ReportPicture]:
-    main_job = evaluation.Job(_MAIN, "unseen objects", "session", 0, 0)
-    judged = pooled[main_job]
+    main = Judged(_MAIN, _UNSEEN, "session", 0)
+    judged = judgements[main]
     curves = {
         model: (
-            *roc_curve(other.y, other.score)[:2],
-            float(roc_auc_score(other.y, other.score)),
+            *roc_curve(other.y, other.positive_score)[:2],
+            float(roc_auc_score(other.y, other.positive_score)),
         )
-        for model in evaluation.MODELS
+        for model in summary
         if model != "Majority"
-        for other in [pooled[main_job._replace(model=model)]]
+        for other in [judgements[main._replace(model=model)]]
     }
     means = {
         model: {
             protocol: {
-                _SCALING_NAMES[scaling]: cell["accuracy"] for scaling, cell in scalings.items()
+                name: (cells[scaling]["accuracy"].mean, cells[scaling]["accuracy"].spread)
+                for scaling, name in reversed(_SCALINGS.items())
             }
-            for protocol, scalings in protocols.items()
+            for protocol, cells in protocols.items()
         }
         for model, protocols in summary.items()
     }
-    grasps, place = _example_grasps(data.train)
+    grasps, place = _example_grasps(train)
     figures = {
         "grasps": (
             plot_grasps(
-                data.train.layout,
+                train.layout,
                 grasps,
                 finger_names=list(_FINGERS),
-                edge_index=data.train[0].edge_index,
+                edge_index=train[0].edge_index,
             ),
             "Electrodes of the three fingers",
             f"A stable and a slipping grasp of one object in one session ({place}): the grasp of "
             "each outcome that is nearest to the mean of its kind. Lines are the graph, "
-            f"k = {_num_neighbours()}. Readings scaled by session.",
+            f"k = {num_neighbours}. Readings scaled by session.",
         ),
         "protocols": (
             plot_protocols(means, chance=0.5),
@@ -293,7 +220,7 @@ def _pictures(
         "confusion": (
             plot_confusion(
                 confusion_matrix(judged.y, judged.prediction, labels=[0, 1]),
-                data.train.class_names,
+                train.class_names,
                 "GCN-DF, unseen objects, scaled by session, seed 0",
             ),
             "Confusion matrix",

@@ -1,4 +1,4 @@
-r"""A table of a paper with our numbers beside the published ones: Markdown, CSV and a picture."""
+r"""A table of our numbers, beside the published ones if there are: Markdown, CSV and a picture."""
 
 import csv
 import io
@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from torch_geometric_tactile.experiments.numbers import ALL, Number, table_numbers
-from torch_geometric_tactile.experiments.plan import TableRun
+from torch_geometric_tactile.experiments.numbers import PUBLISHED as OF_PAPER
+from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.reports.table_caption import NOTHING, caption, cost_note
@@ -21,17 +22,17 @@ _Index = dict[tuple[str, str, str], Number]
 _Series = tuple[str, str, str]
 
 
-def write_table(run: TableRun, out: PathLike) -> list[Path]:
+def write_table(run: PlanRun, out: PathLike) -> list[Path]:
     r"""Writes :obj:`NAME.md`, :obj:`NAME.csv` and :obj:`NAME.png`, and returns their paths.
 
     Args:
-        run (TableRun): What :func:`run_table` returned.
+        run (PlanRun): What :func:`run_plan` returned.
         out (str or PathLike): The folder.
 
     Raises:
         ImportError: If matplotlib is missing.
     """
-    paths = [Path(out) / f"{run.table.name}{suffix}" for suffix in (".md", ".csv", ".png")]
+    paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in (".md", ".csv", ".png")]
     for path, text in zip(paths, (markdown(run), csv_text(run)), strict=False):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -40,26 +41,26 @@ def write_table(run: TableRun, out: PathLike) -> list[Path]:
     return paths
 
 
-def csv_text(run: TableRun) -> str:
+def csv_text(run: PlanRun) -> str:
     r"""Returns all numbers, one a line: where it stands in the table, its source, metric, mean,
     standard deviation and number of runs.
 
     Args:
-        run (TableRun): What :func:`run_table` returned.
+        run (PlanRun): What :func:`run_plan` returned.
     """
-    cells = {cell.experiment: cell for cell in run.table.cells}
+    cells = {cell.experiment: cell for cell in run.plan.table.cells}
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(
         ["section", "row", "column", "experiment", "source", "data", "metric", "mean", "sd", "runs"]
     )
-    for number in table_numbers(run.table, run.results):
+    for number in table_numbers(run):
         cell = cells[number.experiment]
-        published = number.source == "published"
+        published = number.source == OF_PAPER
         writer.writerow(
             [
                 *(cell.section, cell.row, cell.column, cell.experiment, number.source),
-                "real hand, private" if published else run.recordings.source,
+                "real hand, private" if published else run.plan.data.kind,
                 number.metric,
                 f"{number.mean:.6g}" if published else repr(number.mean),
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
@@ -69,19 +70,19 @@ def csv_text(run: TableRun) -> str:
     return file.getvalue()
 
 
-def markdown(run: TableRun) -> str:
+def markdown(run: PlanRun) -> str:
     r"""Returns the table as a page: what it is made of, our numbers beside the published ones, and
     what each model costs.
 
     Args:
-        run (TableRun): What :func:`run_table` returned.
+        run (PlanRun): What :func:`run_plan` returned.
     """
-    table, index = run.table, _index(run)
+    table, index = run.plan.table, _index(run)
     lines = [f"# {table.title}", "", caption(run), ""]
     for heading, series in _groups(run):
         for section in table.sections:
             columns = table.columns(section)
-            lines += [f"## {heading}, {section}", ""]
+            lines += [f"## {heading}, {section}" if section else f"## {heading}", ""]
             lines += _table_lines(
                 ["model", "", *columns],
                 [
@@ -91,13 +92,13 @@ def markdown(run: TableRun) -> str:
                     for i, (source, metric, name) in enumerate(series)
                 ],
             )
-    lines += ["## What a model costs", "", cost_note(), ""]
+    lines += ["## What a model costs", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
     lines += _table_lines(
         ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
         [
             [
-                f"`{table.template}/{cell.experiment}`",
+                f"`{_config_name(cell)}`",
                 *(_shown(index.get((cell.experiment, ALL, metric))) for metric in metrics),
             ]
             for cell in table.cells
@@ -106,17 +107,23 @@ def markdown(run: TableRun) -> str:
     return "\n".join(lines)
 
 
+def _config_name(cell: Cell) -> str:
+    # What `tactile fit --config` takes, where that is one experiment's name only.
+    is_of_template = cell.config is not None and cell.config.endswith(f"/{cell.experiment}")
+    return str(cell.config) if is_of_template else cell.experiment
+
+
 def _table_lines(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     cells = [header, ["---"] * len(header), *rows]
     return [*("| " + " | ".join(row) + " |" for row in cells), ""]
 
 
 def _row(
-    run: TableRun, index: _Index, section: str, row: str, source: str, metric: str
+    run: PlanRun, index: _Index, section: str, row: str, source: str, metric: str
 ) -> list[str]:
-    of_row = {cell.column: cell for cell in run.table.cells if _at(cell, section, row)}
+    of_row = {cell.column: cell for cell in run.plan.table.cells if _at(cell, section, row)}
     texts = []
-    for column in run.table.columns(section):
+    for column in run.plan.table.columns(section):
         cell = of_row.get(column)
         if cell is None:
             texts.append("")  # the paper has no such model
@@ -124,7 +131,7 @@ def _row(
             ratio = _ratio(run, index, cell, source)
             texts.append(NOTHING if ratio is None else f"{ratio:.2f}")
         else:
-            texts.append(_shown(index.get((cell.experiment, source, metric)), run.settings.seeds))
+            texts.append(_shown(index.get((cell.experiment, source, metric)), run.plan.seeds))
     return texts
 
 
@@ -135,81 +142,79 @@ def _at(cell: Cell, section: str, row: str) -> bool:
 def _shown(number: Number | None, seeds: int | None = None) -> str:
     if number is None:
         return NOTHING
-    digits = _DIGITS.get(number.metric, 2 if number.source == "published" else 1)
-    if number.metric == "auroc" and number.source == "published":
+    digits = _DIGITS.get(number.metric, 2 if number.source == OF_PAPER else 1)
+    if number.metric == "auroc" and number.source == OF_PAPER:
         digits = 4
     text = f"{number.mean:,.{digits}f}" if digits == 0 else f"{number.mean:.{digits}f}"
     if number.metric in ("num_parameters", "frames_per_second", "train_seconds"):
         return text
     if not math.isnan(number.spread):
         text += f" ± {number.spread:.{digits}f}"
-    some = seeds is not None and number.source in ("by trial", "by frame") and number.runs < seeds
+    some = seeds is not None and number.source not in (OF_PAPER, ALL) and number.runs < seeds
     return f"{text} ({number.runs} of {seeds})" if some else text
 
 
-def _ratio(run: TableRun, index: _Index, cell: Cell, source: str) -> float | None:
+def _ratio(run: PlanRun, index: _Index, cell: Cell, source: str) -> float | None:
     # To the first model of the table with the same inputs.
     base = next(
         other
-        for other in run.table.cells
+        for other in run.plan.table.cells
         if (other.section, other.column) == (cell.section, cell.column)
     )
     mine, first = (index.get((e.experiment, source, "peak_memory_mb")) for e in (cell, base))
     return None if mine is None or first is None else mine.mean / first.mean
 
 
-def _index(run: TableRun) -> _Index:
-    numbers = table_numbers(run.table, run.results)
+def _index(run: PlanRun) -> _Index:
+    numbers = table_numbers(run)
     return {(number.experiment, number.source, number.metric): number for number in numbers}
 
 
-def _groups(run: TableRun) -> list[tuple[str, list[_Series]]]:
+def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
     # The parts of the page, and the lines of each model in them.
-    ours, splits = run.recordings.source, run.settings.split_by
-    if run.table.shows == "memory":
+    table, ours = run.plan.table, run.plan.data.kind
+    protocols = [protocol.name for protocol in run.plan.protocols]
+    if table.shows == "memory":
         return [
-            (
-                heading,
-                [("published", metric, PUBLISHED), (ALL, metric, _memory_name(run))],
-            )
+            (heading, [*_published(run, metric), (ALL, metric, _memory_name(run))])
             for heading, metric in (
                 ("Peak memory in MB", "peak_memory_mb"),
-                (f"Memory as a part of that of {run.table.rows[0]}", "ratio"),
+                (f"Memory as a part of that of {table.rows[0]}", "ratio"),
             )
         ]
     kinds = {"accuracy": ""}
-    if run.table.task == "multilabel":
+    if table.task == "multilabel":
         kinds = {"accuracy": ": all labels right", "label_accuracy": ": mean of the labels"}
-    groups = [
-        (
-            "Accuracy in %",
-            [("published", "accuracy", PUBLISHED)]
-            + [
-                (f"by {split}", metric, f"{ours}, by {split}{kind}")
-                for split in splits
-                for metric, kind in kinds.items()
-            ],
-        )
+    accuracy: list[_Series] = [
+        (name, metric, f"{ours}, {name}{kind}")
+        for name in protocols
+        for metric, kind in kinds.items()
     ]
+    groups = [("Accuracy in %", [*_published(run, "accuracy"), *accuracy])]
     for metric, heading in (("auroc", "Area under the ROC curve"), ("f1", "F1 score in %")):
-        series = [(f"by {split}", metric, f"{ours}, by {split}") for split in splits]
-        if metric == "auroc" and any("auc" in cell.published for cell in run.table.cells):
-            series.insert(0, ("published", metric, PUBLISHED))
-        groups.append((heading, series))
+        series: list[_Series] = [(name, metric, f"{ours}, {name}") for name in protocols]
+        groups.append((heading, [*_published(run, metric), *series]))
     return groups
 
 
-def _memory_name(run: TableRun) -> str:
-    measures = {result["measures"] for _, result in run.results}
-    return f"{run.recordings.source}, {' and '.join(sorted(measures)) or 'no run yet'}"
+def _published(run: PlanRun, metric: str) -> list[_Series]:
+    key = {"auroc": "auc", "peak_memory_mb": "memory", "ratio": "memory"}.get(metric, metric)
+    printed = any(key in cell.published for cell in run.plan.table.cells)
+    return [(OF_PAPER, metric, PUBLISHED)] if printed else []
 
 
-def _drawn(run: TableRun) -> list[tuple[str, list[_Series]]]:
-    return [group for group in _groups(run) if group[1][0][0] == "published"]
+def _memory_name(run: PlanRun) -> str:
+    measures = {result["measures"] for _, result in run.results} - {None}
+    return f"{run.plan.data.kind}, {' and '.join(sorted(measures)) or 'no run yet'}"
 
 
-def _panels(run: TableRun) -> list[ComparisonPanel]:
-    table, index = run.table, _index(run)
+def _drawn(run: PlanRun) -> list[tuple[str, list[_Series]]]:
+    groups = _groups(run)
+    return [group for group in groups if group[1][0][0] == OF_PAPER] or groups[:1]
+
+
+def _panels(run: PlanRun) -> list[ComparisonPanel]:
+    table, index = run.plan.table, _index(run)
     panels = []
     for heading, series in _drawn(run):
         for section in table.sections:
@@ -223,11 +228,13 @@ def _panels(run: TableRun) -> list[ComparisonPanel]:
                         values[name] = (ratio, math.nan)
                     elif number is not None:
                         values[name] = (number.mean, number.spread)
-                rows[f"{cell.row}: {cell.column}"] = values
+                rows[f"{cell.row}: {cell.column}" if cell.column else cell.row] = values
             panels.append(ComparisonPanel(section, heading, rows, table.shows == "memory"))
     return panels
 
 
-def _title(run: TableRun) -> str:
-    title = f"{run.table.title} ({run.recordings.source} recordings beside published numbers)"
+def _title(run: PlanRun) -> str:
+    table, ours = run.plan.table, run.plan.data.kind
+    beside = " beside published numbers" if table.is_published else ""
+    title = f"{table.title} ({ours} recordings{beside})"
     return f"{title}; {run.missing} runs missing" if run.missing else title

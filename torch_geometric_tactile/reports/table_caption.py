@@ -1,40 +1,36 @@
 r"""What a table of ours is made of."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from torch_geometric_tactile.experiments.plan import TableRun
-from torch_geometric_tactile.training.config import expand_template
+from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 NOTHING = "\N{EN DASH}"
 
 
-def caption(run: TableRun) -> str:
-    r"""Returns what a table is made of: source, split, seeds, epochs, frames and hardware.
+def caption(run: PlanRun) -> str:
+    r"""Returns what a table is made of: source, protocols, seeds, epochs, samples and hardware.
 
     Args:
-        run (TableRun): What :func:`run_table` returned.
+        run (PlanRun): What :func:`run_plan` returned.
     """
-    table, settings, results = run.table, run.settings, [result for _, result in run.results]
-    config = expand_template(table.template)[table.cells[0].experiment]
-    arguments = config["data"]["dataset"]["init_args"]
-    train, val, test = (f"{100 * part:.0f} %" for part in arguments["fractions"])
-    epochs = settings.epochs or config["trainer"]["max_epochs"]
-    seeds = "0" if settings.seeds == 1 else f"0 to {settings.seeds - 1}"
-    optimizer = config["model"]["optimizer"]
-    adam, rate = optimizer["class_path"].rpartition(".")[2], optimizer["init_args"]["lr"]
-    parts = [
-        f"Published: {table.place} of *{table.paper}*, measured on a real hand; its recordings are "
-        "private.",
-        f"Beside it, a line apart: {run.recordings.describe()}",
-        f"Seed{'' if settings.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
+    plan, results = run.plan, [result for _, result in run.results]
+    table = plan.table
+    seeds = "0" if plan.seeds == 1 else f"0 to {plan.seeds - 1}"
+    parts = []
+    if table.is_published:
+        parts.append(
+            f"Published: {table.place} of *{table.paper}*, measured on a real hand; its recordings "
+            "are private."
+        )
+    parts += [
+        f"Beside it, a line apart: {plan.data.caption}" if parts else plan.data.caption,
+        f"Seed{'' if plan.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
         "deviation over the seeds.",
-        "*By trial* holds out whole trials of each object; *by frame* holds out random frames, "
-        "whose neighbours in time were trained on, and so tells whether a trial was seen before. "
-        "The paper does not say which it used.",
-        f"{train} to train, {val} unused (for validation), {test} to test, once, after {epochs} "
-        f"epoch{'' if epochs == 1 else 's'} ({adam}, learning rate {rate:g}, batches of "
-        f"{config['data']['batch_size']}; nothing was chosen by the test part).",
-        _frames(run),
+        _protocols(plan),
+        f"{_parts(plan)}{_training(plan)}",
+        _samples(run),
         f"Hardware: {'; '.join(sorted({result['machine'] for result in results})) or 'none yet'}.",
     ]
     versions = {tuple(e.identity()["versions"].items()) for e, _ in run.results}
@@ -45,24 +41,84 @@ def caption(run: TableRun) -> str:
             f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, the number "
             "of seeds in brackets where some are)."
         )
-    return " ".join(parts)
+    return " ".join(part for part in parts if part)
 
 
-def _frames(run: TableRun) -> str:
-    settings = run.settings
-    every = "Every frame" if settings.stride == 1 else f"Every {settings.stride}th frame"
-    phases = "" if settings.phases is None else f" of the phases {', '.join(settings.phases)}"
+def _protocols(plan: Plan) -> str:
+    notes = [
+        f"*{entry.name if i else _capital(entry.name)}* {entry.note}"
+        for i, entry in enumerate(entry for entry in plan.table.protocols if entry.note)
+    ]
+    if not notes:
+        return ""
+    said = "; ".join(notes) + "."
+    is_unsaid = plan.table.is_published and len(notes) > 1
+    return f"{said} The paper does not say which it used." if is_unsaid else said
+
+
+def _parts(plan: Plan) -> str:
+    # How much is held out: fractions in one sentence if they are the same, else each protocol.
+    fractions = {(entry.protocol.val, entry.protocol.test) for entry in plan.protocols}
+    if len(fractions) == 1 and plan.protocols[0].protocol.test is not None:
+        ((val, test),) = fractions
+        assert val is not None
+        assert test is not None
+        shown = [f"{100 * part:.0f} %" for part in (1 - val - test, val, test)]
+        unused = f", {shown[1]} unused (for validation)" if val else ""
+        return f"{shown[0]} to train{unused}, {shown[2]} to test, once, "
+    held_out = "; ".join(
+        f"{entry.name}: {entry.protocol.describe()}"
+        + (", pooled before they are scored" if entry.protocol.folds else "")
+        for entry in plan.protocols
+    )
+    return f"Held out: {held_out}. Tested once, "
+
+
+def _training(plan: Plan) -> str:
+    networks = [e for e in map(plan.of_cell, plan.table.cells) if not e.is_estimator]
+    if not networks:
+        return "after the training (nothing was chosen by the test part)."
+    epochs = " or ".join(map(str, sorted({e.epochs for e in networks})))
+    adam, rate = _optimizer(networks[0].model.get("optimizer"))
+    learning = "" if rate is None else f", learning rate {rate:g}"
+    return (
+        f"after {epochs} epoch{'' if epochs == '1' else 's'} ({adam}{learning}, batches of "
+        f"{networks[0].batch_size}; nothing was chosen by the test part)."
+    )
+
+
+def _optimizer(config: Any) -> tuple[str, float | None]:
+    if isinstance(config, dict) and "class_path" in config:
+        return _last(config["class_path"]), (config.get("init_args") or {}).get("lr")
+    return (_last(config) if isinstance(config, str) else "Adam"), None
+
+
+def _last(class_path: str) -> str:
+    return class_path.rpartition(".")[2]
+
+
+def _samples(run: PlanRun) -> str:
+    selection, facts = run.plan.data.selection, run.plan.facts
+    noun = "frame" if 0 < facts.num_trials < facts.num_samples else "sample"
+    stride, phases = selection.get("stride", 1), selection.get("phases")
+    every = f"Every {noun}" if stride == 1 else f"Every {stride}th {noun}"
+    of_phases = "" if phases is None else f" of the phases {', '.join(phases)}"
     counts = []
-    for split in settings.split_by:
-        mine = [result for e, result in run.results if e.split_by == split]
+    for name in (protocol.name for protocol in run.plan.protocols):
+        mine = [result for e, result in run.results if e.protocol_name == name]
         if mine:
             train, test = (_range([r[key] for r in mine]) for key in ("num_train", "num_test"))
-            counts.append(f"{train} to train and {test} to test by {split}")
+            where = name if name.startswith("by ") else f"({name})"
+            counts.append(f"{train} to train and {test} to test {where}")
     return (
-        f"{every}{phases}: {run.recordings.num_frames:,} in all"
+        f"{every}{of_phases}: {facts.num_samples:,} in all"
         + "".join(f"; {text}" for text in counts)
         + "."
     )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _range(numbers: Sequence[int]) -> str:
@@ -70,12 +126,20 @@ def _range(numbers: Sequence[int]) -> str:
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
 
 
-def cost_note() -> str:
-    r"""Returns how the costs of a model were measured."""
-    return (
+def cost_note(plan: Plan) -> str:
+    r"""Returns how the costs of a model were measured.
+
+    Args:
+        plan (Plan): What was run.
+    """
+    note = (
         "Means over all runs. Frames/s: training frames of all epochs by the seconds of the "
-        "training loop, with the transforms and whatever else the machine was doing. Peak memory: "
-        "growth, in a process of its own, from before the model is built (recordings loaded, "
-        "scaling fitted) to the highest point of training: parameters, gradients, the optimizer's "
-        "state, activations and a batch."
+        "training loop, with the transforms and whatever else the machine was doing."
+    )
+    if not plan.table.measure_memory:
+        return note
+    return (
+        f"{note} Peak memory: growth, in a process of its own, from before the model is built "
+        "(recordings loaded, scaling fitted) to the highest point of training: parameters, "
+        "gradients, the optimizer's state, activations and a batch."
     )

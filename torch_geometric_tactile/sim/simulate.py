@@ -3,11 +3,10 @@ r"""Recordings of simulated grasps: many trials, on many processes, finished one
 import json
 import logging
 import os
-import warnings
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator
+from contextlib import closing
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,8 +16,8 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.interrupts import interrupts_ignored
 from torch_geometric_tactile.io import read_hdf5_head, write_hdf5
+from torch_geometric_tactile.parallel import run_parallel
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim.grasp import PHASES, GraspResult, GraspSimulator, plan_grasp
 from torch_geometric_tactile.sim.hand_model import ContactParameters
@@ -140,7 +139,7 @@ def simulate(
             second for :obj:`"twenty"`, else the first.
 
     Raises:
-        ImportError: If MuJoCo, h5py or joblib is missing.
+        ImportError: If MuJoCo or h5py is missing.
         ValueError: If an argument is unknown or too small, or the folder holds recordings that were
             made with other arguments.
     """
@@ -158,7 +157,7 @@ def simulate(
             raise ValueError(f"'{name}' must be at least 1 (got {number})")
     if seed < 0:
         raise ValueError(f"'seed' must not be negative (got {seed})")
-    for package in ("mujoco", "h5py", "joblib"):
+    for package in ("mujoco", "h5py"):
         if find_spec(package) is None:
             raise ImportError(
                 f"the simulated hand needs {package}: pip install 'torch-geometric-tactile[sim]'"
@@ -173,8 +172,6 @@ def simulate(
 
 
 def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, None, None]:
-    from joblib import Parallel, delayed, parallel_config
-
     out.mkdir(parents=True, exist_ok=True)
     reports, missing = [], []
     for task in tasks:
@@ -184,30 +181,17 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, Non
         else:
             missing.append(task)
     try:
-        with parallel_config(backend="loky", inner_max_num_threads=1):
-            work = Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-            with interrupts_ignored():  # by the workers, which inherit it: they are stopped here
-                results = work(delayed(_simulate_trial)(task, os.getpid()) for task in missing)
-            with _closing_quietly(results):
-                for report in results:
-                    reports.append(report)
-                    yield report
+        work = partial(_simulate_trial, parent=os.getpid())
+        with closing(run_parallel(work, missing, jobs)) as results:
+            for report in results:
+                reports.append(report)
+                yield report
     finally:
         # What workers that were killed, now or in an earlier run, had begun to write.
         for task in missing:
             for leftover in out.glob(f".{task.path.name}.*.tmp"):
                 leftover.unlink(missing_ok=True)
     _write_summary(out, tasks, reports)
-
-
-@contextmanager
-def _closing_quietly(results: Generator[TrialReport, None, None]) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        with warnings.catch_warnings():  # joblib warns of results that nobody waits for
-            warnings.simplefilter("ignore")
-            results.close()
 
 
 def _kept(task: _Task) -> TrialReport:

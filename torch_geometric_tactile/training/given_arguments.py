@@ -44,7 +44,7 @@ class GivenArguments:
                 if path is None:
                     given.others.append(arg)
                 else:
-                    given.config = merged(given.config, _read(Path(path)))
+                    given.config = merged(given.config, read_config(Path(path)))
             else:
                 given.others.append(arg)
         return given
@@ -98,7 +98,16 @@ def own_modules() -> None:
         sys.path.insert(0, here)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_config(path: Path) -> dict[str, Any]:
+    r"""Reads a configuration file, with the sections that are files of their own.
+
+    Args:
+        path (Path): The file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is not a mapping.
+    """
     if not path.is_file():
         raise FileNotFoundError(f"there is no configuration '{path}'")
     content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
@@ -110,5 +119,5 @@ def _read(path: Path) -> dict[str, Any]:
     content = dict(content)
     for section in _SECTIONS:  # a section may be a file of its own, beside this one
         if isinstance(content.get(section), str):
-            content[section] = _read(path.parent / content[section])
+            content[section] = read_config(path.parent / content[section])
     return content

@@ -3,6 +3,7 @@ r"""The command line's ``fit``, ``validate``, ``test`` and ``predict``."""
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import lightning as L
@@ -18,10 +19,14 @@ from lightning.pytorch.cli import (
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
-from torch_geometric_tactile.training.config import find_config, scratch_folder
+from torch_geometric_tactile.training.config import find_config, merged, scratch_folder
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.fit_summary import fit_summary
-from torch_geometric_tactile.training.given_arguments import GivenArguments, own_modules
+from torch_geometric_tactile.training.given_arguments import (
+    GivenArguments,
+    own_modules,
+    read_config,
+)
 from torch_geometric_tactile.training.module import TactileModule, keep_config
 from torch_geometric_tactile.training.prediction_writer import PredictionWriter
 from torch_geometric_tactile.training.sizes import fill_sizes
@@ -107,6 +112,8 @@ class TactileCLI(LightningCLI):
             sys.stderr.write(f"tactile: the sizes of the model are not filled in: {error}\n")
             return args
         model = dict(given.config.get("model") or {})
+        if section := given.last("model"):  # a file of its own
+            model = merged(model, read_config(Path(section)))
         chosen = given.last("model.model", "model.model.class_path")
         if chosen is not None:
             known = model.get("model")

@@ -159,7 +159,7 @@ class Samples:
             return value
         index = torch.arange(self.num_samples)
         if self.is_shared(key):
-            return self.first[key]  # type: ignore[no-any-return]
+            return self.first[key]
         return torch.cat(list(self.values(key, index)))
 
     def values(self, key: str, index: Tensor) -> Iterator[Tensor]:

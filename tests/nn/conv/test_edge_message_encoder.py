@@ -177,3 +177,43 @@ def test_edge_patch_encoder_bad_segment():
             EdgePatchEncoder(segment)
     with pytest.raises(ValueError, match=r"multiple of the 11 taxels in 'segment' \(got 12\)"):
         EdgePatchEncoder(PATCH)(torch.zeros(NUM_EDGES, 4), EDGE_INDEX, 12)
+
+
+@pytest.mark.parametrize(
+    ("edge_index", "match"),
+    [
+        (torch.zeros(7, 2, dtype=torch.long), r"have shape \(2, num_edges\) \(got \(7, 2\)\)"),
+        (torch.zeros(2, 2), r"hold integers \(got torch.float32\)"),
+        (torch.tensor([[11, 0], [0, 1]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
+        (torch.tensor([[0, 0], [11, 1]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
+        (torch.tensor([[-1, 0], [0, 1]]), r"hold node numbers from 0 to 10, .* \(got -1 to 1\)"),
+        (torch.eye(11).to_sparse(), r"have shape \(2, num_edges\): a sparse matrix .*sparse_coo"),
+    ],
+)
+def test_edge_encoder_bad_edge_index(encoder, edge_index, match):
+    for _ in range(2):
+        with pytest.raises(ValueError, match=f"'edge_index' must {match}"):
+            encoder(torch.zeros(2, 4), edge_index, 11)
+
+
+def test_edge_encoder_looks_again_after_a_write(encoder):
+    edge_index = torch.tensor([[1, 0], [0, 1]])
+    encoder(torch.zeros(2, 4), edge_index, 11)
+    edge_index[0, 0] = 11
+    with pytest.raises(ValueError, match=r"from 0 to 10, .* \(got 0 to 11\)"):
+        encoder(torch.zeros(2, 4), edge_index, 11)
+
+
+def test_edge_encoder_flow(encoder):
+    edge_attr = samples(NUM_EDGES, 4)
+    expected = encoder(edge_attr, EDGE_INDEX.flip(0), 11)
+    encoder.flow = "target_to_source"
+    assert torch.allclose(encoder(edge_attr, EDGE_INDEX, 11), expected, atol=1e-6)
+
+
+def test_edge_encoder_explained():
+    # Also if its parent class was used first.
+    for layer in (EdgeMessageEncoder(), EdgeAttentionEncoder(), EdgePatchEncoder(PATCH)):
+        layer.explain = True
+        layer._edge_mask, layer._apply_sigmoid = torch.zeros(NUM_EDGES), False
+        assert layer(samples(NUM_EDGES, 4), EDGE_INDEX, 11).abs().max() == 0

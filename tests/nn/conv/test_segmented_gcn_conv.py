@@ -253,3 +253,51 @@ def test_segmented_bad_features(size):
     for layer in (conv(), thread()):
         with pytest.raises(ValueError, match=r"'x' must have .*3 features \(got"):
             layer(torch.zeros(size), EDGE_INDEX)
+
+
+@pytest.mark.parametrize("size", [(11, 3), (2, 11, 3), (9, 11, 3)])
+@pytest.mark.parametrize(
+    ("edge_index", "match"),
+    [
+        (torch.zeros(7, 2, dtype=torch.long), r"have shape \(2, num_edges\) \(got \(7, 2\)\)"),
+        (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
+        (torch.tensor([[11], [0]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
+        (torch.tensor([[0], [11]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
+        (torch.tensor([[-1], [0]]), r"hold node numbers from 0 to 10, .* \(got -1 to 0\)"),
+        (torch.tensor([[0], [-1]]), r"hold node numbers from 0 to 10, .* \(got -1 to 0\)"),
+    ],
+)
+def test_segmented_bad_edges(size, edge_index, match):
+    for layer in (conv(), thread(), thread(fast=False)):
+        with pytest.raises(ValueError, match=f"'edge_index' must {match}"):
+            layer(torch.zeros(size), edge_index)
+
+
+def test_segmented_bad_weights():
+    for size in ((11, 3), (2, 11, 3), (9, 11, 3)):
+        for layer in (conv(), thread()):
+            with pytest.raises(ValueError, match=r"'edge_weight' must have shape \(\d+,\)"):
+                layer(torch.zeros(size), EDGE_INDEX, torch.ones(3))
+
+
+@pytest.mark.parametrize("size", [(11, 3), (2, 11, 3), (9, 11, 3)])
+def test_segmented_sparse_matrix(size):
+    adj_t = torch.sparse_coo_tensor(EDGE_INDEX.flip(0).contiguous(), WEIGHT, (11, 11))
+    for layer in (conv(), thread()):
+        expected = layer(samples(*size), EDGE_INDEX, WEIGHT)
+        for form in (adj_t, adj_t.coalesce().to_sparse_csr()):
+            assert torch.allclose(layer(samples(*size), form), expected, atol=1e-6)
+
+
+def test_segmented_flow():
+    # One-way edges, the other way round.
+    edges, x = EDGE_INDEX[:, :7], samples(9, 11, 3)
+    expected = conv()(x, edges.flip(0))
+    layer = conv(flow="target_to_source")
+    assert torch.allclose(layer(x, edges), expected, atol=1e-6)
+    assert not torch.allclose(layer(x, edges), conv()(x, edges))
+    one, other = thread(), thread()
+    for part in one.convs:
+        part.flow = "target_to_source"
+    for few in (x, x[:2]):
+        assert torch.allclose(one(few, edges), other(few, edges.flip(0)), atol=1e-6)

@@ -5,6 +5,8 @@ the messages: each has to see what it was attached for. Layers and models ask he
 or reorder operations.
 """
 
+from typing import Any
+
 from torch.nn import Module
 from torch.nn.modules import module as torch_module
 from torch_geometric.nn import MessagePassing
@@ -15,6 +17,14 @@ from torch_geometric.nn.dense.linear import Linear
 MESSAGE_METHODS = ("propagate", "message", "aggregate", "message_and_aggregate", "update")
 # What may be set on one instance; `propagate` is not among them: PyG itself sets it there.
 _PATCHED = frozenset(MESSAGE_METHODS[1:])
+# Neither PyTorch nor PyG has a public way to ask for hooks. Looked up in the dictionaries of the
+# modules, since a layer asks at each call.
+_MODULE_HOOKS = ("_forward_hooks", "_forward_pre_hooks", "_backward_hooks", "_backward_pre_hooks")
+_MESSAGE_HOOKS = tuple(
+    f"_{method}_forward{kind}"
+    for method in ("propagate", "message", "aggregate", "message_and_aggregate")
+    for kind in ("_pre_hooks", "_hooks")
+)
 
 
 def is_hooked(module: Module) -> bool:
@@ -23,14 +33,8 @@ def is_hooked(module: Module) -> bool:
     Args:
         module (torch.nn.Module): The module.
     """
-    # PyTorch has no public way to ask for hooks.
-    return bool(
-        module._forward_hooks
-        or module._forward_pre_hooks
-        or module._backward_hooks
-        or module._backward_pre_hooks
-        or "forward" in module.__dict__
-    )
+    own = module.__dict__
+    return any(map(own.get, _MODULE_HOOKS)) or "forward" in own
 
 
 def any_global_hook() -> bool:
@@ -59,21 +63,15 @@ def sums_messages(conv: MessagePassing) -> bool:
     Args:
         conv (MessagePassing): The layer.
     """
-    # PyG has no public way to ask for hooks either.
-    return not (
-        conv.explain
-        or conv.node_dim != -2
-        or conv.decomposed_layers != 1
-        or type(conv.aggr_module) is not SumAggregation
-        or is_hooked(conv.aggr_module)
-        or any_global_hook()
-        or conv._propagate_forward_pre_hooks
-        or conv._propagate_forward_hooks
-        or conv._message_forward_pre_hooks
-        or conv._message_forward_hooks
-        or conv._aggregate_forward_pre_hooks
-        or conv._aggregate_forward_hooks
-        or conv._message_and_aggregate_forward_pre_hooks
-        or conv._message_and_aggregate_forward_hooks
-        or not _PATCHED.isdisjoint(conv.__dict__)
+    own = conv.__dict__
+    aggr_module: Any = conv.aggr_module
+    return (
+        not any(map(own.get, _MESSAGE_HOOKS))
+        and _PATCHED.isdisjoint(own)
+        and not conv.explain
+        and conv.node_dim == -2
+        and conv.decomposed_layers == 1
+        and type(aggr_module) is SumAggregation
+        and not is_hooked(aggr_module)
+        and not any_global_hook()
     )

@@ -23,6 +23,7 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
 MAX_DENSE_NODES = 1024
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
+_PLAIN = (Tensor, Parameter)
 
 
 class GCNNorm(NamedTuple):
@@ -34,6 +35,11 @@ class GCNNorm(NamedTuple):
     add_self_loops: bool = True
     normalize: bool = True
     flow: str = "source_to_target"
+
+
+# The same as a plain tuple, which a layer makes at each call.
+Norm = tuple[bool, bool, bool, str]
+GCN_NORM = GCNNorm()
 
 
 class StaticAdjacency:
@@ -115,7 +121,7 @@ class AdjacencyCache:
         num_nodes: int,
         dtype: torch.dtype,
         segment: OptTensor = None,
-        norm: GCNNorm = GCNNorm(),  # noqa: B008 (immutable)
+        norm: Norm = GCN_NORM,
     ) -> Optional[StaticAdjacency]:
         r"""Returns the adjacency of a topology, or :obj:`None` where it must not be kept: for
         tensors that need a gradient, and while a compiler records.
@@ -133,22 +139,25 @@ class AdjacencyCache:
         Raises:
             ValueError: If the edges do not join the taxels, or the weights are not theirs.
         """
-        given = _tensors(edge_index, edge_weight)
-        if is_traced() or any(tensor.requires_grad or not _is_plain(tensor) for tensor in given):
+        entry = self._entry
+        traced = is_traced()
+        if entry is not None and not traced:
+            same = entry.num_nodes == num_nodes and entry.dtype == dtype and entry.norm == norm
+            if same and entry.holds(edge_index, edge_weight):
+                return entry.adjacency
+        if traced or not _may_be_kept(edge_index, edge_weight):
             self._check(edge_index, num_nodes)
             check_edge_weight(edge_index, edge_weight)
             return None
-        key = (num_nodes, dtype, norm, is_torch_sparse_tensor(edge_index), len(given))
-        entry = self._entry
-        if entry is None or entry.key != key or not entry.equals(given):
-            check_edge_index(edge_index, num_nodes)
-            check_edge_weight(edge_index, edge_weight)
-            # A matrix computed in inference mode (by a validation before the training) could not
-            # take part in a later training step.
-            with torch.inference_mode(False), torch.no_grad():
-                kept = [_KeptTensor(tensor) for tensor in given]
-                dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, norm)
-                entry = self._entry = _Entry(key, kept, StaticAdjacency(dense))
+        check_edge_index(edge_index, num_nodes)
+        check_edge_weight(edge_index, edge_weight)
+        # A matrix computed in inference mode (by a validation before the training) could not take
+        # part in a later training step.
+        with torch.inference_mode(False), torch.no_grad():
+            kept = [_KeptTensor(tensor) for tensor in _tensors(edge_index, edge_weight)]
+            dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
+        entry = _Entry(kept, edge_index.layout, num_nodes, dtype, norm, StaticAdjacency(dense))
+        self._entry = entry  # at last and as a whole
         return entry.adjacency
 
     def __deepcopy__(self, memo: object) -> "AdjacencyCache":
@@ -158,13 +167,20 @@ class AdjacencyCache:
         return AdjacencyCache, ()
 
 
-class _Entry:
-    def __init__(
-        self, key: tuple[object, ...], kept: "list[_KeptTensor]", adjacency: StaticAdjacency
-    ) -> None:
-        self.key, self.kept, self.adjacency = key, kept, adjacency
+class _Entry(NamedTuple):
+    kept: "list[_KeptTensor]"
+    layout: torch.layout
+    num_nodes: int
+    dtype: torch.dtype
+    norm: Norm
+    adjacency: StaticAdjacency
 
-    def equals(self, given: list[Tensor]) -> bool:
+    def holds(self, edge_index: Tensor, edge_weight: OptTensor) -> bool:
+        if edge_index.layout != self.layout:
+            return False
+        given = _tensors(edge_index, edge_weight)
+        if len(given) != len(self.kept):
+            return False
         return all(kept.equals(tensor) for kept, tensor in zip(self.kept, given, strict=True))
 
 
@@ -180,12 +196,12 @@ class _KeptTensor:
 
     def equals(self, tensor: Tensor) -> bool:
         copy = self.copy
-        if tensor.shape != copy.shape or tensor.dtype != copy.dtype:
+        if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
             return False
-        if tensor.device != copy.device:
-            return False
-        if tensor.device.type == "cpu":
+        if tensor.is_cpu and copy.is_cpu:
             return torch.equal(tensor, copy)
+        if tensor.device != copy.device or tensor.shape != copy.shape:
+            return False
         if (
             self.seen() is tensor
             and not tensor.is_inference()
@@ -199,23 +215,19 @@ class _KeptTensor:
 
 
 def _tensors(edge_index: Adj, edge_weight: OptTensor) -> list[Tensor]:
-    if not is_torch_sparse_tensor(edge_index):
-        return [edge_index] if edge_weight is None else [edge_index, edge_weight]
-    if edge_index.requires_grad:
-        return [edge_index]
     if edge_index.layout == torch.sparse_coo:
         return [edge_index._indices(), edge_index._values()]
     if edge_index.layout == torch.sparse_csr:
         return [edge_index.crow_indices(), edge_index.col_indices(), edge_index.values()]
-    return [edge_index]
+    return [edge_index] if edge_weight is None else [edge_index, edge_weight]
 
 
-def _is_plain(tensor: Tensor) -> bool:
-    # Neither a fake tensor, which has no values, nor one of a layout without `torch.equal`.
-    return (
-        type(tensor) in (Tensor, Parameter)
-        and tensor.layout == torch.strided
-        and tensor.device.type != "meta"
+def _may_be_kept(edge_index: Adj, edge_weight: OptTensor) -> bool:
+    # Not what needs a gradient, nor a fake tensor or another subclass, which may have no values.
+    return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
+        tensor.requires_grad or type(tensor) not in _PLAIN or tensor.device.type == "meta"
+        for tensor in (edge_index, edge_weight)
+        if tensor is not None
     )
 
 
@@ -244,7 +256,7 @@ def dense_norm(
     num_nodes: int,
     dtype: torch.dtype,
     segment: OptTensor = None,
-    norm: GCNNorm = GCNNorm(),  # noqa: B008 (immutable)
+    norm: GCNNorm = GCN_NORM,
 ) -> Tensor:
     r"""Returns PyG's :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as one matrix
     :math:`(N, N)` of targets and sources.
@@ -284,7 +296,7 @@ def dense_norm(
     )
     adjacency = adjacency.view(num_nodes, num_nodes)
     if add_self_loops:
-        # Self-loops keep their weight, missing ones are added; the last place takes all other edges.
+        # Self-loops keep their weight and missing ones are added; the last place takes all else.
         loop = weight.new_full((num_nodes + 1,), loop_weight).scatter(
             0, source.masked_fill(~is_loop, num_nodes), weight
         )

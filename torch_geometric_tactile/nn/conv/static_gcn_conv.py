@@ -24,9 +24,11 @@ from torch_geometric_tactile.nn.conv.plain import (
     sums_messages,
 )
 from torch_geometric_tactile.nn.conv.static_adjacency import (
+    GCN_NORM,
     MAX_DENSE_NODES,
     AdjacencyCache,
     GCNNorm,
+    Norm,
     dense_norm,
 )
 
@@ -135,9 +137,11 @@ class StaticGCNConv(GCNConv):
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_weight)  # PyG refuses, or knows the type
-        self._check_x(x)
+        lin: Any = self._modules["lin"]  # not self.lin, which takes longer to look up
+        plain = is_plain_linear(lin)
+        _check_x(x, lin.in_channels if plain else None)
         if self._is_dense(x, edge_index):
-            return self._multiply(x, edge_index, edge_weight)
+            return self._multiply(x, edge_index, edge_weight, plain)
         num_nodes = x.size(int(self.node_dim))
         check_edge_form(edge_index, num_nodes)
         check_edge_weight(edge_index, edge_weight)
@@ -160,27 +164,14 @@ class StaticGCNConv(GCNConv):
             type(self) is StaticGCNConv
             and self.fast
             and not self.cached
-            and self._norm() == GCNNorm()
+            and self._norm() == GCN_NORM
             and not is_hooked(self)
             and is_plain_linear(self.lin)
             and sums_messages(self)
         )
 
-    def _norm(self) -> GCNNorm:
-        return GCNNorm(self.improved, self.add_self_loops, self.normalize, self.flow)
-
-    def _check_x(self, x: Tensor) -> None:
-        if x.dim() < 2:
-            raise ValueError(
-                "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
-                f"in_channels) (got {tuple(x.shape)})"
-            )
-        if not (x.is_floating_point() or x.is_complex()):
-            raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
-        if is_plain_linear(self.lin) and x.size(-1) != self.lin.in_channels:
-            raise ValueError(
-                f"'x' must have {self.lin.in_channels} features (got shape {tuple(x.shape)})"
-            )
+    def _norm(self) -> Norm:
+        return self.improved, self.add_self_loops, self.normalize, self.flow
 
     def _is_dense(self, x: Tensor, edge_index: Adj) -> bool:
         return (
@@ -191,27 +182,28 @@ class StaticGCNConv(GCNConv):
             and not self._has_own_messages
             and sums_messages(self)
             # PyG refuses this pair, and says why.
-            and not (self.flow == "target_to_source" and is_torch_sparse_tensor(edge_index))
+            and (edge_index.layout == torch.strided or self.flow == "source_to_target")
         )
 
-    def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
-        if isinstance(edge_index, EdgeIndex):
+    def _multiply(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, plain: bool) -> Tensor:
+        if type(edge_index) is not Tensor and isinstance(edge_index, EdgeIndex):
             edge_index = edge_index.as_tensor()
         num_nodes, norm = x.size(-2), self._norm()
         if self.normalize and self.cached:
             edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
-            norm = norm._replace(normalize=False)
+            norm = (*norm[:2], False, self.flow)
         kept = self._kept.get(edge_index, edge_weight, num_nodes, x.dtype, norm=norm)
         if kept is None:
-            adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype, norm=norm)
+            adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype, norm=GCNNorm(*norm))
         else:
             adjacency = kept.dense
         # The product with the adjacency is cheaper on the narrower side of the linear map.
-        if is_plain_linear(self.lin) and x.size(-1) < self.out_channels:
+        if plain and x.size(-1) < self.out_channels:
             out = self.lin(torch.matmul(adjacency, x))
         else:
             out = torch.matmul(adjacency, self.lin(x))
-        return out if self.bias is None else out + self.bias
+        bias = self.bias
+        return out if bias is None else out + bias
 
     def _gather(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         if not is_torch_sparse_tensor(edge_index):
@@ -242,3 +234,15 @@ class StaticGCNConv(GCNConv):
             if self.cached:
                 self._cached_edge_index = pair
         return pair
+
+
+def _check_x(x: Tensor, in_channels: Optional[int]) -> None:
+    if x.dim() < 2:
+        raise ValueError(
+            "'x' must have shape (num_nodes, in_channels) or (batch_size, num_nodes, "
+            f"in_channels) (got {tuple(x.shape)})"
+        )
+    if not (x.is_floating_point() or x.is_complex()):
+        raise ValueError(f"'x' must hold floating-point numbers (got {x.dtype})")
+    if in_channels is not None and x.size(-1) != in_channels:
+        raise ValueError(f"'x' must have {in_channels} features (got shape {tuple(x.shape)})")

@@ -1,0 +1,112 @@
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import shutil
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
+from torch_geometric_tactile.datasets import AllegroUSkin
+from torch_geometric_tactile.experiments.building import build
+from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.sensors import grid
+
+ALLEGRO = "torch_geometric_tactile.datasets.AllegroUSkin"
+FAKE = "torch_geometric_tactile.datasets.FakeTactileDataset"
+
+
+class OwnDataset(StaticDataset):
+    """A data set of a user's own, in memory."""
+
+    def __init__(self, offset=0.0):
+        self.layout = grid(1, 2, pitch=0.01)
+        self.offset = offset
+        super().__init__(None)
+
+    def read(self):
+        return StaticData(
+            x=torch.arange(12.0).view(6, 2, 1) + self.offset, y=torch.arange(6) % 2
+        ), {}
+
+
+def test_own_class_in_memory(monkeypatch):
+    import sys
+    import types
+
+    module = types.ModuleType("my_glove")
+    module.OwnDataset = OwnDataset
+    monkeypatch.setitem(sys.modules, "my_glove", module)
+    source, facts = DataSource("my_glove.OwnDataset").resolve()
+    assert (facts.num_samples, facts.num_trials, facts.num_classes) == (6, 0, 2)
+    assert (source.kind, source.caption) == ("ours", "Recordings of your own: 6 samples.")
+    train, test = source.parts(Protocol("frame", folds=3), 0, 2)
+    assert (len(train), len(test)) == (4, 2)
+    again, _ = DataSource("my_glove.OwnDataset").resolve()
+    other, _ = DataSource("my_glove.OwnDataset", {"offset": 1.0}).resolve()
+    assert source.fingerprint == again.fingerprint != other.fingerprint
+
+
+@pytest.mark.parametrize("by", ["trial", "frame"])
+@pytest.mark.parametrize("selection", [{}, {"stride": 2}, {"stride": 3, "phases": ["hold"]}])
+def test_split_is_that_of_the_data_set_itself(grasps, by, selection):
+    source, facts = DataSource(ALLEGRO, {"root": str(grasps), "split": None}, selection).resolve()
+    protocol = Protocol(by, val=0.1, test=0.2, stratify="group" if by == "trial" else None)
+    for seed in range(3):
+        parts = source.parts(protocol, seed, 0)
+        for name, part in zip(("train", "test"), parts, strict=True):
+            own = AllegroUSkin(grasps, split=name, split_by=by, split_seed=seed, **selection)
+            assert part.column("time").equal(own.column("time"))
+            assert part.column("trial").equal(own.column("trial"))
+    assert facts.num_samples == len(AllegroUSkin(grasps, split=None, **selection))
+
+
+def test_caption_of_simulated_recordings(grasps, tmp_path):
+    source, _ = DataSource(ALLEGRO, {"root": str(grasps), "split": None}).resolve()
+    assert source.kind == "simulated"
+    assert source.caption == (
+        "**Simulated**, never a real hand's result: 12 trials of `tactile simulate` (objects "
+        "`paper8`, seed 7, 0.08 s at 100 Hz, MuJoCo 3.3.0)."
+    )
+    shutil.copytree(grasps / "raw", tmp_path / "raw")
+    elsewhere, _ = DataSource(ALLEGRO, {"root": str(tmp_path), "split": None}).resolve()
+    assert elsewhere.caption.endswith("12 trials.")
+    assert elsewhere.identity() == source.identity()  # wherever the files lie
+    (tmp_path / "raw" / "sponge_003.npz").unlink()
+    fewer, _ = DataSource(ALLEGRO, {"root": str(tmp_path), "split": None}).resolve()
+    assert fewer.fingerprint != source.fingerprint
+
+
+def test_nothing_left_of_a_part():
+    source, _ = DataSource(FAKE, {"num_samples": 20}).resolve()
+    with pytest.raises(ValueError, match=r"'the given parts' must leave samples to test on"):
+        source.parts(Protocol("given"), 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("class_path", "arguments", "message"),
+    [
+        ("nowhere.Class", {}, r"'class_path' must be the import path of a class.*nowhere\.Class"),
+        ("Class", {}, "'class_path' must be the import path of a class"),
+        (FAKE, {"stride": 2}, "'stride' must be an argument of FakeTactileDataset: num_samples"),
+        ("torch_geometric_tactile.transforms.ZScore", {}, "'class_path' must be a StaticDataset"),
+    ],
+)
+def test_wrong_sources(class_path, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        DataSource(class_path, arguments).resolve()
+
+
+def test_objects_inside_of_objects_are_built():
+    inner = {
+        "class_path": "torch_geometric_tactile.transforms.ZScore",
+        "init_args": {"attr": "joint"},
+    }
+    outer = {
+        "class_path": "torch_geometric.transforms.Compose",
+        "init_args": {"transforms": [inner]},
+    }
+    assert repr(build(outer).transforms[0]) == "ZScore(attr='joint')"
+    assert build({"a": [1, None, "b"]}) == {"a": [1, None, "b"]}
+    assert np.array_equal(build([1, 2]), [1, 2])

@@ -1,0 +1,146 @@
+import json
+
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+from torch_geometric_tactile.experiments.plan import Settings, make_plan
+from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+
+QUICK = Settings(seeds=1, epochs=1, protocols=("trial",))
+
+
+def run_table(name, root, out, settings=QUICK, only=None, **arguments):
+    plan = make_plan(name, settings, data={"root": str(root)}, selection={"stride": 2})
+    return run_plan(plan, out, only=only, **arguments)
+
+
+def files(out):
+    return sorted(path.name for path in (out / "runs").iterdir())
+
+
+def test_finished_runs_are_kept(grasps, tmp_path, trained):
+    only = ["ii_tac", "ii_pos"]
+    run = run_table("p2-table2", grasps, tmp_path, QUICK, only)
+    assert trained == ["ii_tac by trial 0", "ii_pos by trial 0"]
+    assert (len(run.results), run.kept, run.missing) == (2, 0, 16)
+    kept = files(tmp_path)
+    assert len(kept) == 2
+    content = json.loads((tmp_path / "runs" / kept[1]).read_text())
+    assert content["experiment"] == "ii_tac"
+    assert content["identity"]["epochs"] == 1
+    run = run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_*"])
+    assert trained[2:] == [
+        f"ii_{name} by trial 0" for name in ("tac_pos", "tac_joint", "pos_joint", "tac_pos_joint")
+    ]
+    assert (len(run.results), run.kept, run.missing) == (6, 2, 12)
+    assert run.describe() == "p2-table2: 6 of 18 runs finished (2 kept from before), 12 missing"
+    run_table("p2-table4", grasps, tmp_path, QUICK, ["ii_*"])  # the same experiments
+    assert len(trained) == 6
+
+
+def test_all_seeds_and_splits_are_run(grasps, tmp_path, trained):
+    settings = Settings(seeds=2, epochs=1)
+    run = run_table("p1-table3", grasps, tmp_path, settings, ["dense"])
+    assert sorted(trained) == [
+        f"dense by {by} {seed}" for by in ("frame", "trial") for seed in (0, 1)
+    ]
+    assert run.missing == 12
+    run_table("p1-table3", grasps, tmp_path, Settings(seeds=2, epochs=2), ["dense"])
+    assert len(trained) == 8  # other epochs are other runs
+    assert len(files(tmp_path)) == 8
+    again = run_table("p1-table3", grasps, tmp_path, settings, train=False)
+    assert (len(trained), again.kept) == (8, 4)
+
+
+def test_one_configuration_of_two_tables_is_trained_once(grasps, tmp_path, trained):
+    run_table("p1-table2", grasps, tmp_path, QUICK, ["mt_gcn_te_joint"])
+    run = run_table("p1-table3", grasps, tmp_path, QUICK, ["original"])
+    assert trained == ["mt_gcn_te_joint by trial 0"]
+    assert [experiment.name for experiment, _ in run.results] == ["original"]
+
+
+def test_other_recordings_are_other_runs(grasps, tmp_path, trained):
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+    other = tmp_path / "other" / "raw"
+    other.mkdir(parents=True)
+    for path in sorted((grasps / "raw").iterdir())[:8]:
+        (other / path.name).symlink_to(path)
+    assert run_table("p2-table2", other.parent, tmp_path, QUICK, ["ii_tac"]).kept == 0
+    copied = tmp_path / "copy" / "raw"
+    copied.mkdir(parents=True)
+    for path in (grasps / "raw").iterdir():
+        (copied / path.name).symlink_to(path)
+    assert run_table("p2-table2", copied.parent, tmp_path, QUICK, ["ii_tac"]).kept == 1
+
+
+def test_failed_run_is_no_result(grasps, tmp_path, trained):
+    run = run_table("p2-table2", grasps, tmp_path, QUICK, ["x_*"])
+    assert run.failed == {"x_pos, by trial, seed 0": "ValueError: it must not"}
+    assert (len(run.results), run.missing) == (5, 13)
+    assert not [name for name in files(tmp_path) if name.startswith("x_pos_by-trial")]
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["x_*"])
+    assert trained[6:] == ["x_pos by trial 0"]  # tried again
+
+
+def test_ctrl_c_tells_what_is_kept(grasps, tmp_path, trained, monkeypatch):
+    def stop(experiment, ended, count):
+        if ended == 2:
+            raise KeyboardInterrupt
+
+    message = "stopped; 2 of 18 runs are finished and kept: the same command goes on"
+    with pytest.raises(KeyboardInterrupt, match=message):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_*"], on_progress=stop)
+    assert len(files(tmp_path)) == 2
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"identity": 1}'])
+def test_damaged_run_is_named(grasps, tmp_path, trained, content):
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+    (path,) = (tmp_path / "runs").iterdir()
+    path.write_text(content)
+    with pytest.raises(ValueError, match=rf"'{path}' is damaged: delete it to run it again"):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+
+
+def test_renamed_run_is_not_taken_for_another(grasps, tmp_path, trained):
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+    (path,) = (tmp_path / "runs").iterdir()
+    content = json.loads(path.read_text())
+    content["identity"]["epochs"] = 2
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="is not what its name says"):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+
+
+def test_killed_worker_is_an_error_that_says_what_to_do(grasps, tmp_path, trained, monkeypatch):
+    from concurrent.futures.process import BrokenProcessPool
+
+    from torch_geometric_tactile.experiments import run_plan as module
+
+    def broken(*args):
+        raise BrokenProcessPool
+        yield
+
+    monkeypatch.setattr(module, "run_parallel", broken)
+    with pytest.raises(OSError, match=r"killed.*fewer jobs \(finished runs are kept\)"):
+        run_table("p2-table2", grasps, tmp_path, only=["ii_tac"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"jobs": 0}, r"'jobs' must be at least 1 \(got 0\)"),
+        ({"backend": "mpi"}, r"'backend' must be one of \['loky', 'dask', 'ray'\] \(got 'mpi'\)"),
+        ({"scheduler": "tcp://a"}, r"'scheduler' must come with the backend dask or ray"),
+    ],
+)
+def test_wrong_workers(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Workers(**arguments)
+
+
+def test_pattern_that_fits_nothing_is_found_before_training(grasps, tmp_path, trained):
+    with pytest.raises(ValueError, match="'only' must fit the name of an experiment of p2-table2"):
+        run_table("p2-table2", grasps, tmp_path, only=["gcn_t"])
+    assert not trained

@@ -1,0 +1,73 @@
+r"""Objects from plain data: a class by its import path, and its arguments."""
+
+import inspect
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+
+def find_class(class_path: str) -> Any:
+    r"""Returns a class by its import path.
+
+    Args:
+        class_path (str): Such as :obj:`"torch_geometric_tactile.datasets.BioTacSP"`.
+
+    Raises:
+        ValueError: If it cannot be imported.
+    """
+    module, _, name = class_path.rpartition(".")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"'class_path' must be the import path of a class (got '{class_path}': {error})"
+        ) from error
+
+
+def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
+    r"""Checks that a class has arguments of some names.
+
+    Args:
+        class_path (str): Import path of the class.
+        arguments (Mapping): The arguments.
+
+    Raises:
+        ValueError: If the class cannot be imported, or lacks one; the message lists those it has.
+    """
+    cls = find_class(class_path)
+    parameters = inspect.signature(cls).parameters.values()
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return
+    known = [parameter.name for parameter in parameters]
+    for name in arguments:
+        if name not in known:
+            raise ValueError(
+                f"'{name}' must be an argument of {cls.__name__}: {', '.join(known)} (got none)"
+            )
+
+
+def build(content: Any) -> Any:
+    r"""Builds what plain data describes: a mapping with :obj:`class_path`, and :obj:`init_args` if
+    it has arguments, becomes an object of that class, also inside lists and arguments. Everything
+    else stays as it is.
+
+    Args:
+        content: Mappings, lists and plain values, as YAML has them.
+
+    Raises:
+        ValueError: If there is no such class, or it has no such argument.
+
+    Examples:
+        >>> build({"class_path": "torch_geometric_tactile.transforms.ZScore"})
+        ZScore()
+    """
+    if isinstance(content, Mapping):
+        if "class_path" not in content:
+            return {key: build(value) for key, value in content.items()}
+        arguments = content.get("init_args") or {}
+        check_arguments(content["class_path"], arguments)
+        built = {name: build(value) for name, value in arguments.items()}
+        return find_class(content["class_path"])(**built)
+    if isinstance(content, list | tuple):
+        return [build(value) for value in content]
+    return content

@@ -1,0 +1,229 @@
+r"""Where the samples of an experiment come from, as a value."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.experiments.building import build, check_arguments
+from torch_geometric_tactile.files import file_sha256
+
+_SIMULATION = "simulation.json"
+
+
+@dataclass(frozen=True)
+class DataSource:
+    r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, by its class and
+    arguments.
+
+    Args:
+        class_path (str): Import path of the class.
+        arguments (dict): Its arguments as plain data; objects in them as mappings with
+            :obj:`class_path` and :obj:`init_args`.
+        selection (dict): Further arguments, which only choose among the samples, such as
+            :obj:`stride`: splits are drawn before, so that they move no sample to another part.
+            With them, the data set must select as PyG's data sets do, by its :meth:`indices`.
+        kind (str): One word that labels the numbers, such as :obj:`"measured"`; if empty, what the
+            data set says of itself.
+        caption (str): Where the samples come from, as a sentence.
+        fingerprint (str): A code of the content of its files or tensors, wherever they lie; empty
+            until :meth:`resolve` is called.
+    """
+
+    class_path: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+    selection: dict[str, Any] = field(default_factory=dict)
+    kind: str = ""
+    caption: str = ""
+    fingerprint: str = ""
+
+    def with_arguments(
+        self, arguments: Mapping[str, Any], selection: Mapping[str, Any] | None = None
+    ) -> Self:
+        r"""Returns the source with other or further arguments.
+
+        Args:
+            arguments (Mapping): Laid over the arguments.
+            selection (Mapping, optional): Laid over the selection.
+        """
+        return replace(
+            self,
+            arguments={**self.arguments, **arguments},
+            selection={**self.selection, **(selection or {})},
+            fingerprint="",
+        )
+
+    def resolve(self) -> tuple[Self, "DataFacts"]:
+        r"""Loads the data set, which processes or downloads it if that was not done before, so that
+        many processes can read it at once. Returns the source with its fingerprint, kind and
+        caption, and what it holds.
+
+        Raises:
+            FileNotFoundError: If there is no data; the message tells the next step.
+            ValueError: If there is no such class or argument, or the data cannot be read.
+        """
+        check_arguments(self.class_path, {**self.arguments, **self.selection})
+        dataset = self._build(self.arguments)
+        used = self._build({**self.arguments, **self.selection}) if self.selection else dataset
+        if not isinstance(dataset, StaticDataset):
+            raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
+        facts = DataFacts.of(dataset, used)
+        synthetic = getattr(dataset, "synthetic", None)
+        kind = self.kind or {None: "ours", True: "simulated", False: "measured"}[synthetic]
+        caption = self.caption or _caption(dataset, kind, facts)
+        code = _fingerprint(dataset)
+        return replace(self, fingerprint=code, kind=kind, caption=caption), facts
+
+    def load(self) -> StaticDataset:
+        r"""Returns the data set, without :obj:`selection`. A process keeps the last few that it
+        loaded.
+        """
+        return _load(self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint)
+
+    def parts(
+        self, protocol: Protocol, seed: int, fold: int
+    ) -> tuple[StaticDataset, StaticDataset]:
+        r"""Returns the samples to train on, and those to test on.
+
+        Args:
+            protocol (Protocol): What is held out.
+            seed (int): Which of the random splits.
+            fold (int): Which of the folds is tested on.
+
+        Raises:
+            ValueError: If the samples cannot be split so, or nothing is left of a part.
+        """
+        dataset = self.load()
+        train, _, test = protocol.split(dataset, seed, fold)
+        if self.selection:
+            chosen = self._build({**self.arguments, **self.selection}).indices()
+            is_chosen = torch.zeros(dataset.len(), dtype=torch.bool)
+            is_chosen[torch.as_tensor(list(chosen))] = True
+            is_chosen = is_chosen[torch.as_tensor(list(dataset.indices()))]
+            train, test = train[is_chosen[train]], test[is_chosen[test]]
+        for name, part in (("train", train), ("test", test)):
+            if not len(part):
+                raise ValueError(
+                    f"'{protocol.describe()}' must leave samples to {name} on (left none of "
+                    f"{len(dataset)}; selection: {self.selection or 'none'})"
+                )
+        return dataset[train], dataset[test]
+
+    def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
+        dataset: StaticDataset = build({"class_path": self.class_path, "init_args": arguments})
+        return dataset
+
+    def identity(self) -> dict[str, Any]:
+        r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
+        arguments = {key: value for key, value in self.arguments.items() if key != "root"}
+        return {
+            "class_path": self.class_path,
+            "arguments": arguments,
+            "selection": self.selection,
+            "fingerprint": self.fingerprint,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments of this class as plain data."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class DataFacts:
+    r"""What a data source holds.
+
+    Args:
+        num_samples (int): Number of samples, after the selection.
+        num_trials (int): Number of trials; 0 if the samples belong to none.
+        num_groups (int): Number of groups (objects); 0 if the samples belong to none.
+        num_classes (int): Number of classes or labels.
+        class_names (tuple of str): Their names, where the data set has them.
+        session_names (tuple of str): Names of the recording sessions.
+    """
+
+    num_samples: int
+    num_trials: int
+    num_groups: int
+    num_classes: int
+    class_names: tuple[str, ...] = ()
+    session_names: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, dataset: StaticDataset, used: StaticDataset | None = None) -> Self:
+        r"""Returns the facts of a data set.
+
+        Args:
+            dataset (StaticDataset): The data set.
+            used (StaticDataset, optional): The same with a selection of the samples.
+        """
+        counts = [_count(dataset.column(key)) for key in ("trial", "group")]
+        return cls(
+            num_samples=len(dataset if used is None else used),
+            num_trials=counts[0],
+            num_groups=counts[1],
+            num_classes=dataset.num_classes,
+            class_names=tuple(dataset.class_names),
+            session_names=tuple(dataset.session_names),
+        )
+
+
+@lru_cache(maxsize=4)
+def _load(class_path: str, arguments: str, fingerprint: str) -> StaticDataset:
+    return DataSource(class_path)._build(json.loads(arguments))
+
+
+def _count(column: Tensor | None) -> int:
+    return 0 if column is None else len(column.unique())
+
+
+def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
+    held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
+    if kind != "simulated":
+        return f"Recordings of your own: {held}."
+    said = f"**Simulated**, never a real hand's result: {held}"
+    root = Path(dataset.root)
+    found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
+    if not found:
+        return f"{said}."
+    simulation = json.loads(found[0].read_text(encoding="utf-8"))
+    preset = simulation.get("preset", {})
+    return (
+        f"{said} of `tactile simulate` (objects `{simulation.get('object_set')}`, seed "
+        f"{simulation.get('seed')}, {preset.get('duration'):g} s at "
+        f"{preset.get('rate'):g} Hz, MuJoCo {simulation.get('mujoco')})."
+    )
+
+
+def _fingerprint(dataset: StaticDataset) -> str:
+    code = hashlib.sha256()
+    files = _files(dataset)
+    for file in files:
+        stat = file.stat()
+        code.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
+    if not files:
+        for key, value in sorted(dataset.data.to_dict().items()):
+            if isinstance(value, Tensor):
+                code.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
+                code.update(value.contiguous().numpy(force=True).tobytes())
+    return code.hexdigest()
+
+
+def _files(dataset: StaticDataset) -> list[Path]:
+    # The raw files; if they are gone, what was made of them; none of what lives in memory.
+    if not dataset.has_process:
+        return []
+    raw = [Path(name) for name in dataset.raw_paths]
+    found = [path for path in raw if path.is_file()]
+    return found or [Path(dataset.processed_paths[0])]
+
+
+@lru_cache(maxsize=10_000)
+def _sha256(path: Path, size: int, changed: int) -> str:
+    return file_sha256(path)  # sources of one folder share its files

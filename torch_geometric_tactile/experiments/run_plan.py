@@ -1,0 +1,167 @@
+r"""Running a plan: on many processes, finished experiments kept."""
+
+import os
+from collections.abc import Callable, Container, Generator, Iterable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.run_store import RunStore
+from torch_geometric_tactile.experiments.worker import close_process, run_safely
+from torch_geometric_tactile.parallel import Backend, check_backend, kept_memory, run_parallel
+from torch_geometric_tactile.typing import PathLike
+
+# Called with each run that ended, how many ended so far, and how many are to be run.
+OnProgress = Callable[[Experiment, int, int], None]
+
+
+@dataclass(frozen=True)
+class Workers:
+    r"""Where the experiments of a plan are run.
+
+    Args:
+        jobs (int): How many runs at a time.
+        backend (str): :obj:`"loky"` (processes of this machine), :obj:`"dask"` or :obj:`"ray"`.
+        scheduler (str, optional): Address of a running cluster of Dask or Ray. Its machines must
+            have this package, and the recordings under the same path.
+
+    Raises:
+        ImportError: If the package of the backend is missing.
+        ValueError: If :obj:`jobs` is below one, there is no such backend, or it takes no scheduler.
+    """
+
+    jobs: int = 1
+    backend: Backend = "loky"
+    scheduler: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise ValueError(f"'jobs' must be at least 1 (got {self.jobs})")
+        check_backend(self.backend, self.scheduler)
+
+
+class PlanRun(NamedTuple):
+    r"""What became of a plan: its finished experiments and their results, how many of them were
+    :obj:`kept` from before, what :obj:`failed` and why, and how many are :obj:`missing`.
+    """
+
+    plan: Plan
+    results: list[tuple[Experiment, dict[str, Any]]]
+    kept: int
+    failed: dict[str, str]
+    missing: int
+
+    def describe(self) -> str:
+        r"""Returns what became of it in one line."""
+        total = len(self.results) + self.missing
+        kept = f" ({self.kept} kept from before)" if self.kept else ""
+        missing = f", {self.missing} missing" if self.missing else ""
+        done = len(self.results)
+        return f"{self.plan.table.name}: {done} of {total} runs finished{kept}{missing}"
+
+
+def run_plan(
+    plan: Plan,
+    out: PathLike = "tables",
+    workers: Workers | None = None,
+    *,
+    only: Sequence[str] | None = None,
+    train: bool = True,
+    on_progress: OnProgress | None = None,
+) -> PlanRun:
+    r"""Trains and tests the experiments of a plan that are not finished.
+
+    A finished run is a JSON file in :obj:`out/runs`, whole or absent, and is not run again: a run
+    that was stopped or killed goes on where it was. Runs with other settings, recordings or
+    versions have other files in the same folder and do not get into the table.
+
+    Args:
+        plan (Plan): What is to be run.
+        out (str or PathLike): Folder of the results.
+        workers (Workers, optional): Where; one after the other on this machine if left out.
+        only (sequence of str, optional): Train only experiments with names like these patterns.
+        train (bool): Whether to train what is missing; otherwise the result is of what is there.
+        on_progress (callable, optional): Called with each run that ended, how many ended so far,
+            and how many are to be run.
+
+    Raises:
+        KeyboardInterrupt: On Ctrl-C; the message tells how many runs are kept.
+        OSError: If a process was killed, or a file cannot be written.
+        ValueError: If a pattern fits no experiment, or a file of a finished run is damaged.
+    """
+    workers = workers or Workers()
+    chosen = {cell.experiment for cell in plan.table.select(only)}
+    experiments = plan.experiments
+    store = RunStore(Path(out) / "runs")
+    # Two names may stand for one configuration, which is trained once.
+    different = {experiment.code: experiment for experiment in experiments}
+    found = {code: store.read(experiment) for code, experiment in different.items()}
+    results = {code: result for code, result in found.items() if result is not None}
+    kept = set(results)
+    wanted = {experiment.code for experiment in experiments if experiment.name in chosen and train}
+    todo = [different[code] for code in different if code in wanted - kept]
+    failed: dict[str, str] = {}
+    try:
+        with closing(_run(todo, workers)) as running:
+            for ended, (experiment, result) in enumerate(running, 1):
+                if "error" in result:
+                    failed[experiment.label] = result["error"]
+                else:
+                    store.write(experiment, result)
+                    results[experiment.code] = result
+                if on_progress is not None:
+                    on_progress(experiment, ended, len(todo))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"stopped; {_count(experiments, results)} of {len(experiments)} runs are finished and "
+            "kept: the same command goes on"
+        ) from None
+    except BrokenProcessPool as error:
+        raise OSError(
+            "a process was killed, for want of memory perhaps: run the same command with fewer "
+            "jobs (finished runs are kept)"
+        ) from error
+    finally:
+        store.clean(todo)
+    return PlanRun(
+        plan,
+        results=[(e, results[e.code]) for e in experiments if e.code in results],
+        kept=_count(experiments, kept),
+        failed=failed,
+        missing=len(experiments) - _count(experiments, results),
+    )
+
+
+def _count(experiments: Iterable[Experiment], codes: Container[str]) -> int:
+    return sum(experiment.code in codes for experiment in experiments)
+
+
+def _run(
+    todo: Sequence[Experiment], workers: Workers
+) -> Generator[tuple[Experiment, dict[str, Any]], None, None]:
+    if not todo:
+        return
+    # On this machine a worker looks whether this process is there; a cluster sees to that itself.
+    work = partial(_numbered, parent=os.getpid() if workers.backend == "loky" else None)
+    items = list(enumerate(todo))
+    try:
+        with (
+            kept_memory(),
+            closing(
+                run_parallel(work, items, workers.jobs, workers.backend, workers.scheduler)
+            ) as running,
+        ):
+            for number, result in running:
+                yield todo[number], result
+    finally:
+        close_process()  # with one job it is ours
+
+
+def _numbered(item: tuple[int, Experiment], parent: int | None) -> tuple[int, dict[str, Any]]:
+    number, experiment = item
+    return number, run_safely(experiment, parent)
