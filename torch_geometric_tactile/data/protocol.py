@@ -79,8 +79,8 @@ class Protocol:
         >>> protocol = Protocol("frame", folds=5, stratify="y")
         >>> protocol.describe()
         '5 folds by frame, stratified by y'
-        >>> [data.y[protocol.split(data, fold=fold).test].tolist() for fold in range(2)]
-        [[0, 1], [0, 1]]
+        >>> [data.y[protocol.split(data, fold=i).test].bincount().tolist() for i in range(2)]
+        [[1, 1], [1, 1]]
     """
 
     by: Literal["frame", "trial", "group", "given"] = "trial"

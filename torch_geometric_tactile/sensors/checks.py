@@ -22,7 +22,8 @@ def check_edges(edge_index: Any, num_taxels: int, what: str = "'edge_index'") ->
         ValueError: If they have another shape, are not whole numbers, or join taxels that are not
             there.
     """
-    edges = torch.as_tensor(edge_index)
+    # On the meta device, torch.as_tensor would move a tensor there.
+    edges = edge_index if isinstance(edge_index, Tensor) else torch.as_tensor(edge_index)
     if edges.dim() != 2 or edges.size(0) != 2:
         raise ValueError(f"{what} must have shape (2, num_edges) (got {tuple(edges.shape)})")
     if edges.numel() and not _is_whole(edges):
@@ -56,7 +57,7 @@ def check_segment(
     Raises:
         ValueError: If they are not one whole number for each taxel, or have gaps.
     """
-    numbers = torch.as_tensor(segment)
+    numbers = segment if isinstance(segment, Tensor) else torch.as_tensor(segment)
     if numbers.dim() != 1 or len(numbers) == 0 or not _is_whole(numbers):
         raise ValueError(
             f"{what} must be a whole number for each taxel "

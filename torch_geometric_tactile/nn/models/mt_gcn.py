@@ -12,6 +12,7 @@ from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
 from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
+from torch_geometric_tactile.sensors import check_edges
 
 # The threads of the paper: of the readings, and of all other inputs.
 TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
@@ -133,18 +134,8 @@ def checked_edges(
     Raises:
         ValueError: If they are no edges, or join other taxels.
     """
-    edge_index = torch.as_tensor(edges, dtype=torch.long, device="cpu")  # to be checked
-    if edge_index.dim() != 2 or edge_index.size(0) != 2:
-        raise ValueError(
-            f"the adjacency of '{name}' must have shape (2, num_edges) "
-            f"(got {tuple(edge_index.shape)})"
-        )
-    if edge_index.numel() and not 0 <= int(edge_index.min()) <= int(edge_index.max()) < num_nodes:
-        raise ValueError(
-            f"the adjacency of '{name}' must join taxels 0 to {num_nodes - 1} "
-            f"(got {int(edge_index.min())} to {int(edge_index.max())})"
-        )
-    return edge_index
+    edges = torch.as_tensor(edges, device="cpu")  # to be checked
+    return check_edges(edges, num_nodes, f"the adjacency of '{name}'")
 
 
 def thread_settings(
