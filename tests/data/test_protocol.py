@@ -239,3 +239,24 @@ def test_given_parts():
 def test_import_leaves_scikit_learn_out(name):
     code = f"import sys, torch_geometric_tactile.{name}; sys.exit('sklearn' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_stratify_auto_takes_the_classes_where_they_allow():
+    generator = torch.Generator().manual_seed(0)
+    y = torch.tensor([0, 0, 0, 0, 0, 0, 0, 1, 1, 1])
+    trial = torch.arange(10)
+    data = StaticData(x=torch.randn(10, 1, 1, generator=generator), y=y, trial=trial)
+    auto, plain = (Protocol("trial", val=0, test=0.3, stratify=key) for key in ("auto", None))
+    by_class = Protocol("trial", val=0, test=0.3, stratify="y")
+    for seed in range(8):
+        assert all(map(torch.equal, auto.split(data, seed), by_class.split(data, seed)))
+    assert any(not y[plain.split(data, seed).test].any() for seed in range(8))  # lacks class 1
+    folds = Protocol("trial", folds=3, stratify="auto")
+    assert all(y[folds.split(data, fold=fold).test].sum() == 1 for fold in range(3))
+    # Too few of a class, several classes in a unit, no integers or no labels: as without.
+    one = StaticData(x=data.x, y=torch.tensor([0] * 9 + [1]), trial=trial)
+    mixed = StaticData(x=data.x, y=torch.arange(10) % 2, trial=trial // 2)
+    numbers = StaticData(x=data.x, y=torch.rand(10, generator=generator), trial=trial)
+    for other in (one, mixed, numbers, StaticData(x=data.x, trial=trial)):
+        assert all(map(torch.equal, auto.split(other, 1), plain.split(other, 1)))
+    assert auto.describe().endswith("stratified by class where classes allow")

@@ -66,7 +66,9 @@ class Protocol:
             left out.
         folds (int, optional): Number of random folds.
         leave_one_out (bool): Whether each unit is a fold.
-        stratify (str, optional): The attribute whose classes every part has its share of.
+        stratify (str, optional): The attribute whose classes every part has its share of. With
+            :obj:`"auto"` it is :obj:`"y"` where its classes allow (each has enough units, each unit
+            one class), and nothing otherwise.
 
     Raises:
         ValueError: If :obj:`by` is unknown, a fraction is not within 0 and 1, there are fewer than
@@ -167,7 +169,7 @@ class Protocol:
             return _split_of(_given_parts(dataset))
         names, unit = np.unique(_column(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
-        classes = None if self.stratify is None else _Classes(dataset, self.stratify, unit, self.by)
+        classes = self._classes(dataset, unit)
         part = np.full(len(names), _TRAIN)
         seeds: list[int] = [seed]
         if self._has_folds:
@@ -185,6 +187,17 @@ class Protocol:
                 val, test = self._draw_by_class(units, classes, seeds)
             part[val], part[test] = _VAL, _TEST
         return _split_of(part[unit])
+
+    def _classes(self, dataset: Samples, unit: np.ndarray) -> "_Classes | None":
+        if self.stratify != "auto":
+            return None if self.stratify is None else _Classes(dataset, self.stratify, unit, self.by)
+        try:
+            classes = _Classes(dataset, "y", unit, self.by)
+        except ValueError:  # no labels, or numbers of a regression
+            return None
+        needed = self.folds or 2 + bool(self.val)
+        allowed = classes.of_unit is not None and classes.num_units.min(initial=needed) >= needed
+        return classes if allowed else None
 
     def _fold(
         self, unit: np.ndarray, count: int, classes: "_Classes | None", seed: int, fold: int
@@ -277,6 +290,8 @@ class Protocol:
             text += f", {100 * self.val:g} % for validation"
         if self.test:
             text += f", {100 * self.test:g} % for the test"
+        if self.stratify == "auto":
+            return f"{text}, stratified by class where classes allow"
         return text if self.stratify is None else f"{text}, stratified by {self.stratify}"
 
     def to_dict(self) -> dict[str, Any]:

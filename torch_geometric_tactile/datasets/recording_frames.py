@@ -66,7 +66,8 @@ class RecordingFrames(SelectedFrames):
             key of the metadata, of the file's name, or of :obj:`privileged` (frame by frame).
         split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
             :obj:`None`.
-        protocol (Protocol, optional): What is held out; whole trials if left out.
+        protocol (Protocol, optional): What is held out; if left out, whole trials, of every class
+            where there are enough.
         split_seed (int): Which of the random splits. :obj:`phases` and :obj:`stride` move no frame
             to another split.
         fold (int): Which fold of a protocol with folds is tested on.
@@ -148,7 +149,7 @@ class RecordingFrames(SelectedFrames):
             (adjacency,) = self.layout.adjacency
         self.target = target
         self.split = split
-        self.protocol = Protocol("trial") if protocol is None else protocol
+        self.protocol = Protocol("trial", stratify="auto") if protocol is None else protocol
         self.split_seed = split_seed
         self.fold = fold
         self.adjacency = adjacency
