@@ -24,6 +24,7 @@ BTS3_HEADER = [
 SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report", "bts3_root")
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """Runs slow tests first, so that processes side by side end together."""
     for item in items:

@@ -4,6 +4,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from torch_geometric_tactile.cli import main
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -18,7 +20,7 @@ def test_readme_script_trains_saves_and_loads(tmp_path, monkeypatch):
     pytest.importorskip("lightning", reason="needs the extra 'train'")
     monkeypatch.chdir(tmp_path)
     (code,) = python_code(README)
-    assert sum(bool(line.strip()) for line in code.splitlines()) == 12
+    assert len(code.splitlines()) == 12
     names = {}
     exec("import numpy; numpy.random.seed(0)\n" + code, names)
     x, y, dataset = names["x"], names["y"], names["dataset"]
@@ -30,6 +32,32 @@ def test_readme_script_trains_saves_and_loads(tmp_path, monkeypatch):
     logits = names["classifier"].model.eval()(batch.x, batch.edge_index)
     assert torch.allclose(predictor(x), logits.softmax(-1), atol=1e-5)
     assert (predictor(x).argmax(-1).numpy() == y).mean() > 0.7  # half would be chance
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_own_data_page_leads_from_files_to_a_predictor(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "your_own_data.md").read_text(encoding="utf-8")
+    names = {}
+    for code in python_code(page):
+        exec(code, names)
+    assert len(names["dataset"]) == 3 * 6 * 40
+    assert names["metrics"]["test/accuracy"] > 0.9  # the generated grasps are easy to tell apart
+    assert names["probabilities"].shape == (2,)
+    (config,) = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
+    quiet = "  enable_progress_bar: false\n  enable_model_summary: false\n"
+    Path("glove.yaml").write_text(config + quiet, encoding="utf-8")
+    assert main(["fit", "--config", "glove.yaml"]) == 0
+    checkpoint = "runs/glove/version_0/checkpoints/last.ckpt"
+    assert checkpoint in capsys.readouterr().out
+    assert main(["predict", checkpoint]) == 0
+    assert main(["predict", checkpoint, "--save", "again.predictor"]) == 0
+    rows = Path("predictions.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "index,prediction,p_pinch,p_power"
+    again = names["Predictor"].load("again.predictor")
+    assert again.class_names == ("pinch", "power")
 
 
 def test_models_examples_run(tmp_path, monkeypatch):

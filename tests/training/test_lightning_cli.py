@@ -143,7 +143,7 @@ def test_files_that_are_no_configuration(tmp_path):
 def test_summary_tells_what_comes_next(config):
     cli = built(config)
     cli.trainer.fit(cli.model, datamodule=cli.datamodule)
-    lines = fit_summary(cli.trainer).splitlines()
+    lines = fit_summary(cli.trainer, cli.trainer.log_dir).splitlines()
     value = float(cli.trainer.callback_metrics["val/f1_positive"])
     (row,) = (line for line in lines if line.startswith("val/f1_positive"))
     assert float(row.split()[1]) == pytest.approx(value, abs=1e-4)
@@ -153,7 +153,7 @@ def test_summary_tells_what_comes_next(config):
 def test_summary_without_parts(config):
     cli = built([*config, "--data.val=0"])
     cli.trainer.fit(cli.model, datamodule=cli.datamodule)
-    text = fit_summary(cli.trainer)
+    text = fit_summary(cli.trainer, cli.trainer.log_dir)
     assert "there is no validation part" in text
     assert "train/loss" in text
     assert "There is no test part: give 'data.test_dataset', or a 'data.test' above 0." in text

@@ -124,7 +124,7 @@ def test_own_data_set_layout_and_model_are_trained_tested_and_loaded(folder, mon
     assert done.returncode == 0, done.stderr
     assert "test/accuracy" in done.stdout
 
-    done = tactile(folder, "predict", "--config", "my.yaml", "--ckpt_path", last)
+    done = tactile(folder, "predict", last, "--config", "my.yaml")
     assert done.returncode == 0, done.stderr
     (path,) = folder.rglob("predictions.csv")
     with path.open() as file:

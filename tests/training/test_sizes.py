@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -10,7 +11,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
-from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
+from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 from torch_geometric_tactile.training import (
     DataSizes,
     TactileDataModule,
@@ -18,7 +19,7 @@ from torch_geometric_tactile.training import (
     classifier_from_config,
     fill_sizes,
 )
-from torch_geometric_tactile.training.sizes import layout_from_text
+from torch_geometric_tactile.training.sizes import layout_from_text, layout_to_text
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, KNNGraph, ZScore
 
 
@@ -234,3 +235,14 @@ class Strict(torch.nn.Module):
 def test_layout_that_no_configuration_can_hold(labelled):
     with pytest.raises(ValueError, match=r"'layout' of Strict must accept text.*Layout \| str"):
         filled(TactileDataModule(labelled("multiclass")), "Strict")
+
+
+def test_content_of_a_layout_is_one_text_for_the_parser():
+    layout = grid(2, 2, pitch=0.01)
+    layout = replace(layout, name="my pad: v2 # {old}", source='said: "so", it is')
+    text = layout_to_text(layout)
+    assert yaml.safe_load(text) == text  # no mapping, no comment
+    again = layout_from_text(text)
+    assert again.to_dict() == layout.to_dict()
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        layout_from_text("nowhere.json")

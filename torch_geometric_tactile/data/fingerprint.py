@@ -38,10 +38,9 @@ def describe(value: Any) -> str:
         value (Any): The setting.
 
     Examples:
-        >>> from torch_geometric.transforms import Distance
-        >>> describe(Distance(norm=False))
-        'torch_geometric.transforms.distance.Distance(cat=True, interval=(0.0, 1.0), max=None, \
-norm=False)'
+        >>> from torch_geometric.transforms import Constant
+        >>> describe(Constant(2.0))
+        'torch_geometric.transforms.constant.Constant(cat=True, node_types=None, value=2.0)'
     """
     text = _describe(value, ())
     if len(text) <= _LONG:

@@ -190,7 +190,8 @@ class Protocol:
 
     def _classes(self, dataset: Samples, unit: np.ndarray) -> "_Classes | None":
         if self.stratify != "auto":
-            return None if self.stratify is None else _Classes(dataset, self.stratify, unit, self.by)
+            key = self.stratify
+            return None if key is None else _Classes(dataset, key, unit, self.by)
         try:
             classes = _Classes(dataset, "y", unit, self.by)
         except ValueError:  # no labels, or numbers of a regression

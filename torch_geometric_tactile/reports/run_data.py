@@ -66,10 +66,6 @@ def load_data(path: PathLike, config: str | None = None, root: PathLike | None =
     Raises:
         FileNotFoundError: If there is no configuration.
     """
-    from lightning.pytorch.cli import instantiate_module
-
-    from torch_geometric_tactile.training import TactileDataModule
-
     settings = run_config(path, config)
     if settings is None:
         raise FileNotFoundError(
@@ -81,7 +77,7 @@ def load_data(path: PathLike, config: str | None = None, root: PathLike | None =
         for key in ("dataset", "val_dataset", "test_dataset"):
             if settings.get(key):
                 settings[key].setdefault("init_args", {})["root"] = str(root)
-    data = instantiate_module(TactileDataModule, settings)
+    data = _data_module(settings)
     data.transform = None  # the predictor has the fitted one
     data.setup()
     return data
@@ -110,11 +106,19 @@ def test_part(data: Any, predictor: Predictor) -> StaticDataset:
 
 
 def _own_parts(settings: dict[str, Any], argument: str) -> Any:
-    from lightning.pytorch.cli import instantiate_module
+    from torch_geometric_tactile.training import classifier_from_config
 
-    from torch_geometric_tactile.training import TactileDataModule, classifier_from_config
-
-    data = instantiate_module(TactileDataModule, settings["data"])
+    data = _data_module(settings["data"])
     if argument == "model":
         return classifier_from_config(settings["model"], data).model
     return [data.dataset.pre_transform, data.dataset.transform, data.transform]
+
+
+def _data_module(settings: dict[str, Any]) -> Any:
+    from lightning.pytorch.cli import instantiate_module
+
+    from torch_geometric_tactile.training import TactileDataModule
+    from torch_geometric_tactile.training.given_arguments import own_modules
+
+    own_modules()
+    return instantiate_module(TactileDataModule, settings)

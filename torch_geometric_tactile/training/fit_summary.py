@@ -10,12 +10,13 @@ from tabulate import tabulate
 from torch_geometric_tactile.training.data_module import TactileDataModule
 
 
-def fit_summary(trainer: L.Trainer) -> str:
+def fit_summary(trainer: L.Trainer, folder: str | None = None) -> str:
     r"""Returns the last metrics of the validation part as a small table, the paths of the
     checkpoints, and the command that tests the last one. The test part is not looked at.
 
     Args:
         trainer (lightning.Trainer): The trainer, after :obj:`fit`.
+        folder (str, optional): The folder of the run, its :obj:`log_dir`.
     """
     values = {key: float(value) for key, value in trainer.callback_metrics.items()}
     rows = [(key, values[key]) for key in sorted(values) if key.startswith("val/")]
@@ -35,15 +36,14 @@ def fit_summary(trainer: L.Trainer) -> str:
             if last:
                 text.append(f"Last checkpoint: {_short(last)}")
     if checkpoint:
-        text.append(_next_step(trainer, checkpoint))
+        text.append(_next_step(trainer, checkpoint, folder))
     return "\n".join(text)
 
 
-def _next_step(trainer: L.Trainer, checkpoint: str) -> str:
+def _next_step(trainer: L.Trainer, checkpoint: str, folder: str | None) -> str:
     data = getattr(trainer, "datamodule", None)
     if isinstance(data, TactileDataModule) and not len(data.part("test")):
         return "There is no test part: give 'data.test_dataset', or a 'data.test' above 0."
-    folder = trainer.log_dir
     config = None if folder is None else Path(folder) / "config.yaml"
     named = _short(config) if config is not None and config.is_file() else "CONFIG"
     return f"Test it:\n  tactile test --config {named} --ckpt_path {_short(checkpoint)}"

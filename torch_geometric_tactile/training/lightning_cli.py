@@ -147,8 +147,9 @@ class TactileCLI(LightningCLI):
 
     def after_fit(self) -> None:
         r"""Prints what the training has come to."""
+        folder = self.trainer.log_dir  # all processes ask, since they agree on it together
         if self.trainer.is_global_zero:
-            sys.stdout.write(fit_summary(self.trainer) + "\n")
+            sys.stdout.write(fit_summary(self.trainer, folder) + "\n")
             sys.stdout.flush()
 
 

@@ -20,6 +20,8 @@ _MODELS = "torch_geometric_tactile.nn.models"
 # The attribute of a batch behind each input of our models.
 _INPUTS = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
 
+_CONTENT = "layout="  # in front of the content of a layout
+
 
 @dataclass(frozen=True)
 class DataSizes:
@@ -137,27 +139,32 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
 
 def layout_from_text(text: str) -> TaxelLayout:
     r"""Returns the layout that a configuration names: one that comes with the package, a layout
-    file, or the content of such a file.
+    file, or what :func:`layout_to_text` returned.
 
     Args:
-        text (str): Name, path, or JSON.
+        text (str): Name, path, or content.
 
     Raises:
         ValueError: If it is neither.
     """
-    if text.lstrip().startswith("{"):
-        return TaxelLayout.from_dict(json.loads(text))
+    if text.startswith(_CONTENT):
+        return TaxelLayout.from_dict(json.loads(text.removeprefix(_CONTENT)))
     return as_layout(text)
 
 
 def layout_to_text(layout: TaxelLayout) -> str:
     r"""Returns the shortest text that :func:`layout_from_text` reads anywhere: the name of a layout
-    that comes with the package, or else its whole content as JSON.
+    that comes with the package, or else its whole content.
 
     Args:
         layout (TaxelLayout): The layout.
     """
-    return layout.name if _is_stock(layout) else json.dumps(layout.to_dict())
+    if _is_stock(layout):
+        return layout.name
+    # Without a space, and not a mapping at first sight: the parser of configurations would take it
+    # for one wherever a class accepts texts of several kinds.
+    content = json.dumps(layout.to_dict(), separators=(",", ":"))
+    return _CONTENT + content.replace(" ", "\\u0020")
 
 
 # Wherever a class of a configuration asks for a layout, a name or a path may be given.

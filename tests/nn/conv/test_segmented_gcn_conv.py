@@ -7,7 +7,7 @@ from small_models import EDGE_INDEX, NUM_EDGES, PATCH, assert_close, gradients, 
 from torch_geometric.nn import GCNConv
 from torch_geometric.utils import subgraph
 
-from torch_geometric_tactile.nn.conv import SegmentedGCNConv
+from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv
 from torch_geometric_tactile.nn.models import SegmentedThread
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.testing import (
@@ -287,6 +287,15 @@ def test_segmented_sparse_matrix(size):
         expected = layer(samples(*size), EDGE_INDEX, WEIGHT)
         for form in (adj_t, adj_t.coalesce().to_sparse_csr()):
             assert torch.allclose(layer(samples(*size), form), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(11, 3), (9, 11, 3)])
+def test_sparse_matrix_of_the_caller_stays_as_it_is(size):
+    adj_t = torch.sparse_coo_tensor(EDGE_INDEX.flip(0).contiguous(), WEIGHT, (11, 11))
+    for layer in (conv(), thread(), StaticGCNConv(3, 4), StaticGCNConv(3, 4, cached=True)):
+        layer(samples(*size), adj_t)
+        assert not adj_t.is_coalesced()  # its indices are not sorted
+        assert adj_t.to_sparse_csr().to_dense().equal(adj_t.to_dense())
 
 
 def test_segmented_flow():

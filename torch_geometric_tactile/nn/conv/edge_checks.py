@@ -134,6 +134,18 @@ def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
         raise ValueError(f"'edge_weight' must hold real numbers (got {edge_weight.dtype})")
 
 
+def sorted_form(edge_index: Adj) -> Adj:
+    r"""Returns edges as they are, but a sparse COO matrix with sorted indices: PyG's functions mark
+    the caller's matrix as sorted whether it is or not, which makes other products of it wrong.
+
+    Args:
+        edge_index (torch.Tensor): Edges, or a sparse matrix.
+    """
+    if edge_index.layout == torch.sparse_coo and not edge_index.is_coalesced():
+        return edge_index.coalesce()
+    return edge_index
+
+
 def as_edges(edge_index: Adj, edge_weight: OptTensor = None) -> tuple[Tensor, OptTensor]:
     r"""Returns edges and their weights, also those of PyG's transposed sparse adjacency.
 
@@ -146,5 +158,5 @@ def as_edges(edge_index: Adj, edge_weight: OptTensor = None) -> tuple[Tensor, Op
         return edge_index.as_tensor(), edge_weight
     if not is_torch_sparse_tensor(edge_index):
         return edge_index, edge_weight
-    index, value = to_edge_index(edge_index)
+    index, value = to_edge_index(sorted_form(edge_index))
     return index.flip(0), value

@@ -17,6 +17,7 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
     check_edge_index,
     check_edge_weight,
     is_traced,
+    sorted_form,
 )
 
 # Above this number of nodes, a dense matrix of them costs more than gathering the edges.
@@ -275,7 +276,7 @@ def dense_norm(
         norm (GCNNorm): How to normalise.
     """
     if is_torch_sparse_tensor(edge_index) and segment is None:
-        return sparse_norm(edge_index, num_nodes, dtype, norm).to_dense().to(dtype)
+        return sparse_norm(sorted_form(edge_index), num_nodes, dtype, norm).to_dense().to(dtype)
     edge_index, edge_weight = as_edges(edge_index, edge_weight)
     source, target = edge_index.long()
     if norm.flow == "target_to_source":

@@ -16,6 +16,7 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
     check_edge_index,
     check_edge_weight,
     is_traced,
+    sorted_form,
 )
 from torch_geometric_tactile.nn.conv.plain import (
     MESSAGE_METHODS,
@@ -137,6 +138,7 @@ class StaticGCNConv(GCNConv):
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_weight)  # PyG refuses, or knows the type
+        edge_index = sorted_form(edge_index)
         lin: Any = self._modules["lin"]  # not self.lin, which takes longer to look up
         plain = is_plain_linear(lin)
         _check_x(x, lin.in_channels if plain else None)
