@@ -134,6 +134,7 @@ class AllegroUSkin(RecordingFrames):
         root: PathLike | None = None,
         task: Literal["object", "property"] = "object",
         split: Literal["train", "val", "test"] | None = "train",
+        *,
         split_by: Literal["trial", "frame"] = "trial",
         fractions: tuple[float, float, float] = (0.7, 0.1, 0.2),
         split_seed: int = 0,

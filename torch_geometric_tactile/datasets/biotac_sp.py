@@ -95,6 +95,7 @@ class BioTacSP(StaticDataset):
         root: PathLike | None = None,
         split: Literal["train", "test", "all"] = "train",
         palm: Palm | None = None,
+        *,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,

@@ -48,6 +48,7 @@ class FakeTactileDataset(StaticDataset):
         self,
         num_samples: int = 1000,
         split: Literal["train", "test", "all"] = "train",
+        *,
         layout: TaxelLayout | None = None,
         num_objects: int = 10,
         num_fingers: int = 3,

@@ -77,7 +77,9 @@ def run_simulation(
     from tqdm import tqdm
 
     start = time.monotonic()
-    running = simulate(out, objects, trials, seed, jobs, preset, max_attempts, hand=hand)
+    running = simulate(
+        out, objects, trials, seed, jobs, preset=preset, max_attempts=max_attempts, hand=hand
+    )
     total = len(OBJECT_SETS[objects]()) * (trials or PRESETS[preset].trials)
     reports: list[TrialReport] = []
     attempts = 0

@@ -113,6 +113,7 @@ def simulate(
     trials: int | None = None,
     seed: int = 0,
     jobs: int = 1,
+    *,
     preset: str = "full",
     max_attempts: int = 10,
     skin: SkinModel | None = None,
