@@ -20,18 +20,40 @@ BTS3_HEADER = [
     *(f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)),
 ]
 
-# Fixtures of the whole session that take seconds: the tests that share one run in one process.
-SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report", "bts3_root")
+# Fixtures of a session or module that take seconds: the tests that share one run in one process.
+SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report")
+# Files that wait for the same compilation, likewise.
+SHARED_COMPILATION = {"analysis/test_embedding.py": "umap", "reports/test_analysis.py": "umap"}
+# Files that start processes or train for seconds.
+SLOW_FILES = (
+    "analysis/test_embedding.py",
+    "experiments/test_plan_interrupted.py",
+    "experiments/test_worker.py",
+    "nn/models/test_model_compile.py",
+    "nn/models/test_onnx.py",
+    "reports/test_analysis.py",
+    "reports/test_grasp.py",
+    "sim/test_grasp.py",
+    "sim/test_grasp_properties.py",
+    "sim/test_simulate_interrupted.py",
+    "sim/test_simulate_killed.py",
+    "test_cli.py",
+    "test_parallel.py",
+    "training/test_own_data.py",
+)
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """Runs slow tests first, so that processes side by side end together."""
     for item in items:
-        for name in SHARED_FIXTURES:
-            if name in getattr(item, "fixturenames", ()):
-                item.add_marker(pytest.mark.xdist_group(name))
-                break
+        path = item.path.as_posix()
+        names = [name for name in SHARED_FIXTURES if name in getattr(item, "fixturenames", ())]
+        names += [name for end, name in SHARED_COMPILATION.items() if path.endswith(end)]
+        if names:
+            item.add_marker(pytest.mark.xdist_group(names[0]))
+        if path.endswith(SLOW_FILES):
+            item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
