@@ -14,13 +14,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.data.sample_classes import Classes, Samples, column
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 Unit = Literal["frame", "trial", "group"]
-Samples = StaticDataset | StaticData
 _UNITS = ("frame", "trial", "group")
-_NAMED = {"y": "class_names", "group": "group_names", "session": "session_names"}
 _TRAIN, _VAL, _TEST = range(3)
 
 
@@ -75,6 +73,7 @@ class Protocol:
             two folds, or an argument does not go with the others.
 
     Examples:
+        >>> from torch_geometric_tactile.data import StaticData
         >>> data = StaticData(x=torch.zeros(10, 1, 1), y=torch.arange(10) % 2)
         >>> [len(part) for part in Protocol("frame").split(data)]
         [7, 1, 2]
@@ -141,7 +140,7 @@ class Protocol:
         """
         if not self.leave_one_out:
             return self.folds or 1
-        units = _column(dataset, self.by)
+        units = column(dataset, self.by)
         count = len(np.unique(units))
         if count < 2:
             raise ValueError(
@@ -167,7 +166,7 @@ class Protocol:
             raise ValueError(f"'fold' must be between 0 and {num_folds - 1} (got {fold})")
         if self.by == "given":
             return _split_of(_given_parts(dataset))
-        names, unit = np.unique(_column(dataset, self.by), return_inverse=True)
+        names, unit = np.unique(column(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
         classes = self._classes(dataset, unit)
         part = np.full(len(names), _TRAIN)
@@ -188,12 +187,12 @@ class Protocol:
             part[val], part[test] = _VAL, _TEST
         return _split_of(part[unit])
 
-    def _classes(self, dataset: Samples, unit: np.ndarray) -> "_Classes | None":
+    def _classes(self, dataset: Samples, unit: np.ndarray) -> "Classes | None":
         if self.stratify != "auto":
             key = self.stratify
-            return None if key is None else _Classes(dataset, key, unit, self.by)
+            return None if key is None else Classes(dataset, key, unit, self.by)
         try:
-            classes = _Classes(dataset, "y", unit, self.by)
+            classes = Classes(dataset, "y", unit, self.by)
         except ValueError:  # no labels, or numbers of a regression
             return None
         needed = self.folds or 2 + bool(self.val)
@@ -201,7 +200,7 @@ class Protocol:
         return classes if allowed else None
 
     def _fold(
-        self, unit: np.ndarray, count: int, classes: "_Classes | None", seed: int, fold: int
+        self, unit: np.ndarray, count: int, classes: "Classes | None", seed: int, fold: int
     ) -> np.ndarray:
         # Imported here, since it takes as long as everything else together.
         from sklearn.model_selection import (
@@ -242,7 +241,7 @@ class Protocol:
         return order[num_test : num_test + num_val], order[:num_test]
 
     def _draw_by_class(
-        self, units: np.ndarray, classes: "_Classes", seeds: Sequence[int]
+        self, units: np.ndarray, classes: "Classes", seeds: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         val, test = [], []
         for i, name in classes.require_units():
@@ -314,81 +313,6 @@ class Protocol:
         if unknown:
             raise ValueError(f"a protocol must have keys of {known} (got '{unknown[0]}')")
         return cls(**content)
-
-
-class _Classes:
-    """What is stratified by: the class of each unit, or of each sample where units are mixed."""
-
-    def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
-        value = _column(dataset, key, f"stratified by '{key}'")
-        if not np.array_equal(value, np.round(value)):
-            raise ValueError(f"'{key}' must hold integers to be stratified by (got {value.dtype})")
-        found, of_sample = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
-        self.of_sample = of_sample.reshape(-1)
-        self.names = _class_names(dataset, key, found)
-        self.what = {"y": "class", "group": "object"}.get(key, key)
-        self.key, self.by = key, by
-        _, first = np.unique(unit, return_index=True)
-        self._one = self.of_sample[first]
-        mixed = np.flatnonzero(self._one[unit] != self.of_sample)
-        self.of_unit = None if len(mixed) else self._one
-        pairs = np.unique(np.stack([self.of_sample, unit]), axis=1)
-        self.num_units = np.bincount(pairs[0], minlength=len(found))
-
-    def require_units(self) -> list[tuple[int, str]]:
-        """Returns number and name of each class, if each unit has one."""
-        if self.of_unit is None:
-            raise ValueError(
-                f"every {self.by} must have one '{self.key}' for all its samples to be stratified "
-                "by it in fractions (got several): choose 'folds' without 'val', or no 'stratify'"
-            )
-        return list(enumerate(self.names))
-
-    def check_folds(self, folds: int) -> None:
-        """Warns of classes that cannot be in every fold."""
-        if self.of_unit is not None and folds > self.num_units.max():
-            raise ValueError(
-                f"'folds' must be at most {self.num_units.max()}, the {self.by}s of the most "
-                f"frequent {self.what}, to be stratified by '{self.key}' (got {folds})"
-            )
-        few = [
-            f"'{name}' ({count})"
-            for name, count in zip(self.names, self.num_units, strict=True)
-            if count < folds
-        ]
-        if few:
-            warnings.warn(
-                f"some of the {folds} folds cannot have every {self.what}: fewer {self.by}s than "
-                f"folds have {', '.join(few)}",
-                UserWarning,
-                stacklevel=5,
-            )
-
-
-def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
-    names = getattr(dataset, _NAMED[key]) if key in _NAMED and not _is_data(dataset) else ()
-    if found.ndim > 1 or (len(found) and not 0 <= found.min() <= found.max() < len(names)):
-        return [str(value) for value in found.tolist()]
-    return [names[i] for i in found]
-
-
-def _is_data(dataset: Samples) -> bool:
-    return isinstance(dataset, StaticData)
-
-
-def _column(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
-    if key == "frame":
-        return np.arange(
-            len(dataset) if isinstance(dataset, StaticDataset) else dataset.num_samples
-        )
-    if isinstance(dataset, StaticDataset):
-        column = dataset.column(key)
-    else:
-        column = dataset[key] if key in dataset else None  # noqa: SIM401 - Data is no mapping
-    if column is None:
-        raise ValueError(f"'dataset' must have '{key}' to be {how or f'split by {key}'} (got none)")
-    values: np.ndarray = column.numpy(force=True)
-    return values
 
 
 def _given_parts(dataset: Samples) -> np.ndarray:
