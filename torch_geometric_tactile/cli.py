@@ -18,6 +18,7 @@ examples:
                                                  go on where that training was stopped
   tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
   tactile fit --help                             every option of fit
+  tactile predict CHECKPOINT recording.h5        probabilities of each frame, as a CSV table
   tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   the facts of a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
@@ -79,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     try:
         return _run(list(sys.argv[1:] if argv is None else argv))
-    except BrokenPipeError:  # whoever read our output, such as `head`, has what it wanted
+    except BrokenPipeError:  # the reader of the output, such as `head`, has what it wanted
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (ImportError, OSError, ValueError) as error:
         if os.environ.get("TACTILE_TRACEBACK"):

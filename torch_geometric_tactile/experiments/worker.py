@@ -2,7 +2,7 @@ r"""Experiments in a process of their own, which measures its own memory and may
 
 ``python -m torch_geometric_tactile.experiments.worker`` reads experiments, one line of
 JSON each, and answers with one line of JSON each. It ends when its input does, so that it never
-outlives whoever started it, and when there was nothing to do for a while.
+outlives the process that started it, and when there was nothing to do for a while.
 """
 
 import json

@@ -182,7 +182,7 @@ class Predictor:
         Raises:
             FileNotFoundError: If there is no such file.
             ValueError: If the file is damaged or of another version, or :obj:`model` or
-                :obj:`transforms` are missing or others than those that were saved.
+                :obj:`transforms` are missing or differ from those that were saved.
         """
         return cls._of(content.load(path, model, transforms))
 

@@ -42,7 +42,7 @@ def write_table(run: PlanRun, out: PathLike) -> list[Path]:
 
 
 def csv_text(run: PlanRun) -> str:
-    r"""Returns all numbers, one a line: where it stands in the table, its source, metric, mean,
+    r"""Returns all numbers, one a line: its place in the table, its source, metric, mean,
     standard deviation and number of runs.
 
     Args:

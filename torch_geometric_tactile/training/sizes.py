@@ -114,7 +114,7 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     if not isinstance(model, Mapping) or "class_path" not in model:
         return filled
     cls = _find(model["class_path"])
-    if cls is None:  # whoever builds it explains why there is no such class
+    if cls is None:  # building it explains why there is no such class
         return filled
     task: Task = filled.get("task") or "multiclass"
     check_task(task)
