@@ -2,6 +2,7 @@ import csv
 import os
 import shutil
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 import pytest
@@ -57,10 +58,18 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
+@pytest.fixture(scope="session")
+def cache_folders(tmp_path_factory):
+    """A folder for the caches of all tests."""
+    return tmp_path_factory.mktemp("tactile_data")
+
+
 @pytest.fixture(autouse=True)
-def private_cache(monkeypatch, tmp_path_factory):
+def private_cache(monkeypatch, cache_folders):
     """No test reads or fills the user's cache."""
-    monkeypatch.setenv("TACTILE_DATA", str(tmp_path_factory.mktemp("tactile_data")))
+    folder = cache_folders / uuid4().hex  # pytest's numbered folders look through all others
+    folder.mkdir()
+    monkeypatch.setenv("TACTILE_DATA", str(folder))
 
 
 @pytest.fixture(scope="session")
