@@ -12,7 +12,6 @@ from torch_geometric.transforms import AddLaplacianEigenvectorPE, Distance
 from torch_geometric_tactile.data import StaticDataset, splits
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac_sp, grid
-from torch_geometric_tactile.training import TactileDataModule
 from torch_geometric_tactile.transforms import KNNGraph, ZScore
 
 LAYOUT = grid(2, 3, pitch=0.01)
@@ -201,6 +200,18 @@ def test_infinite_readings():
         StaticDataset.from_arrays(x, layout=LAYOUT)
 
 
+def test_works_with_the_data_module():
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    from torch_geometric_tactile.training import TactileDataModule
+
+    x = torch.randn(40, 6, 2, generator=torch.Generator().manual_seed(0))
+    y, trial = torch.arange(40) % 2, torch.arange(40) // 4
+    dataset = StaticDataset.from_arrays(x, y, layout=LAYOUT, trial=trial)
+    module = TactileDataModule(dataset, split="trial", transform=ZScore(), batch_size=8)
+    module.setup()
+    assert next(iter(module.train_dataloader())).x.shape == (8, 6, 2)
+
+
 def test_works_with_everything_else():
     draw = torch.Generator().manual_seed(0)
     x, y = torch.randn(40, 6, 2, generator=draw), torch.arange(40) % 2
@@ -208,9 +219,6 @@ def test_works_with_everything_else():
     dataset = StaticDataset.from_arrays(x, y, layout=LAYOUT, trial=trial, group=trial // 2)
     split = splits.by_trial(dataset, seed=1)
     assert not set(dataset[split.train].trial.tolist()) & set(dataset[split.test].trial.tolist())
-    module = TactileDataModule(dataset, split="trial", transform=ZScore(), batch_size=8)
-    module.setup()
-    assert next(iter(module.train_dataloader())).x.shape == (8, 6, 2)
     assert next(iter(DataLoader(dataset, 4))).num_graphs == 4
     first, _ = random_split(dataset, [30, 10])
     assert next(iter(StaticLoader(first, 4))).x.shape == (4, 6, 2)

@@ -197,6 +197,7 @@ def test_attached_get_embeddings(name):
 @pytest.mark.parametrize("name", ["gcn_message", "mt_gcn", "patches"])
 @pytest.mark.parametrize("leaf", ["MessagePassing", None])
 def test_attached_summary(name, leaf):
+    pytest.importorskip("tabulate", reason="needed by PyG's summary")
     model = small_model(name).eval()
     tables = []
     for batch_size in (7, 8):

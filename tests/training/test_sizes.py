@@ -3,11 +3,11 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-import torch
-import yaml
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+import torch
+import yaml
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.datasets import FakeTactileDataset

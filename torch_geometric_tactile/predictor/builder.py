@@ -86,7 +86,8 @@ class Builder:
             name = described.get("own", described.get("class"))
             if type(given).__name__ != name:
                 raise ValueError(f"'model' must be a {name} (got {type(given).__name__})")
-            return copy.deepcopy(given)
+            with torch.random.fork_rng(devices=[]):  # some layers draw weights when they are copied
+                return copy.deepcopy(given)
         if "own" in described:
             raise MissingOwnError(
                 f"'model' must be given: the file has the weights of a {described['own']}, which "

@@ -46,11 +46,11 @@ def run_config(path: PathLike, config: str | None = None) -> dict[str, Any] | No
         config (str, optional): The configuration; the :obj:`config.yaml` that the run has beside
             its checkpoints if left out.
     """
-    from torch_geometric_tactile.training.config import load_config
-
     beside = Path(path).absolute().parent.parent / "config.yaml"
     if config is None and not beside.is_file():
         return None
+    from torch_geometric_tactile.training.config import load_config
+
     return load_config(config or str(beside))
 
 
