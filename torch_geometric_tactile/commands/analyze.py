@@ -61,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports import analysis
+    from torch_geometric_tactile.texts import printable
 
     page = analysis.main(
         arguments.model,
@@ -70,5 +71,5 @@ def run(arguments: argparse.Namespace) -> int:
         frames=arguments.frames,
         seed=arguments.seed,
     )
-    print(f"analysis: {page}")
+    print(printable(f"analysis: {page}"))
     return 0
