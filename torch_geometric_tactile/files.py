@@ -30,7 +30,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     A reader never sees half a file: on an error or a kill, :obj:`path` keeps its old content. What
     a kill left behind is removed by the next write to the same :obj:`path`; the temporary of a
     writer that is alive is never touched. The block may truncate the temporary and write to it, but
-    must not replace it by another file.
+    must not replace it by another file or lock it (h5py: ``locking=False``).
 
     Args:
         path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
