@@ -31,3 +31,19 @@ def not_negative(text: str) -> int:
     if number < 0:
         raise argparse.ArgumentTypeError(f"must not be negative (got {number})")
     return number
+
+
+def add_allow(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the option for classes of one's own in the configuration beside a checkpoint.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument(
+        "--allow",
+        metavar="PACKAGE",
+        action="append",
+        default=[],
+        help="a package, module or class of your own that the config.yaml beside the checkpoint "
+        "may name; may be given again",
+    )
