@@ -23,7 +23,7 @@ def test_printable_escapes_what_a_terminal_obeys(text, shown):
 
 def test_markdown_text_is_one_cell_without_markup():
     assert markdown_text("a|b\n<img src=x> [x](y) `c` *d*") == (
-        r"a\|b\\n\<img src=x\> \[x\](y) \`c\` \*d\*"
+        r"a\|b\\n\<img src=x\> \[x\](y) \`c\` *d*"
     )
 
 

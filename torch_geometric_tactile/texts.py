@@ -10,7 +10,7 @@ from typing import Any
 from torch_geometric_tactile.typing import PathLike
 
 _LARGEST_JSON = 1 << 27  # bytes; a layout of half a million taxels has less
-_MARKDOWN = str.maketrans({char: f"\\{char}" for char in "\\|<>*_`[]~"})
+_MARKDOWN = str.maketrans({char: f"\\{char}" for char in "\\|<>`[]"})
 
 
 def printable(text: object) -> str:
@@ -45,8 +45,8 @@ def markdown_text(text: object) -> str:
         text (object): The text, or what has one.
 
     Examples:
-        >>> print(markdown_text("<b>|a_b|"))
-        \<b\>\|a\_b\|
+        >>> print(markdown_text("<b>|[a]|"))
+        \<b\>\|\[a\]\|
     """
     return printable(text).translate(_MARKDOWN)
 
