@@ -65,3 +65,19 @@ def equal(a: Any, b: Any) -> bool:
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(map(equal, a, b))
     return bool(a == b)
+
+
+def difference(a: Any, b: Any, place: str = "") -> str:
+    """The first place where two readings differ, and how."""
+    if isinstance(a, dict) and isinstance(b, dict) and list(a) == list(b):
+        parts = ((f"{place}.{key}", a[key], b[key]) for key in a)
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        parts = ((f"{place}[{i}]", x, y) for i, (x, y) in enumerate(zip(a, b, strict=True)))
+    elif isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.shape == b.shape:
+        where = np.argwhere(~((a == b) | ((a != a) & (b != b))))[:1].tolist()
+        spot = tuple(where[0]) if where else ...
+        return f"{place}{list(spot) if where else ''}: {a.dtype} {a[spot]} became {b.dtype} {b[spot]}"
+    else:
+        sizes = [getattr(value, "shape", repr(value)[:80]) for value in (a, b)]
+        return f"{place}: {sizes[0]} became {sizes[1]}"
+    return next((difference(x, y, name) for name, x, y in parts if not equal(x, y)), "nothing")

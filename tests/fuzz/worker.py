@@ -15,6 +15,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
 
+from fuzz.laws import difference
 from fuzz.targets import Target
 
 SECONDS = 5.0  # of the worker's own time
@@ -73,11 +74,26 @@ class Case(NamedTuple):
     data: bytes
     allowed: str
     base: Path
+    mutation: str
+
+
+class Draw(Random):
+    """Random choices, which remembers the names of the functions among them."""
+
+    def __init__(self, seed: str) -> None:
+        super().__init__(seed)
+        self.chosen: list[str] = []
+
+    def choice(self, seq: Any) -> Any:
+        found = super().choice(seq)
+        if callable(found):
+            self.chosen.append(getattr(found, "__name__", ""))
+        return found
 
 
 def draw_case(target: Target, whole: Path, folder: Path, seed: int, index: int) -> Case:
     """Writes case ``index`` of a seed into a folder: the same one, whatever ran before."""
-    draw = Random(f"{seed} {index}")
+    draw = Draw(f"{seed} {index}")
     files = sorted(path for path in whole.iterdir() if path.is_file())
     own = [path for path in files if path.name.endswith(target.suffix)]
     base = draw.choice(own)
@@ -89,7 +105,7 @@ def draw_case(target: Target, whole: Path, folder: Path, seed: int, index: int) 
     path = folder / base.name
     data = base.read_bytes()
     allowed = target.mutate(path, data, draw, other)
-    return Case(target, path, data, allowed, base)
+    return Case(target, path, data, allowed, base, " ".join(draw.chosen) or "content")
 
 
 class Runner:
@@ -152,7 +168,11 @@ class Runner:
         if error is not None:
             return self._error(case, error)
         outcome = case.target.judged(case.data, mutated, before, found, case.allowed)
-        return Result(outcome, f"must be {case.allowed}", case.allowed)
+        if outcome != "silent":
+            return Result(outcome)
+        change = difference(before, found)
+        cause = f"{case.mutation}: {change.partition(':')[0].partition('[')[0]}"
+        return Result(outcome, f"{case.mutation}: {change}", cause)
 
     def _error(self, case: Case, error: BaseException) -> Result:
         text = f"{type(error).__name__}: {error}"
