@@ -7,6 +7,26 @@ from pathlib import Path
 
 import numpy as np
 
+# With these a spreadsheet program takes a cell for a formula, and runs it; also as wide characters.
+_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+
+
+def safe_cell(text: str) -> str:
+    r"""Returns a text for a cell of a CSV file, such that no spreadsheet program takes it for a
+    formula: with an apostrophe in front if it begins like one. Numbers are to be written as they
+    are, not through this function.
+
+    Args:
+        text (str): The text.
+
+    Examples:
+        >>> safe_cell("mug"), safe_cell("=1+1")
+        ('mug', "'=1+1")
+    """
+    if text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA):
+        return f"'{text}"
+    return text
+
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     r"""Yields line number and cells of each line that is not empty.

@@ -153,7 +153,7 @@ def _write(recording: Recording, path: PathLike, compress: bool) -> None:
         if compress
         else {}
     )
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, h5py.File(temporary, "w", locking=False) as file:
         for name, array in recording_to_arrays(recording).items():
             values = max(1, int(np.prod(array.shape[1:])))
             frames = min(max(_VALUES_PER_CHUNK // values, 1), _MOST_FRAMES_PER_CHUNK)

@@ -2,6 +2,7 @@ r"""Checkpoints that are either whole or absent."""
 
 from typing import Any
 
+import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 
 from torch_geometric_tactile.files import atomic_path
@@ -23,5 +24,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
             path (str or PathLike): The file.
             storage_options (optional): Not supported.
         """
-        with atomic_path(path) as temporary:
-            super().save_checkpoint(checkpoint, temporary, storage_options)
+        # Not by the method of TorchCheckpointIO, which writes to a temporary of its own in another
+        # folder, where a kill would leave it.
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            torch.save(checkpoint, file)
