@@ -13,6 +13,7 @@ pytest.importorskip("h5py", reason="needs the extra 'sim'")
 
 import joblib
 
+from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import stock_layout
 from torch_geometric_tactile.sim import (
@@ -229,12 +230,17 @@ def test_frames_before_contact_tell_the_trial_but_not_the_object(tmp_path, hover
     assert KNeighborsClassifier(5).fit(x[~test], y[~test]).score(x[test], y[test]) > 0.9
 
 
-def test_temporary_files_of_a_killed_run_are_removed(tmp_path, objects, hovering):
-    (tmp_path / ".sponge_000.h5.abc.tmp").write_text("half a file")
+def test_temporary_files_of_a_killed_run_are_removed_and_not_those_of_a_second(
+    tmp_path, objects, hovering
+):
+    (tmp_path / ".sponge_000.h5.3.tmp").write_text("half a file")
     (tmp_path / ".other.tmp").write_text("another's")
-    list(simulate(tmp_path, objects("three", SPONGE), 1, preset="ci"))
-    names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == [".other.tmp", "simulation.json", "sponge_000.h5"]
+    with atomic_path(tmp_path / "sponge_000.h5") as alive:
+        alive.write_text("a second run's")
+        list(simulate(tmp_path, objects("three", SPONGE), 1, preset="ci"))
+        names = sorted(path.name for path in tmp_path.iterdir())
+        assert names == [".other.tmp", alive.name, "simulation.json", "sponge_000.h5"]
+    assert (tmp_path / "sponge_000.h5").read_text() == "a second run's"
 
 
 def test_workers_start_with_interrupts_ignored(tmp_path, objects, hovering, monkeypatch):

@@ -2,7 +2,7 @@ r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 
 import argparse
 
-from torch_geometric_tactile.commands.arguments import not_negative, positive
+from torch_geometric_tactile.commands.arguments import add_allow, not_negative, positive
 
 HELP = "draw what a model has learnt: encoder map, embeddings, attribution, errors"
 DESCRIPTION = """\
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
     )
+    add_allow(parser)
     parser.add_argument(
         "--frames",
         metavar="N",
@@ -70,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         root=arguments.root,
         frames=arguments.frames,
         seed=arguments.seed,
+        allow=arguments.allow,
     )
     print(printable(f"analysis: {page}"))
     return 0

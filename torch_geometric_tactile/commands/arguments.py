@@ -31,3 +31,19 @@ few = _whole(1, 10_000, "must be at least 1")
 
 #: Reads a seed: an integer from zero to the largest that all of our libraries take.
 not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
+
+
+def add_allow(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the option for classes of one's own in the configuration beside a checkpoint.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument(
+        "--allow",
+        metavar="PACKAGE",
+        action="append",
+        default=[],
+        help="a package, module or class of your own that the config.yaml beside the checkpoint "
+        "may name; may be given again",
+    )
