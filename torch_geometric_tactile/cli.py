@@ -2,6 +2,7 @@ r"""The ``tactile`` command. Nothing heavy is imported before the arguments are 
 
 import argparse
 import io
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -83,6 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # for names of files that are no text
+    if logging.lastResort is not None:  # prints our warnings
+        logging.lastResort.setFormatter(_OneLine())
     try:
         status = _run(list(sys.argv[1:] if argv is None else argv))
         if sys.stdout is not None:
@@ -100,6 +103,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as stop:
         _tell(str(stop) or "stopped")
         return 130
+
+
+class _OneLine(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
 
 
 def _tell(text: str) -> None:
