@@ -88,10 +88,11 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     times = [name for name in head if name.lower() in ("time", "timestamp", "t")]
     _need(len(times) == 1 or (tactile is None and not times))
     used = {*times, *joint, label}
+    all_given = tactile is not None
     tactile = [name for name in head if name not in used] if tactile is None else tactile
     _need({*tactile, *joint} <= set(head) and (label is None or label in head) and bool(tactile))
     # pandas' names of a table without any, and its index.
-    _need(not any(name == "" or name.isdecimal() or name.startswith("Unnamed") for name in head))
+    _need(all_given or not any(name == "" or name.isdecimal() or name.startswith("Unnamed") for name in head))
 
     def columns(names: Any) -> np.ndarray:
         return numbers([[row[head.index(name)] for name in names] for row in rows])
@@ -294,9 +295,17 @@ def is_chain(tree: Any, found: dict[str, Any]) -> bool:
     if not {*tree} <= {"name", "joints", "source", "bodies"} or len(joints) != len(found["joints"]):
         return False
     return tree.get("name", found["name"]) == found["name"] and all(
-        {key: own.get(key) for key in joint} == joint
-        for joint, own in zip(joints, found["joints"], strict=True)
+        _is_joint(joint, own) for joint, own in zip(joints, found["joints"], strict=True)
     )
+
+
+def _is_joint(joint: dict[str, Any], own: dict[str, Any]) -> bool:
+    joint, own = dict(joint), dict(own)
+    axis, unit = joint.pop("axis", None), own.pop("axis", None)
+    same = (axis is None) == (unit is None)
+    if same and axis is not None:
+        same = np.allclose(np.array(axis) / np.linalg.norm(axis), unit)
+    return same and all(key in own and own[key] == joint[key] for key in joint)
 
 
 def xml_tree(data: bytes) -> Any:

@@ -12,19 +12,19 @@ from torch_geometric_tactile.data import Recording
 
 
 def recording(found: Recording) -> Any:
-    return {field.name: _plain(getattr(found, field.name)) for field in dataclasses.fields(found)}
+    return {field.name: plain(getattr(found, field.name)) for field in dataclasses.fields(found)}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     if isinstance(value, torch.Tensor):
         return _tensor(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = dataclasses.fields(value)
-        return {field.name: _plain(getattr(value, field.name)) for field in fields}
+        return {field.name: plain(getattr(value, field.name)) for field in fields}
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if value is None or isinstance(value, bool | int | float | str | bytes | np.ndarray):
         return value
     return repr(value)
@@ -38,7 +38,7 @@ def _tensor(value: torch.Tensor) -> np.ndarray:
 
 
 def state(module: torch.nn.Module) -> Any:
-    return {"module": repr(module), **_plain(dict(module.state_dict()))}
+    return {"module": repr(module), **plain(dict(module.state_dict()))}
 
 
 def wide_csv(path: Path) -> Any:
@@ -83,7 +83,7 @@ def xela_messages(path: Path) -> Any:
 def biotac_csv(path: Path) -> Any:
     from torch_geometric_tactile.io import read_biotac_sp_csv
 
-    return _plain(tuple(read_biotac_sp_csv(path)))
+    return plain(tuple(read_biotac_sp_csv(path)))
 
 
 def npz(path: Path) -> Any:
@@ -111,19 +111,19 @@ def any_recording(path: Path) -> Any:
 def layout(path: Path) -> Any:
     from torch_geometric_tactile.sensors import as_layout
 
-    return _plain(as_layout(path).to_dict())
+    return plain(as_layout(path).to_dict())
 
 
 def chain(path: Path) -> Any:
     from torch_geometric_tactile.sensors import HandKinematics
 
-    return _plain(HandKinematics.load(path).to_dict())
+    return plain(HandKinematics.load(path).to_dict())
 
 
 def urdf(path: Path) -> Any:
     from torch_geometric_tactile.sensors import HandKinematics
 
-    return _plain(HandKinematics.from_urdf(path).to_dict())
+    return plain(HandKinematics.from_urdf(path).to_dict())
 
 
 def predictor(path: Path) -> Any:
@@ -134,9 +134,9 @@ def predictor(path: Path) -> Any:
     frame = torch.arange(8.0).view(1, 4, 2) / 7
     answer = found(frame, torch.tensor([[0.1, -0.2, 0.3]]))
     return {
-        "answer": _plain(answer),
+        "answer": plain(answer),
         "text": repr(found),
-        "layout": _plain(found.layout.to_dict()),
+        "layout": plain(found.layout.to_dict()),
         "transform": repr(found.transform),
         "model": state(found.model),
     }
@@ -153,11 +153,11 @@ def processed(path: Path) -> Any:
 
     found = read_processed(path)
     return {
-        "data": _plain(found.data.to_dict()),
-        "schema": _plain(found.data.schema),
-        "names": _plain(found.names),
-        "settings": _plain(found.settings),
-        "raw_state": _plain(found.raw_state),
+        "data": plain(found.data.to_dict()),
+        "schema": plain(found.data.schema),
+        "names": plain(found.names),
+        "settings": plain(found.settings),
+        "raw_state": plain(found.raw_state),
     }
 
 
@@ -173,7 +173,7 @@ def config(path: Path) -> Any:
     from torch_geometric_tactile.training.given_arguments import read_config
 
     assert isinstance(load_config(str(path)), dict)
-    return _plain(read_config(path))
+    return plain(read_config(path))
 
 
 def model_config(path: Path) -> Any:
@@ -186,13 +186,13 @@ def model_config(path: Path) -> Any:
 def table(path: Path) -> Any:
     from torch_geometric_tactile.experiments.tables import load_table
 
-    return {**_plain(load_table(str(path))), "name": ""}
+    return {**plain(load_table(str(path))), "name": ""}
 
 
 def run_store(path: Path) -> Any:
     from torch_geometric_tactile.experiments.run_store import RunStore
 
-    return _plain(RunStore(path.parent).read(experiment()))
+    return plain(RunStore(path.parent).read(experiment()))
 
 
 @functools.cache

@@ -23,9 +23,10 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.dont_write_bytecode = True
 TESTS = Path(__file__).resolve().parents[1]
-for folder in (str(TESTS), str(TESTS.parent)):
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
+PATHS = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+if not any(path and (Path(path) / "torch_geometric_tactile").is_dir() for path in PATHS):
+    sys.path.insert(0, str(TESTS.parent))  # the package beside, not an installed one
+sys.path.insert(0, str(TESTS))
 
 from fuzz.laws import ALLOWED, FAILURES, OUTCOMES  # noqa: E402
 from fuzz.targets import Target, schedule  # noqa: E402
@@ -160,6 +161,7 @@ def attack(
                 if result.outcome in ("crash", "hang"):
                     target = targets[index % len(targets)]
                     name = f"{result.outcome}_{target.name}_{seed}_{index}".replace(" ", "_")
+                    shutil.rmtree(save / name, ignore_errors=True)
                     draw_case(target, whole / target.name, save / name, seed, index)
     return sorted(found)
 

@@ -141,7 +141,8 @@ class Runner:
             if result.outcome not in ("same", "cell", "rewritten", "error") and self.save:
                 kept = self.save / f"{result.outcome} {target.name} {self.seed} {index}"
                 kept = kept.with_name(kept.name.replace(" ", "_"))
-                shutil.copytree(folder, kept, dirs_exist_ok=True)
+                shutil.rmtree(kept, ignore_errors=True)
+                shutil.copytree(folder, kept)
             return result
         finally:
             self._clean()

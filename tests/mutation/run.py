@@ -106,8 +106,17 @@ def _run_tests(root: Path, files: list[str], log: Path) -> None:
         os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
         import pytest
 
+        class InOrder:
+            @pytest.hookimpl(trylast=True)
+            def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+                """The files in their order, and last what takes seconds."""
+                place = {file: i for i, file in enumerate(files)}
+                items.sort(key=lambda item: place[str(item.path)])
+                items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+
         options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--tb=line"]
-        code = int(pytest.main([*options, f"--basetemp={root}/../temporary", *files]))
+        options.append(f"--basetemp={root}/../temporary")
+        code = int(pytest.main([*options, *files], plugins=[InOrder()]))
     finally:
         sys.stdout.flush()
         os._exit(code)

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data.torch_file import read_torch_file
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.predictor import Predictor, is_checkpoint
 from torch_geometric_tactile.reports.analysis_sections import Section, Subject
@@ -58,7 +59,10 @@ def main(
 def _origin(path: Path) -> dict[str, str]:
     if not is_checkpoint(path):
         return {"Predictor": f"`{path.name}`"}
-    epochs = torch.load(path, map_location="cpu", weights_only=True, mmap=True)["epoch"] + 1
+    epoch = read_torch_file(path, mmap=True).get("epoch")
+    if not isinstance(epoch, int):
+        raise ValueError(f"'{path}' must hold the number of its epoch (got {epoch!r})")
+    epochs = epoch + 1
     return {"Checkpoint": f"`{path.name}`, after {epochs} epoch{'s' if epochs > 1 else ''}"}
 
 

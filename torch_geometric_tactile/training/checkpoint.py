@@ -10,6 +10,7 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.cli import instantiate_module
 
+from torch_geometric_tactile.data.torch_file import read_torch_file
 from torch_geometric_tactile.files import atomic_path, check_zip
 from torch_geometric_tactile.training.safe_classes import safe_section
 from torch_geometric_tactile.typing import PathLike
@@ -79,11 +80,7 @@ def read_checkpoint(
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
-    check_zip(path)
-    try:
-        content = torch.load(path, map_location=map_location, weights_only=True)
-    except Exception as error:  # torch raises many kinds
-        raise ValueError(f"'{path}' is no checkpoint that can be read here: {error}") from error
+    content = read_torch_file(path, map_location)
     for name in needs:
         if not isinstance(content, dict) or not isinstance(content.get(name), Mapping):
             raise ValueError(f"'{path}' is no checkpoint: it must hold '{name}' (got none)")

@@ -3,7 +3,6 @@ r"""The training, validation and test steps of a model."""
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
-import lightning as L
 import torch
 from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, instantiate_module
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
@@ -32,6 +31,7 @@ from torch_geometric_tactile.training.metrics import (
     make_metrics,
     read_metrics,
 )
+from torch_geometric_tactile.training.resume import ResumableModule
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 from torch_geometric_tactile.typing import PathLike
 
@@ -45,7 +45,7 @@ _SOURCES = {
 }
 
 
-class TactileModule(L.LightningModule):
+class TactileModule(ResumableModule):
     r"""Trains a model to tell the class of a sample, each of its labels, or numbers, and measures
     how well it does.
 
@@ -277,6 +277,7 @@ class TactileModule(L.LightningModule):
         r"""Puts into the checkpoint the layout, and what
         :class:`~torch_geometric_tactile.predictor.Predictor` needs beside the weights.
         """
+        super().on_save_checkpoint(checkpoint)
         if self.layout is not None:
             checkpoint["layout"] = self.layout.to_dict()
         data = self._datamodule()
@@ -287,6 +288,7 @@ class TactileModule(L.LightningModule):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Takes the layout from the checkpoint, or compares it with that of the data."""
+        super().on_load_checkpoint(checkpoint)
         if "layout" not in checkpoint:
             return
         trained_on = TaxelLayout.from_dict(checkpoint["layout"])
