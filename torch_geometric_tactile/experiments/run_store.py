@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.experiments.experiment import Experiment
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.files import atomic_path, remove_leftovers
 from torch_geometric_tactile.typing import PathLike
 
 
@@ -69,11 +69,10 @@ class RunStore:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
     def clean(self, experiments: Sequence[Experiment]) -> None:
-        r"""Removes what killed runs had begun to write.
+        r"""Removes what killed runs had begun to write, and nothing of a run that is alive.
 
         Args:
             experiments (sequence of Experiment): Those that were to be run.
         """
         for experiment in experiments:
-            for leftover in self.folder.glob(f".{experiment.file_name}.*.tmp"):
-                leftover.unlink(missing_ok=True)
+            remove_leftovers(self.folder / experiment.file_name)
