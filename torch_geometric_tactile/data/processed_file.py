@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.files import atomic_file
 from torch_geometric_tactile.typing import PathLike
 
 FORMAT = 3
@@ -63,8 +63,8 @@ def save_static(
         "settings": dict(settings or {}),
         "raw_state": list(raw_state),
     }
-    with atomic_path(path) as temporary:
-        torch.save(content, temporary)
+    with atomic_file(path) as file:
+        torch.save(content, file)
 
 
 def _is_view(value: Any) -> bool:

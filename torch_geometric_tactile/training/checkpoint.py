@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.files import atomic_file
 from torch_geometric_tactile.typing import PathLike
 
 
@@ -26,5 +26,5 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         """
         # Not by the method of TorchCheckpointIO, which writes to a temporary of its own in another
         # folder, where a kill would leave it.
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
+        with atomic_file(path) as file:
             torch.save(checkpoint, file)
