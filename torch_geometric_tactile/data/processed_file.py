@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.files import atomic_file
+from torch_geometric_tactile.files import atomic_file, remove_leftovers
 from torch_geometric_tactile.typing import PathLike
 
 FORMAT = 3
@@ -77,7 +77,7 @@ def _is_view(value: Any) -> bool:
 
 
 def read_processed(path: PathLike) -> ProcessedFile:
-    r"""Reads a processed file, memory-mapped.
+    r"""Reads a processed file, memory-mapped, and removes what killed processes left beside it.
 
     Args:
         path (str or PathLike): A file of :func:`save_static`.
@@ -87,6 +87,7 @@ def read_processed(path: PathLike) -> ProcessedFile:
         OtherFormatError: If it is of another format.
         ValueError: If it is damaged.
     """
+    remove_leftovers(path)
     if Path(path).stat().st_size == 0:
         raise ValueError(f"processed file '{path}' is empty; {_MEND}")
     try:
