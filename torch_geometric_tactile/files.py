@@ -1,7 +1,6 @@
 r"""Files that are either whole or absent."""
 
 import hashlib
-import io
 import itertools
 import os
 import shutil
@@ -10,12 +9,8 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
 
 from torch_geometric_tactile.typing import PathLike
-
-if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
 
 try:
     import fcntl
@@ -65,38 +60,6 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     finally:
         temporary.unlink(missing_ok=True)
         _release(handle)
-
-
-@contextmanager
-def atomic_file(path: PathLike) -> Iterator[BinaryIO]:
-    r"""Yields an open file that becomes :obj:`path` when the block succeeds, as
-    :func:`atomic_path`. For :func:`torch.save`, which makes a :class:`RuntimeError` of the error of
-    a full disk: it is raised as what it was.
-
-    Args:
-        path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
-
-    Raises:
-        OSError: If the disk is full or the folder cannot be written to; it names :obj:`path`.
-    """
-    with atomic_path(path) as temporary, _Writer(io.FileIO(temporary, "w")) as file:
-        try:
-            yield file
-        except RuntimeError:
-            if file.refused is not None:
-                raise file.refused from None
-            raise
-
-
-class _Writer(io.BufferedWriter):
-    refused: OSError | None = None
-
-    def write(self, data: "ReadableBuffer", /) -> int:
-        try:
-            return super().write(data)
-        except OSError as error:
-            self.refused = error
-            raise
 
 
 def remove_leftovers(path: PathLike) -> None:

@@ -75,7 +75,7 @@ def test_processed_file_is_memory_mapped(toy, tmp_path, monkeypatch):
     toy(tmp_path)
     monkeypatch.setattr(torch, "load", spy)
     dataset = toy(tmp_path)
-    assert {"mmap": True, "weights_only": True} in asked
+    assert {"map_location": "cpu", "mmap": True, "weights_only": True} in asked
     maps = Path("/proc/self/maps")
     if maps.exists():
         address = dataset.data.x.data_ptr()
@@ -122,6 +122,76 @@ def test_processed_file_of_another_format_without_raw_files(raw_toy, tmp_path):
     (tmp_path / "raw" / "a.txt").unlink()
     with pytest.raises(ValueError, match=r"cannot be used \(it is not of this version.*missing in"):
         raw_toy(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("attributes", [1], "TypeError"),
+        ("attributes", {}, "'x' must be a tensor of numbers"),
+        ("attributes", {"x": "text"}, "'x'"),
+        ("attributes", {"x": torch.zeros(3)}, "'x'"),
+        (
+            "attributes",
+            {"x": torch.zeros(2, 2, 2, dtype=torch.long)},
+            "'x' must be a tensor of num",
+        ),
+        ("attributes", {"x": torch.zeros(2, 2, 2), 3: 4}, "keywords must be strings"),
+        ("schema", {"node": 3}, "TypeError"),
+        ("schema", {"other": ()}, "other|'x'"),
+        ("schema", None, "TypeError"),
+        ("names", [1], "AttributeError"),
+        ("names", {"class": "ab"}, "names must be lists of texts"),
+        ("settings", {"class": 3}, "settings must be texts"),
+        ("raw_state", "text", "names must be lists of texts"),
+        ("raw_state", None, "names must be lists of texts"),
+    ],
+)
+def test_processed_file_with_other_types_is_refused(toy, tmp_path, key, value, message):
+    path = Path(toy(tmp_path).processed_paths[0])
+    content = torch.load(path, weights_only=True)
+    torch.save({**content, key: value}, path)
+    with pytest.raises(ValueError, match=rf"toy\.pt' holds no samples \(.*{message}.*; delete it"):
+        toy(tmp_path)
+    del content[key]
+    torch.save(content, path)
+    with pytest.raises(ValueError, match=rf"toy\.pt' holds no samples \(KeyError: '{key}'\)"):
+        toy(tmp_path)
+
+
+def test_processed_file_with_a_flipped_bit_is_refused(toy, tmp_path):
+    path = Path(toy(tmp_path).processed_paths[0])
+    content, expected = path.read_bytes(), read_processed(path)
+    refused = 0
+    for place in range(0, 8 * len(content), 61):
+        flipped = bytearray(content)
+        flipped[place // 8] ^= 1 << place % 8
+        path.unlink()  # others may have it mapped
+        path.write_bytes(flipped)
+        try:
+            found = read_processed(path)
+        except ValueError:
+            refused += 1
+            continue
+        assert found[1:] == expected[1:]
+        assert found.data.to_dict().keys() == expected.data.to_dict().keys()
+        for key, value in expected.data.to_dict().items():
+            assert found.data[key].equal(value), place
+    assert refused > 50
+
+
+def test_what_was_written_is_checked(toy, tmp_path, monkeypatch):
+    save = torch.save
+
+    def broken(content, file):
+        kept = io.BytesIO()
+        save(content, kept)
+        file.write(kept.getvalue().replace(torch.ones(1).numpy().tobytes(), b"\0\0\0\0", 1))
+
+    monkeypatch.setattr(torch, "save", broken)
+    with pytest.raises(ValueError, match="is damaged or was cut off"):
+        toy(tmp_path)
+    assert files(tmp_path) == []
 
 
 def test_processed_file_with_a_pickled_object_is_refused(toy, tmp_path):

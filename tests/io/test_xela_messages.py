@@ -370,8 +370,8 @@ def test_write_says_what_is_lost(caplog, tmp_path):
     [
         (Recording([], np.zeros((0, 1, 3))), r"at least one frame to be XELA messages \(got none"),
         (counts(meta={"unit": "newton"}), r"must hold counts .*3 channels, unit 'newton'"),
-        (Recording([0], np.zeros((1, 1, 1))), r"must hold counts of 3 channels .*got 1 channels"),
-        (Recording([0], [[[1, np.nan, 1]]]), r"frame 0 cannot be a XELA message: .*got nan in"),
+        (Recording([0.0], np.zeros((1, 1, 1))), r"must hold counts of 3 channels .*got 1 channels"),
+        (Recording([0.0], [[[1, np.nan, 1]]]), r"frame 0 cannot be a XELA message: .*got nan in"),
         (counts(meta={"taxels": [4]}), r"frame 0 cannot be .*'taxels' must add up to 5"),
     ],
 )

@@ -1,3 +1,4 @@
+import hashlib
 import json
 import math
 import os
@@ -17,6 +18,7 @@ from torch_geometric_tactile.transforms import SessionZScore, ZScore
 LAYOUT = grid(2, 2, pitch=0.01)
 X = torch.randn(6, 4, 3, generator=torch.Generator().manual_seed(0))
 KEY = "torch_geometric_tactile.predictor"
+SHA256 = "torch_geometric_tactile.sha256"
 
 
 def predictor(model=None, transform=None):
@@ -44,7 +46,8 @@ def test_tensors_of_every_type_are_read_again(tmp_path):
     }
     tensors |= {"none": torch.zeros(0, 3), "one": torch.tensor(2.5), "t": torch.rand(3, 2).t()}
     write_tensors(tensors, {"text": "Grüße"}, tmp_path / "a")
-    found, texts = read_tensors(tmp_path / "a")
+    found, texts, has_checksum = read_tensors(tmp_path / "a")
+    assert has_checksum
     assert texts == {"text": "Grüße"}
     assert found.keys() == tensors.keys()
     for name, value in tensors.items():
@@ -57,7 +60,7 @@ def test_tensors_of_every_type_are_read_again(tmp_path):
 
 def test_the_file_is_in_the_format_of_safetensors(path):
     safetensors = pytest.importorskip("safetensors.torch")
-    found, _ = read_tensors(path)
+    found, _, _ = read_tensors(path)
     for name, value in safetensors.load_file(path).items():
         assert found[name].equal(value)
 
@@ -127,14 +130,17 @@ def changed(path, change):
     change(header, inner)
     if KEY in header["__metadata__"]:
         header["__metadata__"][KEY] = json.dumps(inner)
-    text = json.dumps(header).encode()
-    path.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + length :])
+    digest = header["__metadata__"].get(SHA256, "none")
+    zeros = json.dumps(header).replace(digest, "0" * 64).encode()
+    start, data = len(zeros).to_bytes(8, "little"), content[8 + length :]
+    text = zeros.replace(b"0" * 64, hashlib.sha256(start + zeros + data).hexdigest().encode(), 1)
+    path.write_bytes(start + text + data)
     return path
 
 
 HOSTILE = {
-    "another format": (lambda h, p: p.update(format=99), "its format must be 1 .got 99"),
-    "no format": (lambda h, p: p.pop("format"), "its format must be 1 .got None"),
+    "another format": (lambda h, p: p.update(format=99), "its format must be 2 .got 99"),
+    "no format": (lambda h, p: p.pop("format"), "its format must be 2 .got None"),
     "task": (lambda h, p: p.update(task="x"), "its task must be one of"),
     "no layout": (lambda h, p: p.pop("layout"), "KeyError: 'layout'"),
     "layout": (lambda h, p: p["layout"].update(taxels=[]), "at least one taxel"),
@@ -213,6 +219,9 @@ def test_damaged_files_are_refused(path):
         with pytest.raises(ValueError, match="is no predictor that can be read here"):
             Predictor.load(path)
     path.write_bytes(content + b"x")
+    with pytest.raises(ValueError, match="it differs from its checksum"):
+        Predictor.load(path)
+    changed(path, lambda h, p: None)  # with the checksum of the longer file
     with pytest.raises(ValueError, match="its tensors must fill it"):
         Predictor.load(path)
     path.write_bytes((2**40).to_bytes(8, "little") + content[8:])
@@ -225,6 +234,36 @@ def test_damaged_files_are_refused(path):
     path.write_bytes(bytes(1000))
     with pytest.raises(ValueError, match="its header is no JSON"):
         Predictor.load(path)
+
+
+def test_every_flipped_bit_of_a_small_file_is_refused(tmp_path):
+    tensors = {"a": torch.arange(3.0), "b": torch.tensor([1, 2])}
+    write_tensors(tensors, {"text": "0" * 64}, tmp_path / "a")
+    content = (tmp_path / "a").read_bytes()
+    for place in range(0, 8 * len(content), 3):
+        flipped = bytearray(content)
+        flipped[place // 8] ^= 1 << place % 8
+        (tmp_path / "b").write_bytes(flipped)
+        try:
+            found = read_tensors(tmp_path / "b")
+        except ValueError:
+            continue
+        # One that hides the checksum changes nothing else, and Predictor.load misses it.
+        assert not found.has_checksum, place
+        assert found.tensors["a"].equal(tensors["a"])
+
+
+def test_a_checksum_is_missed_and_not_needed_by_older_files(path, caplog):
+    def hide(header, inner):
+        header["__metadata__"]["other"] = header["__metadata__"].pop(SHA256)
+
+    changed(path, hide)
+    with pytest.raises(ValueError, match=r"it must have a checksum \(got none\)"):
+        Predictor.load(path)
+    changed(path, lambda header, inner: inner.update(format=1))
+    assert Predictor.load(path)(X).equal(predictor()(X))
+    (record,) = caplog.records
+    assert record.getMessage() == f"'{path}' has no checksum: save it again with this version"
 
 
 class Attack:

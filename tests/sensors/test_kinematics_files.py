@@ -26,6 +26,8 @@ def swing(name, parent, child):
         ([], r"at least one joint that moves \(got none\)"),
         ([Joint("a", "base", "tip")], r"at least one joint that moves \(got none\)"),
         ([swing("a", "base", "x"), swing("a", "x", "y")], "'joints' must have different names"),
+        ([swing("a", "base", "x"), Joint("a", "x", "y")], "'joints' must have different names"),
+        ([swing(str(i), str(i), str(i + 1)) for i in range(1001)], r"1000 at most \(got 1001\)"),
         (
             [swing("a", "base", "x"), swing("b", "base", "y"), swing("c", "x", "y")],
             r"a link must have one parent \(got 'y' below 'base' and 'x'\)",
@@ -72,7 +74,10 @@ def test_joint_rejects(changes, message):
         (urdf(CHAIN).replace('"fixed"', '"prismatic"'), r"joint 'nail' must be .*got 'prismatic'"),
         (urdf(CHAIN).replace('<parent link="arm"/>', ""), "joint 'knuckle' must have a parent"),
         (urdf(CHAIN).replace('<child link="tip"/>', "<child/>"), "joint 'nail' must have a child"),
-        (urdf(CHAIN).replace("0.5, 0.0, 0.0".replace(",", ""), "0.5 zero 0"), "could not convert"),
+        (
+            urdf(CHAIN).replace("0.5, 0.0, 0.0".replace(",", ""), "0.5 zero 0"),
+            r"must have numbers \(got 'zero'\)",
+        ),
         (urdf(CHAIN).replace('xyz="0.5 0.0 0.0"', 'xyz="0.5 0.0"'), "three finite numbers"),
     ],
 )
@@ -109,6 +114,18 @@ JOINT = {"name": "a", "parent": "base", "child": "tip", "axis": [0, 0, 1]}
         ({"joints": [{**JOINT, "xyz": None}]}, "is not a table of joints"),
         ({"joints": [{**JOINT, "lower": None}]}, "is not a table of joints"),
         ({"joints": ["a"]}, "is not a table of joints"),
+        ({"joints": {"a": 1}}, r"'joints' must be a list \(got {'a': 1}\)"),
+        ({"joints": [JOINT], "jolnts": []}, r"no other keys than .*\(got 'jolnts'\)"),
+        ({"joints": [JOINT], "name": 5}, r"'name' must be a text \(got 5\)"),
+        ({"joints": [{**JOINT, "parent": ["base"]}]}, "'parent' of a joint must be a text"),
+        ({"joints": [{**JOINT, "xyz": ["1", 0, 0]}]}, "'xyz' of joint 'a' must be numbers"),
+        ({"joints": [{**JOINT, "xyz": [10**400, 0, 0]}]}, "int too large"),
+        ({"joints": [{**JOINT, "lower": "-1"}]}, r"'lower' of joint 'a' must be a number"),
+        ({"joints": [{**JOINT, "upper": True}]}, r"'upper' of joint 'a' must be a number"),
+        ({"joints": [{**JOINT, "axis": [1.7e308, 1.7e308, 1.7e308]}]}, "must have a direction"),
+        ('{"joints": NaN}', r"numbers must be finite \(got NaN\)"),
+        ('{"joints": [], "joints": []}', "must have each key once"),
+        ("[" * 100_000, "must not be nested"),
     ],
 )
 def test_load_rejects_a_damaged_table(content, message, write):

@@ -133,7 +133,9 @@ def test_own_data_set_layout_and_model_are_trained_tested_and_loaded(folder, mon
     assert {row["prediction"] for row in rows} == {"cup", "pen", "box"}
 
     monkeypatch.syspath_prepend(folder)
-    module = TactileModule.load_from_checkpoint(folder / last, weights_only=True)
+    with pytest.raises(ValueError, match=r"'model.model' names 'my_glove\.Net'.* --allow my_glove"):
+        TactileModule.load_from_checkpoint(folder / last)
+    module = TactileModule.load_from_checkpoint(folder / last, allow=["my_glove"])
     assert module.model.layout.matches(TaxelLayout.load(folder / "glove.json"))
 
 

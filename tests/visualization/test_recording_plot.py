@@ -156,5 +156,5 @@ def test_describe_no_frame_and_many_dead_taxels():
     lines = describe_recording(Recording([], np.zeros((0, 2, 1)))).splitlines()
     assert lines[0] == "frames       0"
     assert lines[2] == "readings     none"
-    lines = describe_recording(Recording([0], np.full((1, 15, 1), NAN))).splitlines()
+    lines = describe_recording(Recording([0.0], np.full((1, 15, 1), NAN))).splitlines()
     assert lines[4] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"

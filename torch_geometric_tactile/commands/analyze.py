@@ -2,7 +2,7 @@ r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 
 import argparse
 
-from torch_geometric_tactile.commands.arguments import not_negative, positive
+from torch_geometric_tactile.commands.arguments import add_allow, not_negative, positive
 
 HELP = "draw what a model has learnt: encoder map, embeddings, attribution, errors"
 DESCRIPTION = """\
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
     )
+    add_allow(parser)
     parser.add_argument(
         "--frames",
         metavar="N",
@@ -61,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports import analysis
+    from torch_geometric_tactile.texts import printable
 
     page = analysis.main(
         arguments.model,
@@ -69,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         root=arguments.root,
         frames=arguments.frames,
         seed=arguments.seed,
+        allow=arguments.allow,
     )
-    print(f"analysis: {page}")
+    print(printable(f"analysis: {page}"))
     return 0

@@ -2,6 +2,8 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 
 import argparse
 
+from torch_geometric_tactile.commands.arguments import add_allow
+
 HELP = "write the predictions of a checkpoint or predictor for recordings or a test part"
 DESCRIPTION = """\
 Predicts each frame of some recordings (.h5, .hdf5, .npz, .csv, XELA logs and messages), or,
@@ -63,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
     )
+    add_allow(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -72,15 +75,16 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports import predictions, run_data
+    from torch_geometric_tactile.texts import printable
 
     if arguments.recordings and arguments.root is not None:
         raise ValueError("'--root' is for the test part of the data: leave out the recordings")
     if arguments.adapt and not arguments.recordings:
         raise ValueError("'--adapt' is for recordings: the sessions of a test part are measured")
-    predictor = run_data.open_predictor(arguments.model, arguments.config)
+    predictor = run_data.open_predictor(arguments.model, arguments.config, arguments.allow)
     if arguments.save is not None:
         predictor.save(arguments.save)
-        print(f"wrote {arguments.save}: {predictor}", flush=True)
+        print(printable(f"wrote {arguments.save}: {predictor}"), flush=True)
         if not arguments.recordings:
             return 0
     if arguments.recordings:
@@ -88,8 +92,10 @@ def run(arguments: argparse.Namespace) -> int:
             predictor, arguments.recordings, arguments.out, arguments.adapt
         )
     else:
-        data = run_data.load_data(arguments.model, arguments.config, arguments.root)
+        data = run_data.load_data(
+            arguments.model, arguments.config, arguments.root, arguments.allow
+        )
         samples = run_data.test_part(data, predictor)
         count = predictions.write_samples(predictor, samples, arguments.out)
-    print(predictions.describe_counts(count, arguments.out))
+    print(printable(predictions.describe_counts(count, arguments.out)))
     return 0

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.files import atomic_file, remove_leftovers
+from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
+from torch_geometric_tactile.files import remove_leftovers
 from torch_geometric_tactile.typing import PathLike
 
 FORMAT = 3
@@ -63,8 +64,7 @@ def save_static(
         "settings": dict(settings or {}),
         "raw_state": list(raw_state),
     }
-    with atomic_file(path) as file:
-        torch.save(content, file)
+    write_torch_file(content, path, check=True)
 
 
 def _is_view(value: Any) -> bool:
@@ -77,7 +77,8 @@ def _is_view(value: Any) -> bool:
 
 
 def read_processed(path: PathLike) -> ProcessedFile:
-    r"""Reads a processed file, memory-mapped, and removes what killed processes left beside it.
+    r"""Reads a processed file, memory-mapped, after its checksums were compared: those of a large
+    one only if it has changed since. Removes what killed processes left beside it.
 
     Args:
         path (str or PathLike): A file of :func:`save_static`.
@@ -91,13 +92,33 @@ def read_processed(path: PathLike) -> ProcessedFile:
     if Path(path).stat().st_size == 0:
         raise ValueError(f"processed file '{path}' is empty; {_MEND}")
     try:
-        content = torch.load(path, mmap=True, weights_only=True)
-    except Exception as error:  # torch raises five kinds for a cut file
+        content = read_torch_file(path, mmap=True, once=True)
+    except ValueError as error:
         raise ValueError(f"processed file '{path}' cannot be read; {_MEND} ({error})") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise OtherFormatError(f"processed file '{path}' is not in format {FORMAT}; {_MEND}")
+    try:
+        return _from_content(content)
+    except Exception as error:  # whatever other types in place of these lead to
+        raise ValueError(
+            f"processed file '{path}' holds no samples ({type(error).__name__}: {error}); {_MEND}"
+        ) from error
+
+
+def _from_content(content: Mapping[str, Any]) -> ProcessedFile:
     data = StaticData(**content["attributes"], **content["schema"])
-    return ProcessedFile(data, content["names"], content["settings"], content["raw_state"])
+    if not isinstance(data.x, Tensor) or data.x.dim() < 2 or not data.x.is_floating_point():
+        raise ValueError("'x' must be a tensor of numbers (S, N, ...)")
+    names, settings, raw_state = (content[key] for key in ("names", "settings", "raw_state"))
+    if not _are_texts(raw_state) or not all(_are_texts(value) for value in names.values()):
+        raise ValueError("names must be lists of texts")
+    if not _are_texts([*names, *settings, *settings.values()]):
+        raise ValueError("settings must be texts")
+    return ProcessedFile(data, names, settings, raw_state)
+
+
+def _are_texts(values: Any) -> bool:
+    return isinstance(values, list) and all(isinstance(value, str) for value in values)
 
 
 def load_static(path: PathLike) -> tuple[StaticData, dict[str, list[str]]]:

@@ -1,5 +1,6 @@
 r"""Real grasps with a Shadow hand."""
 
+import os
 import shutil
 from pathlib import Path
 from typing import Literal
@@ -10,6 +11,7 @@ import requests
 import torch
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data.file_state import file_state
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.files import atomic_path, file_sha256, share
 from torch_geometric_tactile.io import read_biotac_sp_csv
@@ -171,6 +173,12 @@ class BioTacSP(StaticDataset):
                 ) from error
             share(Path(self.raw_dir) / name)
 
+    def raw_state(self) -> list[str]:
+        r"""Returns the raw files with what their contents are known by, see
+        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        """
+        return [f"{Path(path).name}={file_state(path)}" for path in self.raw_paths]
+
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads the six files."""
         if self.checksum:
@@ -214,7 +222,7 @@ class BioTacSP(StaticDataset):
         Returns:
             bool: Whether any file was there.
         """
-        folder, root = Path(folder).expanduser(), Path(root).expanduser()
+        folder, root = (Path(os.path.expanduser(path)) for path in (folder, root))
         for inner in (".", "raw", "BioTacSP/raw", "biotacsp"):
             found = [path for name in _SHA256 if (path := Path(folder, inner, name)).is_file()]
             for path in found:

@@ -1,6 +1,7 @@
 r"""The content of the file of a predictor, and of its entry in a checkpoint."""
 
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from torch.nn import Module
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data.torch_file import read_torch_file
 from torch_geometric_tactile.predictor.builder import Builder, MissingOwnError, load_weights
 from torch_geometric_tactile.predictor.describer import Describer
 from torch_geometric_tactile.predictor.preparation import Preparation
@@ -19,9 +21,11 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike, Transform
 
 TASKS = ("multiclass", "multilabel", "regression")
-_FORMAT = 1
+_FORMAT = 2  # since 2, a file has a checksum
+_OLD_FORMAT = 1
 _KEY = "torch_geometric_tactile.predictor"
 _WEIGHT = "model."
+_logger = logging.getLogger(__name__)
 
 
 class Content(NamedTuple):
@@ -107,7 +111,7 @@ def build(
     Raises:
         ValueError: If a part is missing or does not fit.
     """
-    if header.get("format") != _FORMAT:
+    if header.get("format") not in (_FORMAT, _OLD_FORMAT):
         raise ValueError(
             f"its format must be {_FORMAT} (got {header.get('format')}, written by version "
             f"{header.get('package')} of this package)"
@@ -174,10 +178,14 @@ def load(
     if is_checkpoint(path):
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
     with _explained(f"'{path}' is no predictor that can be read here"):
-        tensors, metadata = read_tensors(path)
-        if _KEY not in metadata:
+        tensors, texts, has_checksum = read_tensors(path)
+        if _KEY not in texts:
             raise ValueError("it is not a file of Predictor.save")
-        header = json.loads(metadata[_KEY])
+        header = json.loads(texts[_KEY])
+        if not has_checksum and header.get("format") != _OLD_FORMAT:
+            raise ValueError("it must have a checksum (got none): it is damaged")
+        if not has_checksum:
+            _logger.warning("'%s' has no checksum: save it again with this version", path)
         weights = {
             name.removeprefix(_WEIGHT): tensors.pop(name)
             for name in list(tensors)
@@ -203,7 +211,7 @@ def load_checkpoint(
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
     with _explained(f"'{path}' is no checkpoint that can be read here"):
-        content = torch.load(path, map_location="cpu", weights_only=True)
+        content = read_torch_file(path)
         entry = content.get("predictor") if isinstance(content, dict) else None
         if entry is None:
             raise ValueError(

@@ -1,12 +1,16 @@
 r"""Named tensors and texts in one file, in the format of safetensors: eight bytes with the length
 of a JSON header, the header, and the numbers. Nothing in such a file can run.
+
+One of the texts is the SHA-256 of the whole file, taken with zeros in its own place.
 """
 
+import hashlib
+import hmac
 import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import torch
 from torch import Tensor
@@ -28,7 +32,23 @@ _DTYPES = {
 }
 _NAMES = {dtype: name for name, dtype in _DTYPES.items()}
 _METADATA = "__metadata__"
+_CHECKSUM = "torch_geometric_tactile.sha256"
+_ZEROS = "0" * 64
 _MAX_HEADER = 100_000_000  # bytes, the limit of safetensors
+
+
+class TensorFile(NamedTuple):
+    r"""The contents of a file.
+
+    Args:
+        tensors (dict): The tensors by their names.
+        texts (dict): The texts.
+        has_checksum (bool): Whether the file had a checksum, which was that of the file.
+    """
+
+    tensors: dict[str, Tensor]
+    texts: dict[str, str]
+    has_checksum: bool
 
 
 def write_tensors(
@@ -44,7 +64,7 @@ def write_tensors(
     Raises:
         ValueError: If a tensor has a type that the format does not have, such as a complex one.
     """
-    header: dict[str, Any] = {_METADATA: dict(metadata)}
+    header: dict[str, Any] = {_METADATA: {_CHECKSUM: _ZEROS, **metadata}}
     parts, end = [], 0
     # Widest numbers first, so that each tensor begins at a multiple of its own width.
     for name in sorted(tensors, key=lambda name: -tensors[name].element_size()):
@@ -63,16 +83,31 @@ def write_tensors(
         parts.append(tensor)
     text = json.dumps(header, allow_nan=False).encode()
     text += b" " * (-len(text) % 8)
+    head = len(text).to_bytes(8, "little") + text
+    numbers = [tensor.flatten().view(torch.uint8).numpy().data for tensor in parts]
+    checksum = hashlib.sha256(head)
+    for part in numbers:
+        checksum.update(part)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.write(len(text).to_bytes(8, "little"))
-        file.write(text)
-        for tensor in parts:
-            file.write(tensor.flatten().view(torch.uint8).numpy().tobytes())
+        file.write(head.replace(_fragment(_ZEROS), _fragment(checksum.hexdigest()), 1))
+        for part in numbers:
+            file.write(part)
 
 
-def read_tensors(path: PathLike) -> tuple[dict[str, Tensor], dict[str, str]]:
-    r"""Returns the tensors and texts of a file. It never asks for more memory than the file has
-    bytes, whatever sizes its header claims.
+def _fragment(checksum: str) -> bytes:
+    return json.dumps({_CHECKSUM: checksum})[1:-1].encode()
+
+
+def _check(checksum: str, head: bytes, data: bytes | bytearray) -> None:
+    found = hashlib.sha256(head.replace(_fragment(checksum), _fragment(_ZEROS), 1))
+    found.update(data)
+    if not hmac.compare_digest(found.hexdigest().encode(), checksum.encode()):
+        raise ValueError("it differs from its checksum: it is damaged, copy or write it again")
+
+
+def read_tensors(path: PathLike) -> TensorFile:
+    r"""Returns the tensors and texts of a file, after its checksum was compared if it has one. It
+    never asks for more memory than the file has bytes, whatever sizes its header claims.
 
     Args:
         path (str or PathLike): The file.
@@ -84,11 +119,13 @@ def read_tensors(path: PathLike) -> tuple[dict[str, Tensor], dict[str, str]]:
     path = Path(path)
     size = path.stat().st_size
     with path.open("rb") as file:
-        length = int.from_bytes(file.read(8), "little")
+        start = file.read(8)
+        length = int.from_bytes(start, "little")
         if size < 8 or length > min(size - 8, _MAX_HEADER):
             raise ValueError(f"it has no header ({size} bytes)")
         try:
-            header = json.loads(file.read(length).decode())
+            text = file.read(length)
+            header = json.loads(text.decode())
         except (ValueError, RecursionError) as error:
             raise ValueError(f"its header is no JSON ({error})") from error
         if not isinstance(header, dict):
@@ -98,11 +135,14 @@ def read_tensors(path: PathLike) -> tuple[dict[str, Tensor], dict[str, str]]:
     metadata = header.pop(_METADATA, {})
     if not isinstance(metadata, dict) or not all(isinstance(v, str) for v in metadata.values()):
         raise ValueError("its metadata must be texts")
+    checksum = metadata.pop(_CHECKSUM, None)
+    if checksum is not None:
+        _check(checksum, start + text, data)
     tensors = {name: _tensor(name, entry, data) for name, entry in header.items()}
     used = sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())
     if used != len(data):
         raise ValueError(f"its tensors must fill it ({used} of {len(data)} bytes)")
-    return tensors, metadata
+    return TensorFile(tensors, metadata, checksum is not None)
 
 
 def _tensor(name: str, entry: Any, data: bytearray) -> Tensor:

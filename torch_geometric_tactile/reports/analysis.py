@@ -1,11 +1,13 @@
 r"""The page of an analysis: what a model has learnt, in numbers and pictures."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data.torch_file import read_torch_file
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.predictor import Predictor, is_checkpoint
 from torch_geometric_tactile.reports.analysis_sections import Section, Subject
@@ -21,6 +23,7 @@ def main(
     root: PathLike | None = None,
     frames: int = 200,
     seed: int = 0,
+    allow: Sequence[str] = (),
 ) -> Path:
     r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data, and
     returns the page.
@@ -33,13 +36,15 @@ def main(
         root (str or PathLike, optional): Folder of the data, instead of the configuration's.
         frames (int): How many frames of the test part, evenly spaced, are embedded and explained.
         seed (int): Seed of embeddings and of untrained models.
+        allow (sequence of str): Packages, modules or classes of your own that the
+            :obj:`config.yaml` of the run may name.
 
     Raises:
         FileNotFoundError: If there is no checkpoint or no configuration.
         ValueError: If the checkpoint is of another layout than the data, or there is no test part.
     """
-    predictor = open_predictor(model, config)
-    data = load_data(model, config, root)
+    predictor = open_predictor(model, config, allow)
+    data = load_data(model, config, root, allow)
     facts = {
         **_origin(Path(model)),
         "Model": f"`{predictor.model}`".splitlines()[0].rstrip("`(") + "`",
@@ -53,7 +58,10 @@ def main(
 def _origin(path: Path) -> dict[str, str]:
     if not is_checkpoint(path):
         return {"Predictor": f"`{path.name}`"}
-    epochs = torch.load(path, map_location="cpu", weights_only=True, mmap=True)["epoch"] + 1
+    epoch = read_torch_file(path, mmap=True).get("epoch")
+    if not isinstance(epoch, int):
+        raise ValueError(f"'{path}' must hold the number of its epoch (got {epoch!r})")
+    epochs = epoch + 1
     return {"Checkpoint": f"`{path.name}`, after {epochs} epoch{'s' if epochs > 1 else ''}"}
 
 

@@ -1,17 +1,30 @@
-r"""Checkpoints that are either whole or absent."""
+r"""Checkpoints that are either whole or absent, and that run nothing."""
 
-from typing import Any
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
 
+import lightning as L
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
+from lightning.pytorch.cli import instantiate_module
 
-from torch_geometric_tactile.files import atomic_file
+from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
+from torch_geometric_tactile.files import check_zip
+from torch_geometric_tactile.training.safe_classes import safe_section
 from torch_geometric_tactile.typing import PathLike
+
+INSTANTIATOR = "lightning.pytorch.cli.instantiate_module"  # what Lightning calls on our arguments
+_MODEL = ("model", "num_classes", "task")  # settings that a model is another one by
+_logger = logging.getLogger(__name__)
+_T = TypeVar("_T", bound=L.LightningModule)
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
     r"""Writes a checkpoint to a temporary name and renames it, so that a kill in the middle leaves
-    the checkpoint before it as it was.
+    the checkpoint before it as it was; compares a checkpoint with its checksums, and reads it as
+    plain data unless told otherwise.
     """
 
     def save_checkpoint(
@@ -26,5 +39,142 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         """
         # Not by the method of TorchCheckpointIO, which writes to a temporary of its own in another
         # folder, where a kill would leave it.
-        with atomic_file(path) as file:
-            torch.save(checkpoint, file)
+        write_torch_file(checkpoint, path)
+
+    def load_checkpoint(
+        self, path: PathLike, map_location: Any | None = None, weights_only: bool | None = None
+    ) -> dict[str, Any]:
+        r"""Reads a checkpoint.
+
+        Args:
+            path (str or PathLike): The file.
+            map_location (optional): Where to put the tensors: where they were if left out.
+            weights_only (bool, optional): Only :obj:`False` unpickles objects, which runs what the
+                file says.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If it is damaged or no checkpoint.
+        """
+        if weights_only is False:
+            check_zip(path)
+            content: dict[str, Any] = super().load_checkpoint(Path(path), map_location, False)
+            return content
+        return read_checkpoint(path, map_location)
+
+
+def read_checkpoint(
+    path: PathLike, map_location: Any | None = None, needs: Sequence[str] = ("state_dict",)
+) -> dict[str, Any]:
+    r"""Reads a checkpoint as plain data and tensors, after its checksums were compared.
+
+    Args:
+        path (str or PathLike): The file.
+        map_location (optional): Where to put the tensors: where they were if left out.
+        needs (sequence of str): The mappings that it must hold.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is damaged or no checkpoint.
+    """
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"there is no checkpoint '{path}'")
+    content = read_torch_file(path, map_location)
+    for name in needs:
+        if not isinstance(content, dict) or not isinstance(content.get(name), Mapping):
+            raise ValueError(f"'{path}' is no checkpoint: it must hold '{name}' (got none)")
+    checkpoint: dict[str, Any] = content
+    return checkpoint
+
+
+def load_module(
+    cls: type[_T],
+    path: PathLike,
+    map_location: Any,
+    strict: bool | None,
+    allow: Sequence[str],
+    arguments: Mapping[str, Any],
+) -> _T:
+    r"""Builds a module from the arguments and weights of a checkpoint.
+
+    Args:
+        cls (type): The class of the module.
+        path (str or PathLike): The checkpoint.
+        map_location (optional): Where to put the tensors: the CPU if :obj:`None`.
+        strict (bool, optional): Whether all weights must be there and known.
+        allow (sequence of str): As of
+            :func:`~torch_geometric_tactile.training.safe_classes.safe_section`.
+        arguments (Mapping): Arguments instead of those in the checkpoint.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is damaged, is no checkpoint, or names a class that it must not.
+    """
+    checkpoint = read_checkpoint(path, "cpu" if map_location is None else map_location)
+    stored = dict(checkpoint.get("hyper_parameters") or {})
+    instantiator = stored.pop("_instantiator", INSTANTIATOR)
+    if instantiator != INSTANTIATOR:
+        raise ValueError(
+            f"'{path}' cannot be used: '_instantiator' must be '{INSTANTIATOR}' (got "
+            f"{instantiator!r})"
+        )
+    stored = {key: value for key, value in stored.items() if key not in arguments}
+    settings = {**safe_section("model", stored, path, allow), **arguments}
+    try:
+        module = instantiate_module(cls, settings)
+    except Exception as error:  # whatever a constructor makes of arguments that it cannot take
+        raise ValueError(f"no {cls.__name__} can be built from '{path}': {error}") from error
+    weights = checkpoint["state_dict"]
+    module.on_load_checkpoint(checkpoint)
+    module.load_state_dict(weights, strict=strict is not False)
+    tensors = (value for value in weights.values() if isinstance(value, torch.Tensor))
+    return module.to(next(tensors, torch.empty(0)).device)
+
+
+def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
+    r"""Compares the :obj:`model` section of a configuration with what a checkpoint was trained by.
+    What is of the training only, such as the optimizer, may differ; it is logged.
+
+    Args:
+        config (Mapping): The section.
+        path (str or PathLike): The checkpoint.
+
+    Raises:
+        ValueError: If the model is another one.
+    """
+    stored = read_checkpoint(path, "cpu").get("hyper_parameters")
+    if not isinstance(stored, Mapping):
+        return
+    other = []
+    for key in stored.keys() & config.keys():
+        found = list(_differences(config[key], stored[key], f"model.{key}"))
+        if key in _MODEL:
+            other += found
+        elif found:
+            _logger.warning("taken from the configuration, not '%s': %s", path, "; ".join(found))
+    if other:
+        raise ValueError(
+            f"checkpoint '{path}' must be of the model of the configuration ({'; '.join(other)}): "
+            "give the configuration it was trained by, such as the config.yaml of its run"
+        )
+
+
+def _differences(config: Any, stored: Any, where: str) -> Iterator[str]:
+    if isinstance(config, Mapping) and isinstance(stored, Mapping):
+        classes = [str(part.get("class_path", "")).rpartition(".")[2] for part in (config, stored)]
+        if classes[0] != classes[1]:
+            yield f"'{where}' is {classes[0]}, in the checkpoint {classes[1]}"
+            return
+        for key in config.keys() & stored.keys() - {"class_path", "layout"}:
+            yield from _differences(config[key], stored[key], f"{where}.{key}")
+    elif _plain(config) != _plain(stored):
+        yield f"'{where}' is {config!r}, in the checkpoint {stored!r}"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    try:
+        return float(value)  # '1e-3' is a text to YAML
+    except (TypeError, ValueError):
+        return value

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.loader.random_states import kept_rng
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.kept_rng import kept_rng
 from torch_geometric_tactile.training.metrics import Task
 
 _PEEK = 64  # samples in which missing readings are looked for

@@ -9,8 +9,8 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.loader.random_states import kept_rng
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.training.kept_rng import kept_rng
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 
 _SPLITS = ("frame", "trial", "group")
@@ -26,6 +26,8 @@ class TactileDataModule(L.LightningDataModule):
     Samples pass the transform of their data set, then :obj:`transform`, and in training batches
     :obj:`train_transform` last. An augmentation so works on scaled readings, where zero is the mean
     of a taxel, and changes neither what the scaling measures nor validation, test and prediction.
+    What a random one draws follows from the epoch and the number of the batch alone (see
+    :class:`~torch_geometric_tactile.loader.StaticLoader`), however many workers there are.
 
     The state of a fitted :obj:`transform` is stored in checkpoints. For validation, test and
     prediction samples, a transform that works session by session measures the sessions that the
@@ -262,12 +264,13 @@ class TactileDataModule(L.LightningDataModule):
         self, name: str, last: BaseTransform | None = None, shuffle: bool = False
     ) -> StaticLoader:
         part = copy.copy(self._parts[name])
-        steps = (part.transform, self.transform, last)
-        part.transform = Compose([step for step in steps if step is not None])
+        steps = [step for step in (part.transform, self.transform, last) if step is not None]
+        part.transform = Compose(steps) if steps else None
         return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
             part,
             batch_size=self.batch_size,
             shuffle=shuffle,
+            keyed=True,
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
         )

@@ -18,7 +18,7 @@ from lightning.pytorch.cli import (
 )
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
+from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO, compare_settings
 from torch_geometric_tactile.training.config import find_config, merged, scratch_folder
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.fit_summary import fit_summary
@@ -140,10 +140,20 @@ class TactileCLI(LightningCLI):
         self.model = self._get(self.config_init, "model")
         self.trainer = self.instantiate_trainer()
 
+    def _parse_ckpt_path(self) -> None:
+        # Lightning (since 2.6) would build what the checkpoint says in place of the configuration.
+        pass
+
     def after_instantiate_classes(self) -> None:
-        r"""Keeps the model's configuration in its checkpoints."""
+        r"""Keeps the model's configuration in its checkpoints, and compares it with that in the
+        checkpoint that is loaded, from which nothing is built.
+        """
         config: dict[str, Any] = self.config_dump["model"]
         keep_config(self.model, config)
+        section = self.config.get(str(self.subcommand), self.config)
+        path = section.get("ckpt_path")
+        if path and Path(path).is_file() and section.get("weights_only") is not False:
+            compare_settings(config, path)
 
     def after_fit(self) -> None:
         r"""Prints what the training has come to."""

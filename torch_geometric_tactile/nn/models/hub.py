@@ -12,6 +12,7 @@ from torch.nn import Module
 from torch_geometric.nn import model_hub
 from torch_geometric.nn.model_hub import PyGModelHubMixin
 
+from torch_geometric_tactile.data.torch_file import read_torch_file
 from torch_geometric_tactile.nn.models.taxels import portable_layout
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
@@ -104,8 +105,9 @@ class TactileHubMixin(PyGModelHubMixin):
             FileNotFoundError: If the folder has no model in it.
             ImportError: If :obj:`huggingface_hub` is missing.
             RuntimeError: If the weights are not those of the model.
-            ValueError: If there are arguments that the model does not have, as in the folders of
-                older versions of this package.
+            ValueError: If the weights are damaged or hold more than tensors, or there are
+                arguments that the model does not have, as in the folders of older versions of this
+                package.
         """
         _check_installed()
         model: Self = super(PyGModelHubMixin, cls).from_pretrained(
@@ -170,7 +172,7 @@ class TactileHubMixin(PyGModelHubMixin):
             arguments["layout"] = TaxelLayout.from_dict(arguments["layout"])
         model: Any = cls(**arguments)
         device = torch.device(map_location)
-        model.load_state_dict(torch.load(path, map_location=device, weights_only=True))
+        model.load_state_dict(read_torch_file(path, device))
         model.to(device).eval()
         return model
 

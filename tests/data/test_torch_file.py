@@ -1,0 +1,146 @@
+"""Files of PyTorch that may be damaged, or anyone's."""
+
+import os
+from pathlib import Path
+
+import pytest
+import torch
+
+from torch_geometric_tactile.data import torch_file
+from torch_geometric_tactile.data.torch_file import check_once, mark_path, read_torch_file
+
+
+class Touch:
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.touch, (Path(self.mark),)
+
+
+@pytest.fixture
+def path(tmp_path):
+    torch.save({"a": torch.arange(500.0), "b": ["text", 1]}, tmp_path / "a.pt")
+    os.utime(tmp_path / "a.pt", (10, 10))
+    return tmp_path / "a.pt"
+
+
+@pytest.fixture
+def checked(monkeypatch):
+    """Which files were compared with their checksums; all are large."""
+    seen = []
+    check = torch_file.check_zip
+    monkeypatch.setattr(torch_file, "_SMALL", 0)
+    monkeypatch.setattr(torch_file, "check_zip", lambda path: (seen.append(path), check(path)))
+    return seen
+
+
+@pytest.mark.parametrize("mmap", [False, True])
+@pytest.mark.parametrize("once", [False, True])
+def test_content_is_read(path, mmap, once):
+    content = read_torch_file(path, mmap=mmap, once=once)
+    assert content["a"].equal(torch.arange(500.0))
+    assert content["b"] == ["text", 1]
+    assert not mark_path(path).exists()  # a small file is checked every time
+
+
+def test_large_file_is_checked_once(path, checked):
+    for _ in range(3):
+        read_torch_file(path, once=True)
+    assert checked == [path]
+    read_torch_file(path)
+    assert checked == [path] * 2
+    assert sorted(os.listdir(path.parent)) == ["a.pt", "a.pt.checked"]
+
+
+def test_large_file_is_checked_again_when_it_changed(path, checked):
+    check_once(path)
+    content = bytearray(path.read_bytes())
+    content[content.find(b"text")] ^= 1
+    path.write_bytes(content)
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"a\.pt' is damaged"):
+            check_once(path)
+
+
+@pytest.mark.parametrize("what", ["time", "inode", "size"])
+def test_each_sign_of_a_change_counts(path, checked, what):
+    check_once(path)
+    content = path.read_bytes()
+    if what == "inode":  # a copy with the old time
+        (path.parent / "b.pt").write_bytes(content)
+        (path.parent / "b.pt").replace(path)
+    if what == "size":
+        path.write_bytes(content + b" ")
+    os.utime(path, (11, 11) if what == "time" else (10, 10))
+    check_once(path)
+    assert len(checked) == 2
+
+
+@pytest.mark.parametrize("mark", [b"", b"{}", b"[" * 100_000, b"\xff", b"3", b'{"size": 1}'])
+def test_mark_that_says_nothing_is_not_trusted(path, checked, mark):
+    mark_path(path).write_bytes(mark)
+    check_once(path)
+    check_once(path)
+    assert checked == [path]
+
+
+def test_file_that_may_still_change_is_checked_again(path, checked):
+    os.utime(path)  # now: a write of this moment may leave the same time
+    check_once(path)
+    assert not mark_path(path).exists()
+
+
+def test_file_in_a_folder_that_cannot_be_written_to(path, checked, monkeypatch):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(torch_file, "atomic_path", refuse)
+    check_once(path)
+    check_once(path)
+    assert checked == [path] * 2
+
+
+@pytest.mark.parametrize("mmap", [False, True])
+def test_objects_are_not_unpickled(tmp_path, mmap):
+    torch.save({"a": Touch(tmp_path / "mark")}, tmp_path / "a.pt")
+    with pytest.raises(ValueError, match=r"a\.pt' must hold plain data and tensors only"):
+        read_torch_file(tmp_path / "a.pt", mmap=mmap)
+    assert not (tmp_path / "mark").exists()
+    torch.load(tmp_path / "a.pt", weights_only=False)
+    assert (tmp_path / "mark").exists()
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        torch.zeros(1).expand(10**12),
+        torch.zeros(4)[::2].expand(3, 2),
+        torch.empty(10**12, device="meta"),
+    ],
+)
+def test_tensors_that_claim_more_than_there_is(tmp_path, value):
+    torch.save({"a": [(value,)]}, tmp_path / "a.pt")
+    with pytest.raises(ValueError, match=r"a\.pt' must hold the \d+ bytes of its tensor of shape"):
+        read_torch_file(tmp_path / "a.pt")
+
+
+def test_views_and_transposed_tensors_are_read(tmp_path):
+    values = [torch.rand(3, 4).t(), torch.rand(8)[2:4], torch.tensor(1.0), torch.zeros(0, 3)]
+    torch.save(values, tmp_path / "a.pt")
+    for found, value in zip(read_torch_file(tmp_path / "a.pt"), values, strict=True):
+        assert found.equal(value)
+
+
+def test_more_values_than_any_file_needs(tmp_path, monkeypatch):
+    monkeypatch.setattr(torch_file, "_MAX_VALUES", 900)
+    torch.save([[0] * 30] * 30, tmp_path / "a.pt")
+    with pytest.raises(ValueError, match=r"a\.pt' must hold at most 900 values"):
+        read_torch_file(tmp_path / "a.pt")
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"a\.pt"):
+        read_torch_file(tmp_path / "a.pt")
+    with pytest.raises((OSError, ValueError), match=tmp_path.name):
+        read_torch_file(tmp_path)
