@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import torch
 import yaml
-
 from fuzz import readers
+
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 
@@ -45,7 +45,10 @@ def wide_csv(folder: Path) -> None:
 
 
 def named_csv(folder: Path) -> None:
-    lines = ["time,thumb,index,palm", *(f"{t!r},{i}.5,{10 * i},7" for i, t in enumerate(TIME.tolist()))]
+    lines = [
+        "time,thumb,index,palm",
+        *(f"{t!r},{i}.5,{10 * i},7" for i, t in enumerate(TIME.tolist())),
+    ]
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
@@ -95,7 +98,11 @@ def biotac_csv(folder: Path) -> None:
     names = [f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
     lines = [",".join(["object", "slipped", *names])]
     for row in range(3):
-        lines.append(",".join([f"cup {row % 2}", str(row % 2), *(str(1000 + row * 72 + i) for i in range(72))]))
+        lines.append(
+            ",".join(
+                [f"cup {row % 2}", str(row % 2), *(str(1000 + row * 72 + i) for i in range(72))]
+            )
+        )
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
@@ -152,8 +159,24 @@ def patches(folder: Path) -> None:
         "unit": "mm",
         "shapes": {"planar": planar, "tip": capsule},
         "patches": [
-            {"name": "p", "digit": "d", "link": "l", "column": [1, 0, 0], "row": [0, 1, 0], "shape": "planar", "origin": [0, 0, 0], "cell": [0, 0]},
-            {"name": "q", "digit": "d", "link": "m", "shape": "tip", "origin": [0, 0, 9], "cell": [4, 0]},
+            {
+                "name": "p",
+                "digit": "d",
+                "link": "l",
+                "column": [1, 0, 0],
+                "row": [0, 1, 0],
+                "shape": "planar",
+                "origin": [0, 0, 0],
+                "cell": [0, 0],
+            },
+            {
+                "name": "q",
+                "digit": "d",
+                "link": "m",
+                "shape": "tip",
+                "origin": [0, 0, 9],
+                "cell": [4, 0],
+            },
         ],
         "joins": [
             {"kind": "seam", "from": ["p", "top"], "to": ["q", "bottom"], "reverse": True},
@@ -166,9 +189,28 @@ def patches(folder: Path) -> None:
 
 def chain(folder: Path) -> None:
     joints = [
-        {"name": "elbow", "parent": "base", "child": "arm", "axis": [0, 0, 1], "lower": -1.0, "upper": 1.0},
-        {"name": "knuckle", "parent": "arm", "child": "finger", "xyz": [1, 0, 0], "axis": [0, 1, 0]},
-        {"name": "nail", "parent": "finger", "child": "tip", "xyz": [0.5, 0, 0], "rpy": [0, 0, 1.5]},
+        {
+            "name": "elbow",
+            "parent": "base",
+            "child": "arm",
+            "axis": [0, 0, 1],
+            "lower": -1.0,
+            "upper": 1.0,
+        },
+        {
+            "name": "knuckle",
+            "parent": "arm",
+            "child": "finger",
+            "xyz": [1, 0, 0],
+            "axis": [0, 1, 0],
+        },
+        {
+            "name": "nail",
+            "parent": "finger",
+            "child": "tip",
+            "xyz": [0.5, 0, 0],
+            "rpy": [0, 0, 1.5],
+        },
     ]
     (folder / "a.json").write_text(json.dumps({"name": "hand", "joints": joints}, indent=1) + "\n")
 
@@ -309,7 +351,10 @@ def table(folder: Path) -> None:
             "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
             "init_args": {"num_samples": 100},
         },
-        "protocols": {"by trial": {"by": "trial", "val": 0.1, "test": 0.2}, "by frame": {"by": "frame"}},
+        "protocols": {
+            "by trial": {"by": "trial", "val": 0.1, "test": 0.2},
+            "by frame": {"by": "frame"},
+        },
         "cells": [
             {"row": "GCN", "config": "grasp_gcn_df", "accuracy": 92.0},
             {"row": "SVM", "estimator": {"class_path": "sklearn.svm.SVC", "init_args": {"C": 1.0}}},
@@ -323,7 +368,9 @@ def run_store(folder: Path) -> None:
     from torch_geometric_tactile.experiments.run_store import RunStore
 
     experiment = readers.experiment()
-    RunStore(folder).write(experiment, {"accuracy": 0.5, "confusion": [[1, 2], [3, 4]], "auc": math.pi})
+    RunStore(folder).write(
+        experiment, {"accuracy": 0.5, "confusion": [[1, 2], [3, 4]], "auc": math.pi}
+    )
 
 
 Make = Callable[[Path], None]

@@ -76,7 +76,9 @@ def difference(a: Any, b: Any, place: str = "") -> str:
     elif isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.shape == b.shape:
         where = np.argwhere(~((a == b) | ((a != a) & (b != b))))[:1].tolist()
         spot = tuple(where[0]) if where else ...
-        return f"{place}{list(spot) if where else ''}: {a.dtype} {a[spot]} became {b.dtype} {b[spot]}"
+        return (
+            f"{place}{list(spot) if where else ''}: {a.dtype} {a[spot]} became {b.dtype} {b[spot]}"
+        )
     else:
         sizes = [getattr(value, "shape", repr(value)[:80]) for value in (a, b)]
         return f"{place}: {sizes[0]} became {sizes[1]}"

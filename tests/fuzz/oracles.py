@@ -6,12 +6,11 @@ import io
 import json
 import re
 from collections.abc import Sequence
-from xml.etree import ElementTree
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
-
 from fuzz.laws import Refused
 
 AXES = ("x", "y", "z")
@@ -92,7 +91,10 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     tactile = [name for name in head if name not in used] if tactile is None else tactile
     _need({*tactile, *joint} <= set(head) and (label is None or label in head) and bool(tactile))
     # pandas' names of a table without any, and its index.
-    _need(all_given or not any(name == "" or name.isdecimal() or name.startswith("Unnamed") for name in head))
+    _need(
+        all_given
+        or not any(name == "" or name.isdecimal() or name.startswith("Unnamed") for name in head)
+    )
 
     def columns(names: Any) -> np.ndarray:
         return numbers([[row[head.index(name)] for name in names] for row in rows])
@@ -120,8 +122,9 @@ def xela_log(data: bytes, forces: bool = False) -> Any:
     _need("send time" in head and "message number" in head and len(set(head)) == len(head))
     found = numbers(rows)
     time, count = head.index("send time"), head.index("message number")
-    own, other = _xela_columns(head, "force " if forces else ""), _xela_columns(
-        head, "" if forces else "force "
+    own, other = (
+        _xela_columns(head, "force " if forces else ""),
+        _xela_columns(head, "" if forces else "force "),
     )
     _need(bool(own))
     kept: list[np.ndarray] = []
@@ -271,7 +274,9 @@ def is_layout(tree: Any, found: dict[str, Any]) -> bool:
         return False
     if tree.get("adjacency", {}) != found["adjacency"]:
         return False
-    if any(tree.get(f"{key}_names", found[f"{key}_names"]) != found[f"{key}_names"] for key in _INDICES):
+    if any(
+        tree.get(f"{key}_names", found[f"{key}_names"]) != found[f"{key}_names"] for key in _INDICES
+    ):
         return False
     metres = {"m": 1.0, "mm": 1e-3, "in": 0.0254}[tree["unit"]]
     for taxel, own in zip(tree["taxels"], found["taxels"], strict=True):

@@ -20,13 +20,14 @@ from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_any
 from pathlib import Path
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-sys.dont_write_bytecode = True
 TESTS = Path(__file__).resolve().parents[1]
-PATHS = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-if not any(path and (Path(path) / "torch_geometric_tactile").is_dir() for path in PATHS):
-    sys.path.insert(0, str(TESTS.parent))  # the package beside, not an installed one
-sys.path.insert(0, str(TESTS))
+if __name__ == "__main__":
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    sys.dont_write_bytecode = True
+    sys.path.insert(0, str(TESTS))
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    if not any(path and (Path(path) / "torch_geometric_tactile").is_dir() for path in paths):
+        sys.path.insert(0, str(TESTS.parent))  # the package beside, not an installed one
 
 from fuzz.laws import ALLOWED, FAILURES, OUTCOMES  # noqa: E402
 from fuzz.targets import Target, schedule  # noqa: E402
@@ -109,11 +110,6 @@ def preload() -> None:
     """Imports what the workers need, before they are forked."""
     import h5py  # noqa: F401
 
-    import torch_geometric_tactile.experiments.run_store
-    import torch_geometric_tactile.experiments.tables
-    import torch_geometric_tactile.reports.run_data
-    import torch_geometric_tactile.training
-
 
 def attack(
     targets: list[Target],
@@ -139,7 +135,9 @@ def attack(
         root = Path(folder)
         whole = root / "whole"
         whole.mkdir()
-        once = list({targets[i % len(targets)].name: targets[i % len(targets)] for i in cases}.values())
+        once = list(
+            {targets[i % len(targets)].name: targets[i % len(targets)] for i in cases}.values()
+        )
         maker = FORK.Process(target=make_whole, args=(once, whole))
         maker.start()
         maker.join()
@@ -202,7 +200,10 @@ def print_table(targets: list[Target], found: list[tuple[int, Result]]) -> None:
     head = " ".join(name.rjust(width) for name, width in zip(OUTCOMES, widths, strict=True))
     sys.stdout.write(f"{'':28} {'cases':>6} {head}\n")
     for name in [*names, "all"]:
-        row = [sum(n for (t, o), n in counts.items() if o == outcome and name in (t, "all")) for outcome in OUTCOMES]
+        row = [
+            sum(n for (t, o), n in counts.items() if o == outcome and name in (t, "all"))
+            for outcome in OUTCOMES
+        ]
         cells = " ".join(str(n).rjust(width) for n, width in zip(row, widths, strict=True))
         sys.stdout.write(f"{name:28} {sum(row):6} {cells}\n")
 
@@ -225,7 +226,9 @@ def print_failures(targets: list[Target], found: list[tuple[int, Result]], seed:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the attack."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--cases", type=int, default=1000, help="number of cases")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -251,7 +254,9 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.write(f"{index} {targets[index % len(targets)].name}: {result}\n")
     sys.stdout.write("\n")
     print_table(targets, found)
-    sys.stdout.write(f"seed {options.seed}, {spent:.0f} s, {1000 * spent / len(found):.1f} ms a case\n")
+    sys.stdout.write(
+        f"seed {options.seed}, {spent:.0f} s, {1000 * spent / len(found):.1f} ms a case\n"
+    )
     return int(any(result.outcome not in ALLOWED for _, result in found))
 
 

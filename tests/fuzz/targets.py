@@ -9,7 +9,6 @@ from random import Random
 from typing import Any
 
 import yaml
-
 from fuzz import bases, oracles, readers
 from fuzz.binary_mutations import harmful, mutate_hdf5, mutated_npz, mutated_torch, with_harm
 from fuzz.bytes_mutations import BYTES

@@ -9,7 +9,7 @@ NAMES = (
     *("", "0", "1", "index", "Unnamed: 0", "label", "NA", "nan", "x", "joint_0", "joint_0_deg"),
     *("taxel_0_x", "taxel_0_z", "taxel_1_y", "taxel_00_x", "taxel_99999999_x", "joint_99999999"),
     *("0X", "1X", "1Z", "2Y", "99999999X", "Force 1X", "Force 0Z", "Send time", "Message number"),
-    *("object", "slipped", "ff_biotac_1", "th_biotac_25", "taxel_١_x", "taxel_0_x ", '"time"'),
+    *("object", "slipped", "ff_biotac_1", "th_biotac_25", "taxel_\u0661_x", "taxel_0_x ", '"time"'),
 )
 _BREAKS = ("\r\n", "\r", "\n\n", "\n \n", "\x0b", "\x0c", "\x85", "\u2028")
 

@@ -10,7 +10,21 @@ import yaml
 
 _VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 3.7, 1e300, -0.0, float("nan"), float("inf"), 2**31, 2**63),
-    *(10**30, "", "a", "1", "nan", "x" * 5000, "é\n\x1b[31m", [], {}, [[]], [None], {"a": 1}, ["a"]),
+    *(
+        10**30,
+        "",
+        "a",
+        "1",
+        "nan",
+        "x" * 5000,
+        "é\n\x1b[31m",
+        [],
+        {},
+        [[]],
+        [None],
+        {"a": 1},
+        ["a"],
+    ),
     *([0] * 1000, {"": ""}, "../../etc/passwd", 100000001),
 )
 Place = tuple[Any, Any]  # a container, and a key or an index of it
@@ -65,7 +79,9 @@ def nested(value: Any, depth: int, draw: Random) -> Any:
 def _near(value: str | float, draw: Random) -> Any:
     if isinstance(value, str):
         return draw.choice([value + "x", value[:-1], value.upper(), f" {value}", [value], "x"])
-    return draw.choice([value + 1, -value, value * 1e6, str(value), [value], value + 0.5, value / 2])
+    return draw.choice(
+        [value + 1, -value, value * 1e6, str(value), [value], value + 0.5, value / 2]
+    )
 
 
 def as_json(tree: Any, draw: Random) -> str:
@@ -82,7 +98,9 @@ def as_json(tree: Any, draw: Random) -> str:
             place = draw.choice(spots) + 1
             end = text.index('"', place + 1)
             name = text[place : end + 1]
-            return text[:place] + f"{name}: {draw.choice(['0', 'null', '[]', '1'])}, " + text[place:]
+            return (
+                text[:place] + f"{name}: {draw.choice(['0', 'null', '[]', '1'])}, " + text[place:]
+            )
     if kind == 2:
         digits = [i for i, char in enumerate(text) if char.isdigit()]
         if digits:

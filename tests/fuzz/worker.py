@@ -160,7 +160,9 @@ class Runner:
             except BaseException as raised:
                 error = raised
         grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - most) * 1024
-        made = {*os.listdir(case.path.parent)} ^ {*there} | {*os.listdir()} ^ {case.path.parent.name}
+        made = {*os.listdir(case.path.parent)} ^ {*there} | {*os.listdir()} ^ {
+            case.path.parent.name
+        }
         if made or self.watch.seen:
             text = ", ".join([*sorted(made), *self.watch.seen])
             return Result("ran code", text, _place(error))

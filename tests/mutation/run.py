@@ -20,7 +20,8 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT / "tests"))
 
 from mutation.mutants import Mutant, sampled  # noqa: E402
 
@@ -39,11 +40,6 @@ def copied(target: Path) -> None:
 
 def preload() -> None:
     """Imports libraries, and nothing of the package: each process imports its own mutated one."""
-    import lightning
-    import sklearn.model_selection
-    import torch_geometric.nn
-    import torch_geometric.transforms
-    import torchmetrics
 
     assert not any(name.split(".")[0] == PACKAGE for name in sys.modules)
 
@@ -124,7 +120,9 @@ def _run_tests(root: Path, files: list[str], log: Path) -> None:
 
 def main() -> int:
     """Runs the mutants."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--mutants", type=int, default=200, help="size of the sample")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rooms", default=",".join(ROOMS), help="which of the sample to run")
@@ -200,7 +198,9 @@ def report(sample: list[Mutant], log: Path) -> int:
     for room, number in sorted(by_room.items()):
         sys.stdout.write(f"{room:12} {number - alive_by_room[room]:4} of {number:4} noticed\n")
     share = 100 * (1 - len(alive) / max(1, len(ran)))
-    sys.stdout.write(f"{'all':12} {len(ran) - len(alive):4} of {len(ran):4} noticed, {share:.1f} %\n")
+    sys.stdout.write(
+        f"{'all':12} {len(ran) - len(alive):4} of {len(ran):4} noticed, {share:.1f} %\n"
+    )
     return int(share < 95)
 
 

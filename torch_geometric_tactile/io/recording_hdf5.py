@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path, share
+from torch_geometric_tactile.files import atomic_path, remove_leftovers, share
 from torch_geometric_tactile.io.hdf5_arrays import as_stored, read_rows
 from torch_geometric_tactile.io.hdf5_checks import (
     check_format,
@@ -137,6 +137,7 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
             time, other shapes, another label or unit.
     """
     path = _h5py_needed(path)
+    remove_leftovers(path)
     while not path.exists():
         with suppress(FileExistsError):  # by another process just now
             _write(recording, path, growing=True, new=True)
