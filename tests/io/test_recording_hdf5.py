@@ -137,7 +137,7 @@ def test_append_of_longer_texts(tmp_path):
     path = tmp_path / "a.h5"
     texts = ["a", "b" * 40, "ü" * 500, "", "e"]
     for i, text in enumerate(texts):
-        append_hdf5(Recording([i], [[[1.0]]], privileged={"word": [text]}), path)
+        append_hdf5(Recording([float(i)], [[[1.0]]], privileged={"word": [text]}), path)
     assert read_hdf5(path).privileged["word"].tolist() == texts
 
 
