@@ -141,3 +141,10 @@ def test_appends_of_two_at_once_lose_no_frame(tmp_path, monkeypatch, assert_same
     append_hdf5(frames(3, 6), path)
     assert_same(read_hdf5(path), frames(0, 6))
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_append_removes_what_a_killed_one_left_before_the_file_was_there(path):
+    leftover = path.with_name(".a.h5.1.tmp")
+    leftover.write_bytes(b"half")
+    append_hdf5(frames(12, 13), path)
+    assert not leftover.exists()

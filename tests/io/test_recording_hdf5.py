@@ -58,7 +58,10 @@ def test_hdf5_names_by_hand(tmp_path):
             "num_frames": 1,
             "label": b'"cup"',
             "meta": b"{}",
-            "checksum": zlib.crc32(b'["tactile recording", 2, 1, "\\"cup\\"", "{}"]'),
+            "checksum": zlib.crc32(
+                b'["tactile recording", 2, 1, "\\"cup\\"", "{}", [["privileged/phase", "<i8"], '
+                b'["tactile", "<f4", 1, 1], ["time", "<f8"]]]'
+            ),
         }
         assert file["time"][:].tolist() == [0.5]
         assert file["tactile"][:].tolist() == [[[7.0]]]
@@ -137,7 +140,7 @@ def test_append_of_longer_texts(tmp_path):
     path = tmp_path / "a.h5"
     texts = ["a", "b" * 40, "ü" * 500, "", "e"]
     for i, text in enumerate(texts):
-        append_hdf5(Recording([i], [[[1.0]]], privileged={"word": [text]}), path)
+        append_hdf5(Recording([i / 10], [[[1.0]]], privileged={"word": [text]}), path)
     assert read_hdf5(path).privileged["word"].tolist() == texts
 
 

@@ -13,7 +13,7 @@ import torch
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.file_state import file_state
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.files import atomic_path, file_sha256, share
+from torch_geometric_tactile.files import atomic_path, file_sha256
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
@@ -158,20 +158,21 @@ class BioTacSP(StaticDataset):
         for name, sha256 in _SHA256.items():
             if (Path(self.raw_dir) / name).is_file():
                 continue
+            get = pooch.HTTPDownloader(progressbar=self.log, timeout=20)
             try:
-                pooch.retrieve(
-                    f"{self.url}/{name}",
-                    known_hash=sha256,
-                    fname=name,
-                    path=self.raw_dir,
-                    downloader=pooch.HTTPDownloader(progressbar=self.log, timeout=20),
-                )
+                with atomic_path(Path(self.raw_dir) / name) as temporary:
+                    get(f"{self.url}/{name}", str(temporary), None)
+                    found = file_sha256(temporary)
+                    if found != sha256:
+                        raise ValueError(
+                            f"the hash of downloaded file '{name}' must be {sha256} (got {found}); "
+                            f"put the file into '{self.raw_dir}' by hand"
+                        )
             except requests.RequestException as error:
                 raise ConnectionError(
                     f"'{name}' is not in '{self.raw_dir}' and could not be downloaded from "
                     f"'{self.url}'; put the file there by hand ({error})"
                 ) from error
-            share(Path(self.raw_dir) / name)
 
     def raw_state(self) -> list[str]:
         r"""Returns the raw files with what their contents are known by, see
