@@ -135,13 +135,19 @@ def test_texts_must_be_texts(name, value, path):
 def test_attributes_must_fit_their_checksum(name, value, path):
     with h5py.File(path, "r+") as file:
         file.attrs[name] = value
-    refuses(path, r"the label and metadata that its checksum is of")
+    refuses(path, r"label, metadata and arrays that its checksum")
+
+
+def test_arrays_must_be_those_of_the_checksum(path):
+    with h5py.File(path, "r+") as file:
+        del file["privileged/p"]
+    refuses(path, r"label, metadata and arrays that its checksum is of")
 
 
 def test_version_2_must_have_checksums(path):
     with h5py.File(path, "r+") as file:
         del file["tactile"]
-        file["tactile"] = TEN
+        file["tactile"] = TEN.astype(np.float32)
     refuses(path, r"must have checksums in 'tactile' \(got none\)")
 
 

@@ -58,7 +58,10 @@ def test_hdf5_names_by_hand(tmp_path):
             "num_frames": 1,
             "label": b'"cup"',
             "meta": b"{}",
-            "checksum": zlib.crc32(b'["tactile recording", 2, 1, "\\"cup\\"", "{}"]'),
+            "checksum": zlib.crc32(
+                b'["tactile recording", 2, 1, "\\"cup\\"", "{}", [["privileged/phase", "<i8"], '
+                b'["tactile", "<f4", 1, 1], ["time", "<f8"]]]'
+            ),
         }
         assert file["time"][:].tolist() == [0.5]
         assert file["tactile"][:].tolist() == [[[7.0]]]

@@ -4,7 +4,10 @@ from pathlib import Path
 import pytest
 from robustness import full_disk
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are forked")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are forked"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -122,8 +122,13 @@ class PatchedFile(io.RawIOBase):
 
     def _read(self, start: int, count: int) -> bytearray:
         out = bytearray(count)
-        stored = os.pread(self.handle, max(min(count, self._stored - start), 0), start)
-        out[: len(stored)] = stored
+        have = 0
+        while have < min(count, self._stored - start):  # the system reads at most 2 GiB at once
+            part = os.pread(self.handle, min(count, self._stored - start) - have, start + have)
+            if not part:
+                break
+            out[have : have + len(part)] = part
+            have += len(part)
         for number in range(start // _PAGE, -(-(start + count) // _PAGE)):
             page = self._pages.get(number)
             if page is not None:

@@ -3,7 +3,8 @@ is called.
 
 Names as in :mod:`~torch_geometric_tactile.io.recording_schema`: arrays are data sets whose first
 dimension is resizable, and ``privileged`` is a group; ``format``, ``version``, ``num_frames``,
-``label``, ``meta`` and ``checksum`` (the CRC-32 of these five) are attributes of the file.
+``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names, types and shapes of
+the arrays) are attributes of the file.
 
 Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
 those of HDF5 1.10 for its own structures, and that of the attributes, whose texts have a fixed
@@ -166,7 +167,7 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
             datasets[name][start:end] = array.astype(datasets[name].dtype)
         texts = {name: text_attribute(path, file, name) for name in ("label", "meta")}
         file.attrs.modify("num_frames", np.int64(end))
-        file.attrs.modify("checksum", _checksum(end, texts))
+        file.attrs.modify("checksum", _checksum(end, texts, datasets))
 
 
 def _h5py() -> Any:
@@ -182,9 +183,10 @@ def _h5py_needed(path: PathLike) -> Path:
     return Path(path)
 
 
-def _checksum(num_frames: int, texts: dict[str, str]) -> np.uint32:
-    content = json.dumps([FORMAT, VERSION, num_frames, texts["label"], texts["meta"]])
-    return np.uint32(zlib.crc32(content.encode()))
+def _checksum(num_frames: int, texts: dict[str, str], datasets: dict[str, Any]) -> np.uint32:
+    fields = [[name, d.dtype.str, *d.shape[1:]] for name, d in sorted(datasets.items())]
+    content = [FORMAT, VERSION, num_frames, texts["label"], texts["meta"], fields]
+    return np.uint32(zlib.crc32(json.dumps(content).encode()))
 
 
 def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -> None:
@@ -192,15 +194,17 @@ def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -
     # In memory, since HDF5 ends the process if the disk is full when it closes a file.
     image = io.BytesIO()
     with h5py.File(image, "w", libver=_CHECKSUMMED) as file:
-        for name, array in recording_to_arrays(recording).items():
-            _create_dataset(file, name, as_stored(name, array), growing)
+        datasets = {
+            name: _create_dataset(file, name, as_stored(name, array), growing)
+            for name, array in recording_to_arrays(recording).items()
+        }
         texts = recording_to_texts(recording)
         file.attrs["format"] = _fixed(FORMAT)
         file.attrs["version"] = np.int64(VERSION)
         file.attrs["num_frames"] = np.int64(recording.num_frames)
         for name, text in texts.items():
             file.attrs[name] = _fixed(text)
-        file.attrs["checksum"] = _checksum(recording.num_frames, texts)
+        file.attrs["checksum"] = _checksum(recording.num_frames, texts, datasets)
     with atomic_path(path) as temporary:
         temporary.write_bytes(image.getbuffer())
         if new:
@@ -213,7 +217,7 @@ def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -
                 pass  # a file system without links
 
 
-def _create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> None:
+def _create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> Any:
     h5py = _h5py()
     frames = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
     frames = 1 if growing else min(frames, _MOST_FRAMES_PER_CHUNK)
@@ -221,7 +225,7 @@ def _create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> N
     if dtype.kind == "S":
         width = max(_SHORTEST_TEXT, 2 * dtype.itemsize) if growing else dtype.itemsize
         dtype = h5py.string_dtype("utf-8", width)
-    file.create_dataset(
+    return file.create_dataset(
         name,
         data=array.astype(dtype),
         maxshape=(None, *array.shape[1:]),
@@ -309,10 +313,10 @@ def _checked(path: Path, file: Any) -> tuple[Recording, dict[str, Any]]:
     num_frames = integer_attribute(path, file, "num_frames")
     texts = {name: text_attribute(path, file, name) for name in ("label", "meta")}
     if version > 1:
-        if integer_attribute(path, file, "checksum") != _checksum(num_frames, texts):
+        if integer_attribute(path, file, "checksum") != _checksum(num_frames, texts, datasets):
             raise ValueError(
-                f"'{path}' must hold the label and metadata that its checksum is of (got others): "
-                "copy or record it again"
+                f"'{path}' must hold the label, metadata and arrays that its checksum is of (got "
+                "others): copy or record it again"
             )
         for name, dataset in datasets.items():
             if not dataset.fletcher32:
