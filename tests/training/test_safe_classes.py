@@ -156,20 +156,6 @@ def test_checkpoint_without_arguments_is_loaded_with_a_model(checkpoint):
     assert (type(module.model), module.task) == (torch.nn.Linear, "multilabel")
 
 
-def test_module_of_scaled_readings_warns(checkpoint, caplog):
-    path = checkpoint({"model": LINEAR})
-    TactileModule.load_from_checkpoint(path)
-    assert not caplog.records
-    part = {"class": "ZScore", "arguments": {}, "state": {"center": {"$tensor": "tensor.0"}}}
-    transform = {"class": "Compose", "arguments": {"transforms": [{"$transform": part}]}}
-    content = torch.load(path, weights_only=True)
-    content["predictor"] = {"header": {"model": {}, "transform": transform}, "tensors": {}}
-    torch.save(content, path)
-    TactileModule.load_from_checkpoint(path)
-    assert "some.ckpt' was trained on scaled readings" in caplog.text
-    assert "take Predictor.from_checkpoint" in caplog.text
-
-
 @pytest.mark.parametrize("option", [{"weights_only": False}, {"hparams_file": "a.yaml"}])
 def test_options_that_run_code_are_refused(checkpoint, option):
     with pytest.raises(ValueError, match="must be left out, since it may run code"):
@@ -374,6 +360,7 @@ def attacked(run, folder, settings):
 
 
 def test_configuration_beside_a_checkpoint_runs_nothing(run, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     mark = tmp_path / "mark"
     for i, (name, section) in enumerate([("dataset", "data"), ("model", "model")]):
         folder = tmp_path / str(i)

@@ -130,21 +130,8 @@ def load_module(
     except Exception as error:  # whatever other contents lead to
         told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         raise ValueError(f"no {cls.__name__} can be built from '{path}': {told}") from error
-    if _is_scaled(checkpoint.get("predictor")):
-        _logger.warning(
-            "'%s' was trained on scaled readings, and a module scales none: give it what its data "
-            "gave, or take Predictor.from_checkpoint, which scales them",
-            path,
-        )
     tensors = (value for value in weights.values() if isinstance(value, torch.Tensor))
     return module.to(next(tensors, torch.empty(0)).device)
-
-
-def _is_scaled(entry: Any) -> bool:
-    # Whether what the readings went through was fitted, and has a state therefore.
-    if isinstance(entry, Mapping):
-        return bool(entry.get("state")) or any(_is_scaled(value) for value in entry.values())
-    return isinstance(entry, list) and any(_is_scaled(value) for value in entry)
 
 
 def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
