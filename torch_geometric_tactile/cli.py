@@ -1,14 +1,19 @@
 r"""The ``tactile`` command. Nothing heavy is imported before the arguments are known."""
 
 import argparse
+import io
+import logging
 import os
+import select
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from types import ModuleType
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.commands import VERBS
+from torch_geometric_tactile.texts import printable
 
 _EXAMPLES = """\
 examples:
@@ -78,17 +83,51 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         int: The exit status: 0, 1 for an error that was explained, 130 for Ctrl-C.
     """
+    if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # for names of files that are no text
+    if logging.lastResort is not None:  # prints our warnings
+        logging.lastResort.setFormatter(_OneLine())
     try:
-        return _run(list(sys.argv[1:] if argv is None else argv))
-    except BrokenPipeError:  # the reader of the output, such as `head`, has what it wanted
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (ImportError, OSError, ValueError) as error:
+        status = _run(list(sys.argv[1:] if argv is None else argv))
+        if sys.stdout is not None:
+            sys.stdout.flush()  # here, where an error can still be explained
+        return status
+    except (ImportError, MemoryError, OSError, ValueError) as error:
+        if isinstance(error, BrokenPipeError) and _is_unread():
+            return 0  # the reader of the output, such as `head`, has what it wanted
         if os.environ.get("TACTILE_TRACEBACK"):
             raise
-        print(f"tactile: error: {error}", file=sys.stderr)
-        print("(TACTILE_TRACEBACK=1 shows where it came from)", file=sys.stderr)
+        text = "not enough memory" if isinstance(error, MemoryError) else str(error)
+        _tell(f"error: {text or type(error).__name__}")
         return 1
     except KeyboardInterrupt as stop:
-        print(f"tactile: {str(stop) or 'stopped'}", file=sys.stderr)
+        _tell(str(stop) or "stopped")
         return 130
-    return 0
+
+
+class _OneLine(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
+def _tell(text: str) -> None:
+    # One line, whatever a file or a name put into it.
+    hint = "(TACTILE_TRACEBACK=1 shows where it came from)\n" if text.startswith("error:") else ""
+    with suppress(OSError, ValueError, AttributeError):  # nobody listens any more
+        sys.stderr.write(f"tactile: {printable(' '.join(text.split()))}\n{hint}")
+
+
+def _is_unread() -> bool:
+    # Whether nobody reads the output any more. What is left of it would fail again at the exit.
+    try:
+        sys.stdout.flush()
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        gone = any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+    except BrokenPipeError:
+        gone = True
+    except (AttributeError, OSError, ValueError):  # no output, a full disk, or no pipe (Windows)
+        gone = False
+    if gone:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return gone

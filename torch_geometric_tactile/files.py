@@ -1,47 +1,184 @@
 r"""Files that are either whole or absent."""
 
 import hashlib
+import itertools
 import os
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from torch_geometric_tactile.typing import PathLike
+
+try:
+    import fcntl
+except ImportError:  # Windows: leftovers of a kill stay, as nothing tells whose they are
+    fcntl = None  # type: ignore[assignment]
+
+_LONGEST = 100  # bytes of the target's name in that of a temporary; eCryptfs allows 143 in all
+_SLOTS = 16  # writers of one target at once whose leftovers are found
+_SCRATCH = "torch_geometric_tactile_"
+_OWNER = ".owner"
 
 
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
     r"""Yields a temporary path beside :obj:`path` that becomes :obj:`path` when the block succeeds.
 
-        A reader never sees half a file: on an error or a kill, :obj:`path` keeps its old content.
+    A reader never sees half a file: on an error or a kill, :obj:`path` keeps its old content. What
+    a kill left behind is removed by the next write to the same :obj:`path`; the temporary of a
+    writer that is alive is never touched. The block may truncate the temporary and write to it, but
+    must not replace it by another file or lock it (h5py: ``locking=False``).
 
-        Args:
-            path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
+    Args:
+        path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
 
-        Examples:
-            >>> import tempfile
-    import zipfile
-            >>> target = Path(tempfile.mkdtemp()) / "a.txt"
-            >>> with atomic_path(target) as tmp:
-            ...     _ = tmp.write_text("whole")
-            >>> target.read_text()
-            'whole'
+    Raises:
+        OSError: If the disk is full, the folder cannot be written to, or :obj:`path` is a folder,
+            pipe or device; it names :obj:`path`.
+
+    Examples:
+        >>> import tempfile
+        >>> target = Path(tempfile.mkdtemp()) / "a.txt"
+        >>> with atomic_path(target) as tmp:
+        ...     _ = tmp.write_text("whole")
+        >>> target.read_text()
+        'whole'
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    os.close(handle)
-    temporary = Path(name)
+    if path.exists() and not path.is_file():  # renaming a file over a device would replace it
+        raise FileExistsError(f"'{path}' must be a file (got a folder, pipe or device)")
+    remove_leftovers(path)
+    temporary, handle = _new_temporary(path)
     try:
-        yield temporary
-        share(temporary)
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        os.replace(temporary, path)
+        with _errors_about(path, temporary):
+            yield temporary
+            share(temporary)
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+        _release(handle)
+
+
+def remove_leftovers(path: PathLike) -> None:
+    r"""Removes what killed writers left of their temporaries of a file, and none of a writer that
+    is alive.
+
+    Args:
+        path (str or PathLike): The file that they were to become.
+    """
+    for slot in range(_SLOTS):
+        temporary = _temporary(Path(path), slot)
+        with _abandoned(temporary) as abandoned:
+            if abandoned:
+                with suppress(OSError):  # someone else's folder
+                    temporary.unlink()
+
+
+def new_scratch_folder() -> Path:
+    r"""Returns a new temporary folder that is held until this process ends, and removes those of
+    processes that were killed. The caller removes it at the end.
+    """
+    for owner in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*/{_OWNER}"):
+        with _abandoned(owner) as abandoned:
+            if abandoned:
+                shutil.rmtree(owner.parent, ignore_errors=True)
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH))
+        if _create(folder / _OWNER) is not None:
+            return folder
+
+
+def _temporary(path: Path, slot: int) -> Path:
+    name = path.name
+    if len(os.fsencode(name)) > _LONGEST:
+        code = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+        # Cut between characters, since some file systems take whole ones only.
+        name = os.fsencode(name)[:_LONGEST].decode("utf-8", "ignore") + f"~{code}"
+    return path.with_name(f".{name}.{slot}.tmp")
+
+
+def _new_temporary(path: Path) -> tuple[Path, int]:
+    for slot in itertools.count():
+        temporary = _temporary(path, slot)
+        with _errors_about(path, temporary):
+            handle = _create(temporary)
+        if handle is not None:
+            return temporary, handle
+    raise AssertionError("unreachable")
+
+
+def _create(path: Path) -> int | None:
+    # A new file that is locked, or None where there is one, or someone took it for a leftover
+    # between its creation and its lock.
+    try:
+        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+    except FileExistsError:
+        return None
+    if fcntl is None:
+        os.close(handle)  # Windows renames no open file
+        return -1
+    # Shared, so that HDF5 readers, which lock as well, open the file as soon as it has its name.
+    _lock(handle, exclusive=False)
+    if _is_at(handle, path):
+        return handle
+    os.close(handle)
+    return None
+
+
+def _lock(handle: int, exclusive: bool) -> bool:
+    if fcntl is None:
+        return False
+    try:
+        # A new temporary waits for a cleaner, which holds it for a moment only.
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB if exclusive else fcntl.LOCK_SH)
+    except OSError:  # held by its writer, or a file system without locks
+        return False
+    return True
+
+
+def _release(handle: int) -> None:
+    if fcntl is not None:
+        # Closing is not enough: a process that was forked meanwhile shares the lock.
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_UN)
+        os.close(handle)
+
+
+@contextmanager
+def _abandoned(path: Path) -> Iterator[bool]:
+    try:
+        handle = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+    except OSError:  # none there, or another user's
+        yield False
+        return
+    try:
+        yield _lock(handle, exclusive=True) and _is_at(handle, path)
+    finally:
+        os.close(handle)
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.lstat())
+    except FileNotFoundError:
+        return False
+
+
+@contextmanager
+def _errors_about(path: Path, temporary: Path) -> Iterator[None]:
+    # Errors of the disk name the file that was asked for, not its temporary or none.
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or str(error.filename) not in ("None", str(temporary)):
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
 
 
 def share(path: PathLike) -> None:

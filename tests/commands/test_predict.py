@@ -83,7 +83,7 @@ def test_sessions_of_recordings_are_measured_if_asked_for(folder, capsys):
 
 
 def test_mistakes_are_one_line(folder, capsys):
-    recording = Recording(time=np.arange(2), tactile=np.zeros((2, 3, 3)))
+    recording = Recording(time=np.arange(2.0), tactile=np.zeros((2, 3, 3)))
     write_recording(recording, "three.npz")
     (folder / "notes.txt.zip").write_text("no recording")
     for arguments, text in (

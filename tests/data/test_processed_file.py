@@ -1,3 +1,5 @@
+import errno
+import io
 import os
 from pathlib import Path
 
@@ -181,10 +183,10 @@ def test_processed_file_with_a_flipped_bit_is_refused(toy, tmp_path):
 def test_what_was_written_is_checked(toy, tmp_path, monkeypatch):
     save = torch.save
 
-    def broken(content, path):
-        save(content, path)
-        text = Path(path).read_bytes()
-        Path(path).write_bytes(text.replace(torch.ones(1).numpy().tobytes(), b"\0\0\0\0", 1))
+    def broken(content, file):
+        kept = io.BytesIO()
+        save(content, kept)
+        file.write(kept.getvalue().replace(torch.ones(1).numpy().tobytes(), b"\0\0\0\0", 1))
 
     monkeypatch.setattr(torch, "save", broken)
     with pytest.raises(ValueError, match="is damaged or was cut off"):
@@ -200,8 +202,8 @@ def test_processed_file_with_a_pickled_object_is_refused(toy, tmp_path):
 
 @pytest.mark.parametrize("half", [b"", b"PK half of a file"])
 def test_failure_while_saving_leaves_no_file(toy, tmp_path, monkeypatch, half):
-    def fail(content, path):
-        Path(path).write_bytes(half)
+    def fail(content, file):
+        file.write(half)
         raise OSError("no space left on device")
 
     with monkeypatch.context() as patch:
@@ -259,3 +261,28 @@ def test_save_writes_views_without_their_storage(tmp_path):
 def test_load_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"gone\.pt"):
         load_static(tmp_path / "gone.pt")
+
+
+def test_reading_removes_what_a_killed_second_process_left(tmp_path):
+    path = tmp_path / "a.pt"
+    save_static(StaticData(x=torch.ones(2, 3, 1)), {}, path)
+    (tmp_path / ".a.pt.1.tmp").write_bytes(b"half")
+    read_processed(path)
+    assert files(tmp_path) == ["a.pt"]
+
+
+def test_full_disk_is_an_error_about_the_file_and_not_one_of_torch(tmp_path, monkeypatch):
+    path = tmp_path / "a.pt"
+    save_static(StaticData(x=torch.ones(2, 3, 1)), {}, path)
+    before = path.read_bytes()
+
+    class Full(io.FileIO):
+        def write(self, data):
+            raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(io, "FileIO", Full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*a\.pt'"):
+        save_static(StaticData(x=torch.ones(2000, 300, 1)), {}, path)
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert files(tmp_path) == ["a.pt"]

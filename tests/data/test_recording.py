@@ -33,7 +33,7 @@ def test_recording_rate_ignores_a_gap():
 
 def test_recording_types_are_converted_from_lists_tensors_and_integers():
     rec = Recording(
-        [0, 1], torch.ones(2, 1, 1, dtype=torch.int), joint=[[1], [2]], label=np.int64(3)
+        [0.0, 1.0], torch.ones(2, 1, 1, dtype=torch.int), joint=[[1], [2]], label=np.int64(3)
     )
     assert (rec.time.dtype, rec.tactile.dtype) == (np.float64, np.float32)
     assert rec.joint.dtype == np.float32
@@ -66,7 +66,7 @@ def test_recording_missing_and_dead_taxels():
     tactile = np.zeros((3, 3, 2))
     tactile[:, 2] = NAN
     tactile[1, 0, 1] = NAN
-    rec = Recording([0, 1, 2], tactile)
+    rec = Recording([0.0, 1.0, 2.0], tactile)
     assert rec.missing.tolist() == [
         [False, False, True],
         [True, False, True],

@@ -160,8 +160,59 @@ def test_two_units(root):
     write(root / "raw" / "sponge_2.npz", unit="count")
     assert len(everything(root)) == 10
     write(root / "raw" / "sponge_3.npz", unit="newton")
-    with pytest.raises(ValueError, match=r"must have one unit \(got 'count' in .*_2.*'newton' in"):
+    with pytest.raises(ValueError, match=r"must have one unit \(got 'count' in .*'newton' in .*_3"):
         AllegroUSkin(root)
+
+
+def test_newtons_beside_files_that_name_no_unit(root):
+    write(root / "raw" / "sponge_2.npz", unit="newton")
+    with pytest.raises(ValueError, match=r"'count' in .*purse_0.*'newton' in .*sponge_2"):
+        AllegroUSkin(root)
+
+
+@pytest.mark.parametrize("labels", [[0, 1, 1, 0, 0, 1], [1, 0, 0, 1, 0, 1]])
+def test_two_files_that_contradict_each_other_on_an_object(tmp_path, labels):
+    write(tmp_path / "cup_0.npz", labels=[1, 0, 0, 1, 1, 0])
+    write(tmp_path / "cup_1.npz", labels=labels)
+    with pytest.raises(ValueError, match=r"'cup' must have the same labels .*cup_0\.npz'.*cup_1"):
+        everything(tmp_path)
+
+
+def test_labels_that_contradict_the_name_of_the_object(tmp_path):
+    write(tmp_path / "sponge_0.npz")
+    write(tmp_path / "sponge_1.npz", labels=[0, 1, 1, 0, 0, 1])
+    with pytest.raises(ValueError, match=r"'sponge' must have the same labels .*_0.* and .*_1"):
+        everything(tmp_path)
+
+
+def test_object_that_is_light_and_heavy(tmp_path):
+    write(tmp_path / "cup_0.npz", labels=[1, 1, 1, 0, 1, 0])
+    with pytest.raises(ValueError, match=r"cup_0\.npz' must not be both 'light' and 'heavy'"):
+        everything(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("meta", "message"),
+    [
+        ({"labels": [[1], 0, 1, 0, 1, 0]}, "must have a 0 or 1 in 'labels'"),
+        ({"labels": [0.5, 0, 1, 0, 1, 0]}, "must have a 0 or 1 in 'labels'"),
+        ({"labels": [1, 0], "label_names": 5}, "must have different texts in 'label_names'"),
+        ({"labels": [1, 0], "label_names": ["a", "a"]}, "must have different texts in 'label_n"),
+        ({"labels": [1, 0], "label_names": "ab"}, "must have different texts in 'label_names'"),
+        ({"synthetic": "no"}, r"in its metadata 'synthetic' true or false \(got 'no'\)"),
+        ({"session": [1]}, r"in its metadata 'session' a text or an integer \(got \[1\]\)"),
+    ],
+)
+def test_metadata_of_another_kind(tmp_path, meta, message):
+    write(tmp_path / "cup_0.npz", **meta)
+    with pytest.raises(ValueError, match=rf"cup_0\.npz' .*{message}"):
+        everything(tmp_path)
+
+
+def test_link_to_a_recording_that_is_gone(root):
+    (root / "raw" / "sponge_2.npz").symlink_to(root / "annex" / "sponge_2.npz")
+    with pytest.raises(FileNotFoundError, match=r"sponge_2\.npz' is a link to a file that is not"):
+        everything(root)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
@@ -199,18 +250,18 @@ def test_missing_readings_stay_and_are_counted(root, caplog):
 
 
 def test_labels_in_the_metadata_win(tmp_path):
-    write(tmp_path / "sponge_0.npz")
+    write(tmp_path / "purse_0.npz")
+    write(tmp_path / "purse_1.npz", labels=[1, 0], label_names=["full", "empty"])
     write(tmp_path / "sponge_1.npz", labels=[0, 1, 1, 0, 0, 1])
-    write(tmp_path / "sponge_2.npz", labels=[0, 1, 1, 0, 0, 1], label_names=LABELS[::-1])
-    write(tmp_path / "sponge_3.npz", labels=[1, 0], label_names=["full", "empty"])
+    write(tmp_path / "sponge_2.npz", labels=[1, 0, 0, 1, 1, 0], label_names=LABELS[::-1])
     write(tmp_path / "cup_0.npz", labels=[True, False, True, False, True, False])
     dataset = everything(tmp_path, task="property", stride=2)
     assert dataset.column("y").tolist() == [
         [1, 0, 1, 0, 1, 0],
-        [1, 0, 0, 1, 1, 0],
+        [0, 1, 1, 0, 1, 0],
+        [0, 1, 1, 0, 1, 0],
         [0, 1, 1, 0, 0, 1],
-        [1, 0, 0, 1, 1, 0],
-        [1, 0, 0, 1, 1, 0],
+        [0, 1, 1, 0, 0, 1],
     ]
     assert dataset.property_names == LABELS
 
@@ -269,7 +320,6 @@ def test_second_time_reads_no_raw_file(root, monkeypatch):
         (lambda raw: write(raw / "purse_2.npz"), "'purse_2.npz' was added", 10),
         (lambda raw: (raw / "sponge_1.npz").unlink(), "'sponge_1.npz' was removed", 6),
         (lambda raw: write(raw / "sponge_1.npz", frames=5), "'sponge_1.npz' was changed", 11),
-        (lambda raw: os.utime(raw / "sponge_1.npz", (5, 5)), "'sponge_1.npz' was changed", 8),
         (
             lambda raw: [write(raw / f"cup_{i}.npz") for i in range(5)],
             "'cup_0.npz' was added, 'cup_1.npz' was added, 'cup_2.npz' was added and 2 more",
@@ -288,6 +338,28 @@ def test_changed_files_are_processed_again(root, caplog, change, message, size):
     assert len(everything(root)) == size
     assert not caplog.text
     assert first.data.x.shape == (8, 384, 3)
+
+
+def test_file_of_the_same_size_and_time_is_known_by_its_content(root, caplog):
+    path = root / "raw" / "cup_0.csv"
+    write(path, value=10.0)
+    before, stat = everything(root).data.x, path.stat()
+    write(path, value=20.0)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    assert path.stat().st_size == stat.st_size
+    with caplog.at_level(logging.WARNING):
+        after = everything(root).data.x
+    assert "again: 'cup_0.csv' was changed" in caplog.text
+    assert (after - before).sum() == 2 * 384 * 3 * 10
+
+
+def test_copied_files_are_not_processed_again(root, caplog):
+    everything(root)
+    path = root / "raw" / "sponge_1.npz"
+    os.utime(path, (5, 5))
+    with caplog.at_level(logging.WARNING):
+        assert len(everything(root)) == 8
+    assert not caplog.text
 
 
 def test_edges_of_another_layout_are_processed_again_for_a_pre_transform(root, caplog):

@@ -173,3 +173,10 @@ def test_files_put_by_hand_need_no_server(published, tmp_path, monkeypatch):
         (tmp_path / "raw" / name).write_bytes(content)
     assert len(BioTacSP(tmp_path)) == 24
     assert published.asked == []
+
+
+def test_download_removes_what_a_killed_one_left(published, tmp_path):
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / ".bts3v2_palm_down.csv.0.tmp").write_bytes(b"half")
+    BioTacSP(tmp_path)
+    assert raw_files(tmp_path) == sorted(published.files)

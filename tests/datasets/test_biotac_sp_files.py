@@ -93,7 +93,7 @@ def test_wrong_checksum(root):
 
 @pytest.mark.parametrize(
     ("keep", "message"),
-    [(-20, "line 9 must have 74 cells"), (0, "74 of 74 columns are missing"), (100, "column")],
+    [(-20, "line 9 must have 74 cells"), (0, "got an empty file"), (100, "column")],
 )
 def test_cut_file(root, keep, message):
     path = root / "raw" / "bts3v2_palm_45_test.csv"
@@ -139,6 +139,23 @@ def test_import_raw_takes_the_home_folder(write_bts3, tmp_path, monkeypatch):
     write_bts3(tmp_path / "disk")
     assert BioTacSP.import_raw("~/disk", "~/root")
     assert len(BioTacSP("~/root", checksum=False)) == 24
+
+
+def test_changed_file_is_read_again(write_bts3, tmp_path, caplog):
+    raw = write_bts3(tmp_path / "raw")
+    before = BioTacSP(tmp_path, checksum=False).data.x
+    path = raw / "bts3v2_palm_45.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:-2], lines[-1], lines[-2]]) + "\n")
+    after = BioTacSP(tmp_path, checksum=False).data.x
+    assert "again: 'bts3v2_palm_45.csv' was changed" in caplog.text
+    assert not after.equal(before)
+    assert after.sum() == before.sum()
+
+
+def test_home_of_nobody_is_a_folder_of_that_name(monkeypatch):
+    monkeypatch.setenv("TACTILE_DATA", "~nobody_of_this_name/touch")
+    assert default_root("a") == Path("~nobody_of_this_name/touch/a")
 
 
 def test_default_root_follows_the_environment(monkeypatch, tmp_path, write_bts3):

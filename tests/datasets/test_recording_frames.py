@@ -214,6 +214,8 @@ def test_phases_and_stride():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"recordings": [recording()], "pattern": "("}, "'pattern' must be a regular expression"),
+        ({"recordings": [], "unit": "gram"}, r"'unit' must be one of .* \(got 'gram'\)"),
         ({}, r"one of 'root' and 'recordings' must be given \(got none\)"),
         ({"root": "a", "recordings": []}, r"one of 'root' and 'recordings' .* \(got both\)"),
         ({"recordings": [], "layout": None}, r"'layout' must be the taxels .* \(got None\)"),
@@ -261,3 +263,31 @@ def test_subclass_reads_a_format_of_its_own(tmp_path):
     root = write_glove(tmp_path)
     dataset = Squared(root, layout=GLOVE, read_options=READ)
     assert dataset.data.x[4, 1, 0] == 16
+
+
+def test_unit_of_recordings_that_name_none_is_declared():
+    made = [recording(object="a", unit="newton"), recording(object="b")]
+    with pytest.raises(
+        ValueError, match=r"'newton' in recording 0 and 'none' in recording 1.*'unit"
+    ):
+        RecordingFrames(layout=GLOVE, recordings=made)
+    assert len(RecordingFrames(layout=GLOVE, recordings=made, unit="newton")) == 6
+    with pytest.raises(ValueError, match=r"'newton' in recording 0 and 'count' in recording 1"):
+        RecordingFrames(layout=GLOVE, recordings=made, unit="count")
+
+
+def test_label_of_the_file_and_of_its_folder_differ(tmp_path):
+    path = tmp_path / "slip" / "a.npz"
+    path.parent.mkdir()
+    write_recording(recording(label="hold"), path)
+    pattern = "(?P<label>[^/]+)/.*"
+    with pytest.raises(ValueError, match=r"a\.npz' must have one label \(got 'hold' .* 'slip' in"):
+        RecordingFrames(tmp_path, GLOVE, target="label", pattern=pattern)
+    write_recording(recording(label="slip"), path)
+    assert RecordingFrames(tmp_path, GLOVE, target="label", pattern=pattern).class_names == ["slip"]
+
+
+def test_names_of_phases_that_are_none():
+    made = [recording(object="a", phase=[0, 1, 1], phase_names="ab")]
+    with pytest.raises(ValueError, match="recording 0 must have different texts in 'phase_names'"):
+        RecordingFrames(layout=GLOVE, recordings=made)

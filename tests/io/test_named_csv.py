@@ -54,9 +54,10 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
     assert recording_format(path) == "named CSV"
     assert read_recording(path).num_taxels == 4
     assert read_recording(path, label="grasp", joint=["bend"]).num_taxels == 2
-    assert read_recording(path, num_taxels=2, num_channels=1, num_joints=2).joint.tolist() == [
-        [0.5, 4.0]
-    ]
+    with pytest.raises(ValueError, match=r"line 1 must name the columns 'time', .*got 'thumb'\)"):
+        read_recording(path, num_taxels=2, num_channels=1, num_joints=2)
+    with pytest.raises(ValueError, match=r"line 1 must name the columns 'time', .*got 'thumb'\)"):
+        read_recording(path, header=True)
     assert recording_format(write("time,taxel_0_x", "0,1")) == "wide CSV"
     assert recording_format(write("0,1")) == "wide CSV"
     assert recording_format(write(",".join(f"c{i}" for i in range(1168)), "1")) == "wide CSV"
@@ -67,7 +68,7 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
     [
         ([HEADER], {}, r"at least one frame \(got a header only\)"),
         ([HEADER, "0,1,2,3"], {}, r"line 2 must have 5 cells \(got 4\): is the file cut"),
-        ([HEADER, "0,1,2,3,mug"], {}, r"line 2, column 4: 'grasp' must be a number \(got 'mug'\)"),
+        ([HEADER, "0,1,2,3,mug"], {}, r"line 2, column 5: 'grasp' must be a number \(got 'mug'\)"),
         ([HEADER, "0,x,2,3,4"], {}, r"'thumb' must be a number \(got 'x'\)"),
         ([HEADER, ",1,2,3,4"], {}, r"glove.csv': 'time' must be finite \(got nan in frame 0\)"),
         ([HEADER, "1,1,2,3,4", "1,1,2,3,4"], {}, r"glove.csv': 'time' must increase"),
@@ -90,6 +91,96 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
 def test_read_rejects(write, lines, options, message):
     with pytest.raises(ValueError, match=message):
         read_named_csv(write(*lines), **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "cell", "options", "seconds"),
+    [
+        ("time_ms", "9", {}, 0.009),
+        ("Timestamp_ns", "1768398006957662101", {}, 1768398006.957662101),
+        ("t_us", "3", {}, 3e-6),
+        ("stamp_us", "3", {"time": "stamp_us"}, 3e-6),
+        ("time_ms", "9", {"time_unit": "ms"}, 0.009),
+        ("stamp", "9", {"time": "stamp", "time_unit": "ns"}, 9e-9),
+    ],
+)
+def test_unit_of_the_time(write, name, cell, options, seconds):
+    assert read_named_csv(write(f"{name},thumb", f"{cell},1"), **options).time.tolist() == [seconds]
+
+
+def test_angles_in_degrees(write):
+    rec = read_named_csv(write("a,bend_deg,turn", "1,90,0.5"), joint=["turn", "bend_deg"])
+    assert rec.joint.tolist() == [[0.5, pytest.approx(np.pi / 2)]]
+
+
+def test_numbers_as_names_are_columns_when_they_are_given(write):
+    path = write("0,1,2", "7,8,9")
+    assert read_named_csv(path, tactile=["2", "0"]).tactile.tolist() == [[[9], [7]]]
+    with pytest.raises(ValueError, match=r"line 1 must be names .* with tactile=\['0', ...\]"):
+        read_named_csv(path)
+
+
+def test_columns_without_meaning_may_be_ignored(write):
+    path = write(",a,b,", "0,1,2,", "1,1,2,")
+    with pytest.raises(ValueError, match=r"must name its first column \(got '', .*index=False\)"):
+        read_named_csv(path)
+    assert read_named_csv(write("Unnamed: 0,a", "0,1"), ignore=["Unnamed: 0"]).num_taxels == 1
+    with pytest.raises(ValueError, match=r"line 1, column 3 must be the name of a column \(got ''"):
+        read_named_csv(write("a,b,", "1,2,"))
+    assert read_named_csv(write("a,b,", "1,2,"), ignore=[""]).num_taxels == 2
+
+
+def test_labels_stay_as_they_are(write):
+    path = write("a,grasp", "1,=1+1", "2,'-mug")
+    assert read_named_csv(path, label="grasp").privileged["grasp"].tolist() == ["=1+1", "'-mug"]
+    long = "9" * 5000
+    assert read_named_csv(write("a,g", f"1,{long[:900]}"), label="g").label == long[:900]
+    assert read_named_csv(write("a,g", "1,\u0661"), label="g").label == "\u0661"
+    with pytest.raises(ValueError, match=r"line 2 must have a label of up to 1000 .*got 5000\)"):
+        read_named_csv(write("a,g", f"1,{long}"), label="g")
+
+
+def test_a_frame_without_readings_is_missing(write):
+    rec = read_named_csv(write("a,b", "1,2", ",", "3,4"), rate=1)
+    assert rec.missing.tolist() == [[False] * 2, [True] * 2, [False] * 2]
+    with pytest.raises(ValueError, match=r"line 3 must not be empty"):
+        read_named_csv(write("a,b", "1,2", "", "3,4"))
+
+
+@pytest.mark.parametrize(
+    ("lines", "options", "message"),
+    [
+        (["0.5,0.25", "1,2"], {"tactile": ".*"}, r"column 1 must be the name of a column"),
+        (["a,0.25", "1,2"], {}, r"line 1, column 2 must be the name of a column \(got '0.25'\)"),
+        (["NA", "1"], {}, r"line 1, column 1 must be the name of a column \(got 'NA'\)"),
+        (["time,timestamp,a", "1,2,3"], {}, r"one column of the time \(got time, timestamp\)"),
+        (
+            ["time,timestamp,a", "1,2,3"],
+            {"time": "time"},
+            r"column 2 must be a reading .*stamp",
+        ),
+        (["time [ms],a", "1,2"], {}, r"must be a reading or end in a unit .*\(got 'time \[ms\]'"),
+        (["time_hours,a", "1,2"], {}, r"unit of the time, one of \['s', 'ms', 'us', 'ns'\]"),
+        (
+            ["time_ms,a", "1,2"],
+            {"time_unit": "s"},
+            r"'time_unit' must be 'ms', as col",
+        ),
+        (["time,a", "1768398006957,2"], {}, r"line 2: 'time' must be in s \(got '1768398006957'"),
+        (["pad_1,a", "1,2"], {"tactile": "pad_(.*"}, r"'tactile' must be .* regular expression"),
+        (["pad_1,a", "1,2"], {"joint": "*"}, r"'joint' must be .* \(got '\*': nothing to repeat"),
+        (["\x1b[31m,a", "1,b"], {}, r"column 2: 'a' must be a number \(got 'b'\)"),
+        (["\x1b[31m,a", "b,1"], {}, r"column 1: '\\x1b\[31m' must be a number"),
+    ],
+)
+def test_read_rejects_what_would_be_wrong_in_silence(write, lines, options, message):
+    with pytest.raises(ValueError, match=message):
+        read_named_csv(write(*lines), **options)
+
+
+def test_many_columns_are_quick_to_name(write):
+    names = [f"c{i}" for i in range(50_000)]
+    assert read_named_csv(write(",".join(names), "," * 49_999)).num_taxels == 50_000
 
 
 def test_cut_file(write):

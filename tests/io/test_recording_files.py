@@ -60,7 +60,7 @@ def test_options_reach_the_reader(tmp_path):
 
 def test_unknown_option_names_the_known_ones(tmp_path):
     write_npz(plain(), tmp_path / "a.npz")
-    with pytest.raises(ValueError, match=r"'forces' must be an option of the format npz: none"):
+    with pytest.raises(ValueError, match=r"'forces' must be an option of the format npz: allow_l"):
         read_recording(tmp_path / "a.npz", forces=True)
     (tmp_path / "a.csv").write_text("1\n")
     with pytest.raises(ValueError, match=r"'forces' .* wide CSV: num_taxels, num_channels, num_jo"):

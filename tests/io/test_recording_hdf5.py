@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import h5py
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import append_hdf5, read_hdf5, write_hdf5
+from torch_geometric_tactile.io.recording_schema import recording_to_arrays, recording_to_texts
 
 APPEND_FOREVER = """
 import itertools, sys
@@ -51,11 +53,15 @@ def test_hdf5_names_by_hand(tmp_path):
     write_hdf5(rec, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         assert dict(file.attrs) == {
-            "format": "tactile recording",
-            "version": 1,
+            "format": b"tactile recording",
+            "version": 2,
             "num_frames": 1,
-            "label": '"cup"',
-            "meta": "{}",
+            "label": b'"cup"',
+            "meta": b"{}",
+            "checksum": zlib.crc32(
+                b'["tactile recording", 2, 1, "\\"cup\\"", "{}", [["privileged/phase", "<i8"], '
+                b'["tactile", "<f4", 1, 1], ["time", "<f8"]]]'
+            ),
         }
         assert file["time"][:].tolist() == [0.5]
         assert file["tactile"][:].tolist() == [[[7.0]]]
@@ -63,6 +69,8 @@ def test_hdf5_names_by_hand(tmp_path):
         assert file["tactile"].compression == "gzip"
         assert file["tactile"].shuffle
         assert file["tactile"].maxshape == (None, 1, 1)
+        assert all(file[n].fletcher32 for n in ("time", "tactile", "privileged/phase"))
+    assert (tmp_path / "a.h5").read_bytes()[8] == 3  # superblock with a checksum
 
 
 @pytest.mark.parametrize("compressed", [True, False])
@@ -80,17 +88,45 @@ def test_append_in_parts_is_the_whole(full, assert_same, compressed, cuts, tmp_p
     assert_same(read_hdf5(path), full)
 
 
-def test_growing_file_is_not_compressed(full, tmp_path):
+def test_growing_file_has_a_block_of_its_own_for_each_frame(full, tmp_path):
     path = tmp_path / "a.h5"
     write_hdf5(full.select(slice(0, 5)), path)
     append_hdf5(full.select(slice(5, 9)), path)
     with h5py.File(path) as file:
         assert file["tactile"].compression is None
+        assert file["tactile"].chunks == (1, 5, 3)
+        assert file["tactile"].id.get_num_chunks() == 9
+        assert all(file[n].fletcher32 for n in ("time", "tactile", "joint", "privileged/step"))
 
 
-def test_frames_of_an_interrupted_append_are_ignored_and_replaced(full, assert_same, tmp_path):
+def write_version_1(recording, path):
+    """Writes a file as version 0.1 did."""
+    with h5py.File(path, "w") as file:
+        for name, array in recording_to_arrays(recording).items():
+            stored = array.astype(h5py.string_dtype()) if array.dtype.kind == "U" else array
+            file.create_dataset(
+                name, data=stored, maxshape=(None, *array.shape[1:]), chunks=(8, *array.shape[1:])
+            )
+        file.attrs["format"] = "tactile recording"
+        file.attrs["version"] = 1
+        file.attrs["num_frames"] = recording.num_frames
+        for name, text in recording_to_texts(recording).items():
+            file.attrs[name] = text
+
+
+def test_version_1_is_read_and_grows(full, assert_same, tmp_path):
     path = tmp_path / "a.h5"
-    append_hdf5(full.select(slice(0, 10)), path)
+    write_version_1(full.select(slice(0, 9)), path)
+    assert_same(read_hdf5(path), full.select(slice(0, 9)))
+    append_hdf5(full.select(slice(9, 20)), path)
+    assert_same(read_hdf5(path), full)
+
+
+def test_version_1_with_rows_of_an_interrupted_append_is_read_without_them(
+    full, assert_same, tmp_path
+):
+    path = tmp_path / "a.h5"
+    write_version_1(full.select(slice(0, 10)), path)
     with h5py.File(path, "r+") as file:  # rows are written, their number is not
         file["time"].resize(15, axis=0)
         file["tactile"].resize(13, axis=0)
@@ -98,6 +134,37 @@ def test_frames_of_an_interrupted_append_are_ignored_and_replaced(full, assert_s
     assert_same(read_hdf5(path), full.select(slice(0, 10)))
     append_hdf5(full.select(slice(10, 20)), path)
     assert_same(read_hdf5(path), full)
+
+
+def test_append_of_longer_texts(tmp_path):
+    path = tmp_path / "a.h5"
+    texts = ["a", "b" * 40, "ü" * 500, "", "e"]
+    for i, text in enumerate(texts):
+        append_hdf5(Recording([i / 10], [[[1.0]]], privileged={"word": [text]}), path)
+    assert read_hdf5(path).privileged["word"].tolist() == texts
+
+
+def test_metadata_of_any_length(tmp_path):
+    rec = Recording([0.5], [[[7.0]]], meta={"note": "ü" * 200_000, "nul": "a\0b"})
+    write_hdf5(rec, tmp_path / "a.h5")
+    assert read_hdf5(tmp_path / "a.h5").meta == rec.meta
+    append_hdf5(Recording([0.6], [[[8.0]]]), tmp_path / "a.h5")
+    assert read_hdf5(tmp_path / "a.h5").meta == rec.meta
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.zeros(1, dtype=np.longdouble), r"'privileged/p' must hold numbers of at most 8 bytes"),
+        (np.array(["\ud800"]), r"'privileged/p' must hold texts that UTF-8 can hold"),
+    ],
+)
+def test_hdf5_refuses_to_write_what_it_cannot_read(values, message, tmp_path):
+    rec = Recording([0.5], [[[7.0]]], privileged={"p": values})
+    for write in (write_hdf5, append_hdf5):
+        with pytest.raises(ValueError, match=message):
+            write(rec, tmp_path / "a.h5")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_append_that_is_killed_keeps_every_frame_that_was_reported(tmp_path):
@@ -199,7 +266,8 @@ def replace(name, array):
         (lambda f: f.__delitem__("tactile"), r"a.h5' must hold 'tactile', as every recording"),
         (lambda f: f.attrs.__delitem__("num_frames"), r"a.h5' must hold 'num_frames'"),
         (lambda f: f.attrs.__delitem__("meta"), r"a.h5' must hold 'meta'"),
-        (lambda f: f.attrs.__setitem__("version", 2), r"must be of format version 1 \(got 2\)"),
+        (lambda f: f.attrs.__setitem__("version", 3), r"format version 1 or 2 \(got 3\)"),
+        (lambda f: f.attrs.__setitem__("version", 2), r"a.h5' must hold 'checksum'"),
         (lambda f: f.attrs.__setitem__("format", "x"), r"must be a recording, with the attribute"),
         (lambda f: f.attrs.__setitem__("meta", "{"), r"a.h5' must hold JSON in 'meta'"),
         (
@@ -214,7 +282,7 @@ def replace(name, array):
     ],
 )
 def test_hdf5_wrong_content(full, change, message, tmp_path):
-    write_hdf5(full, tmp_path / "a.h5")
+    write_version_1(full, tmp_path / "a.h5")
     edit(tmp_path / "a.h5", change)
     with pytest.raises(ValueError, match=message):
         read_hdf5(tmp_path / "a.h5")

@@ -13,7 +13,8 @@ pytest.importorskip("h5py", reason="needs the extra 'sim'")
 
 import joblib
 
-from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import stock_layout
 from torch_geometric_tactile.sim import (
     OBJECT_SETS,
@@ -198,6 +199,17 @@ def test_second_attempt_is_another_grasp(tmp_path, objects, hovering, monkeypatc
     assert not np.array_equal(seen[0].joint[:10], seen[1].joint[:10])
 
 
+@pytest.mark.parametrize("attempt", [None, "0", 1.5, True, -1])
+def test_finished_trial_without_its_attempt_is_named(tmp_path, objects, hovering, attempt):
+    name = objects("one", SPONGE)
+    (report,) = simulate(tmp_path, name, trials=1, preset="ci")
+    recording = read_recording(report.path)
+    meta = {**recording.meta, "attempt": attempt}
+    write_recording(replace(recording, meta=meta), report.path)
+    with pytest.raises(ValueError, match=r"sponge_000\.h5' must tell its 'attempt', a whole numb"):
+        list(simulate(tmp_path, name, trials=1, preset="ci"))
+
+
 def test_frames_before_contact_tell_the_trial_but_not_the_object(tmp_path, hovering):
     list(simulate(tmp_path, trials=3, preset="ci"))
     x, y, trial = [], [], []
@@ -229,12 +241,17 @@ def test_frames_before_contact_tell_the_trial_but_not_the_object(tmp_path, hover
     assert KNeighborsClassifier(5).fit(x[~test], y[~test]).score(x[test], y[test]) > 0.9
 
 
-def test_temporary_files_of_a_killed_run_are_removed(tmp_path, objects, hovering):
-    (tmp_path / ".sponge_000.h5.abc.tmp").write_text("half a file")
+def test_temporary_files_of_a_killed_run_are_removed_and_not_those_of_a_second(
+    tmp_path, objects, hovering
+):
+    (tmp_path / ".sponge_000.h5.3.tmp").write_text("half a file")
     (tmp_path / ".other.tmp").write_text("another's")
-    list(simulate(tmp_path, objects("three", SPONGE), 1, preset="ci"))
-    names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == [".other.tmp", "simulation.json", "sponge_000.h5"]
+    with atomic_path(tmp_path / "sponge_000.h5") as alive:
+        alive.write_text("a second run's")
+        list(simulate(tmp_path, objects("three", SPONGE), 1, preset="ci"))
+        names = sorted(path.name for path in tmp_path.iterdir())
+        assert names == [".other.tmp", alive.name, "simulation.json", "sponge_000.h5"]
+    assert (tmp_path / "sponge_000.h5").read_text() == "a second run's"
 
 
 def test_workers_start_with_interrupts_ignored(tmp_path, objects, hovering, monkeypatch):

@@ -62,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports import analysis
+    from torch_geometric_tactile.texts import printable
 
     page = analysis.main(
         arguments.model,
@@ -72,5 +73,5 @@ def run(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         allow=arguments.allow,
     )
-    print(f"analysis: {page}")
+    print(printable(f"analysis: {page}"))
     return 0

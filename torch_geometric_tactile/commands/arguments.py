@@ -1,36 +1,36 @@
 r"""Types of arguments that several verbs share."""
 
 import argparse
+from collections.abc import Callable
+
+_MOST = 1_000_000
 
 
-def positive(text: str) -> int:
-    r"""Returns an integer of at least one.
+def _whole(least: int, most: int, too_small: str) -> Callable[[str], int]:
+    def whole(text: str) -> int:
+        try:
+            number = int(text) if text.isascii() and "_" not in text else None
+        except ValueError:
+            number = None
+        if number is None:
+            raise argparse.ArgumentTypeError(f"must be a whole number (got {text[:40]!r})")
+        if number < least:
+            raise argparse.ArgumentTypeError(f"{too_small} (got {number})")
+        if number > most:
+            raise argparse.ArgumentTypeError(f"must be at most {most} (got {text[:40]})")
+        return number
 
-    Args:
-        text (str): What the user wrote.
-
-    Raises:
-        argparse.ArgumentTypeError: If the number is below one.
-    """
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
-    return number
+    return whole
 
 
-def not_negative(text: str) -> int:
-    r"""Returns an integer of at least zero.
+#: Reads an integer from one to a million.
+positive = _whole(1, _MOST, "must be at least 1")
 
-    Args:
-        text (str): What the user wrote.
+#: Reads the number of things of which each takes memory or a process: from one to ten thousand.
+few = _whole(1, 10_000, "must be at least 1")
 
-    Raises:
-        argparse.ArgumentTypeError: If the number is negative.
-    """
-    number = int(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"must not be negative (got {number})")
-    return number
+#: Reads a seed: an integer from zero to the largest that all of our libraries take.
+not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
 
 
 def add_allow(parser: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 
-from torch_geometric_tactile.commands.arguments import positive
+from torch_geometric_tactile.commands.arguments import few, positive
 
 HELP = "train and judge grasp stability models on real grasps, and write a report"
 DESCRIPTION = """\
@@ -40,15 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", default="report", help="folder of the report (default: report)"
     )
     parser.add_argument(
-        "--seeds", type=positive, default=3, help="trainings of every model (default: 3)"
+        "--seeds", type=few, default=3, help="trainings of every model (default: 3)"
     )
-    parser.add_argument("--folds", type=positive, default=5, help="folds, at least 2 (default: 5)")
+    parser.add_argument("--folds", type=few, default=5, help="folds, at least 2 (default: 5)")
     parser.add_argument(
         "--epochs", type=positive, help="epochs, instead of the configurations' own"
     )
     parser.add_argument(
         "--jobs",
-        type=positive,
+        type=few,
         default=os.cpu_count() or 1,
         help="processes (default: one for each core)",
     )
@@ -72,20 +72,21 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.experiments.run import run_experiment
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
     from torch_geometric_tactile.reports import grasp
+    from torch_geometric_tactile.texts import printable
     from torch_geometric_tactile.visualization.figure import new_figure
 
     new_figure(1.0, 1.0)  # tells before a long run whether its pictures can be drawn
     start = time.perf_counter()
     settings = Settings(seeds=arguments.seeds, epochs=arguments.epochs, folds=arguments.folds)
     table = grasp_table(arguments.root, arguments.generated)
-    print(table.data.caption, flush=True)
+    print(printable(table.data.caption), flush=True)
     plan = make_plan(table, settings)
     out = Path(arguments.out)
     with progress("Train and judge", "model") as show:
         finished = run_plan(plan, out, Workers(arguments.jobs), on_progress=show)
     if finished.failed:
         for name, reason in finished.failed.items():
-            print(f"tactile: error: {name}: {reason}", file=sys.stderr)
+            print(printable(f"tactile: error: {name}: {reason}"), file=sys.stderr)
         return 1
     main = next(
         e for e in plan.experiments if (e.name, e.protocol.by, e.seed) == (grasp.MAIN, "given", 0)
@@ -93,5 +94,5 @@ def run(arguments: argparse.Namespace) -> int:
     result = run_experiment(main, checkpoint=out / grasp.CHECKPOINT)
     report = grasp.write_grasp_report(finished, result, out, time.perf_counter() - start)
     seconds = report.content["seconds"]
-    print(f"\n{report.text}\n\nReport: {out / 'report.html'} ({seconds:.0f} s)")
+    print(f"\n{report.text}\n\nReport: {printable(out / 'report.html')} ({seconds:.0f} s)")
     return 0

@@ -42,11 +42,12 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports.recording import describe_file, draw_recording
+    from torch_geometric_tactile.texts import printable
 
     recording, facts = describe_file(arguments.file)
     print(facts, flush=True)
     if not arguments.no_picture:
         picture = arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"
         draw_recording(recording, picture)
-        print(f"{'picture':<13}{picture}")
+        print(f"{'picture':<13}{printable(picture)}")
     return 0

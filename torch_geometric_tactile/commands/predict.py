@@ -75,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports import predictions, run_data
+    from torch_geometric_tactile.texts import printable
 
     if arguments.recordings and arguments.root is not None:
         raise ValueError("'--root' is for the test part of the data: leave out the recordings")
@@ -83,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     predictor = run_data.open_predictor(arguments.model, arguments.config, arguments.allow)
     if arguments.save is not None:
         predictor.save(arguments.save)
-        print(f"wrote {arguments.save}: {predictor}", flush=True)
+        print(printable(f"wrote {arguments.save}: {predictor}"), flush=True)
         if not arguments.recordings:
             return 0
     if arguments.recordings:
@@ -96,5 +97,5 @@ def run(arguments: argparse.Namespace) -> int:
         )
         samples = run_data.test_part(data, predictor)
         count = predictions.write_samples(predictor, samples, arguments.out)
-    print(predictions.describe_counts(count, arguments.out))
+    print(printable(predictions.describe_counts(count, arguments.out)))
     return 0

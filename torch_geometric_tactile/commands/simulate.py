@@ -3,7 +3,7 @@ r"""``tactile simulate``: grasps of a simulated hand."""
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import not_negative, positive
+from torch_geometric_tactile.commands.arguments import few, not_negative
 
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty")
@@ -55,15 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--trials",
         metavar="N",
-        type=positive,
+        type=few,
         help="trials of each object (default: 10, or 3 with the preset ci)",
     )
     parser.add_argument(
         "--seed", type=not_negative, default=0, help="decides all randomness (default: 0)"
     )
-    parser.add_argument(
-        "--jobs", metavar="N", type=positive, default=2, help="processes (default: 2)"
-    )
+    parser.add_argument("--jobs", metavar="N", type=few, default=2, help="processes (default: 2)")
     parser.add_argument(
         "--preset",
         choices=_PRESETS,
@@ -74,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-attempts",
         metavar="N",
-        type=positive,
+        type=few,
         default=10,
         help="grasps tried until the object is lifted and held, before a trial is given up "
         "(default: 10)",
@@ -94,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.reports import simulation
+    from torch_geometric_tactile.texts import printable
 
     if arguments.preview:
         simulation.check_preview()
@@ -107,10 +106,10 @@ def run(arguments: argparse.Namespace) -> int:
         max_attempts=arguments.max_attempts,
         hand=arguments.hand,
     )
-    print(finished.describe(), flush=True)
+    print(printable(finished.describe()), flush=True)
     if finished.given_up:
         print(f"tactile: error: {finished.describe_given_up()}", file=sys.stderr, flush=True)
     if arguments.preview and len(finished.given_up) < len(finished.reports):
         for path in simulation.draw_preview(finished, arguments.objects):
-            print(f"drew {path}")
+            print(printable(f"drew {path}"))
     return 1 if finished.given_up else 0

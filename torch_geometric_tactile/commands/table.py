@@ -3,7 +3,7 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import positive
+from torch_geometric_tactile.commands.arguments import few, positive
 from torch_geometric_tactile.parallel import BACKENDS
 
 # The names in `experiments`, which is too heavy to import for them.
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds",
         metavar="N",
-        type=positive,
+        type=few,
         help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
         "for those of the papers)",
     )
@@ -99,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "mixed)",
     )
     parser.add_argument(
-        "--folds", metavar="N", type=positive, help="folds of protocols that have some, at least 2"
+        "--folds", metavar="N", type=few, help="folds of protocols that have some, at least 2"
     )
     parser.add_argument(
         "--only", metavar="GLOB", nargs="+", help="train only experiments with such names"
@@ -108,10 +108,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-train", action="store_true", help="train nothing: the table of the finished runs"
     )
     parser.add_argument(
-        "--jobs", metavar="N", type=positive, default=1, help="runs at a time (default: 1)"
+        "--jobs", metavar="N", type=few, default=1, help="runs at a time (default: 1)"
     )
     parser.add_argument(
-        "--threads", metavar="N", type=positive, default=1, help="threads of a run (default: 1)"
+        "--threads", metavar="N", type=few, default=1, help="threads of a run (default: 1)"
     )
     parser.add_argument(
         "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
@@ -152,6 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
     from torch_geometric_tactile.experiments.tables import load_table
     from torch_geometric_tactile.reports.table import write_table
+    from torch_geometric_tactile.texts import printable
     from torch_geometric_tactile.visualization.figure import new_figure
 
     new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
@@ -187,11 +188,11 @@ def run(arguments: argparse.Namespace) -> int:
         more = ", and with --no-train it writes the table of those" if str(stop) else ""
         raise KeyboardInterrupt(f"{stop}{more}") from None
     paths = write_table(finished, arguments.out)
-    print(finished.describe(), flush=True)
+    print(printable(finished.describe()), flush=True)
     for path in paths:
-        print(f"wrote {path}", flush=True)
+        print(printable(f"wrote {path}"), flush=True)
     for name, reason in finished.failed.items():
-        print(f"tactile: error: {name}: {reason}", file=sys.stderr)
+        print(printable(f"tactile: error: {name}: {reason}"), file=sys.stderr)
     return 1 if finished.failed else 0
 
 
@@ -199,6 +200,7 @@ def _listed(name: str) -> str:
     from tabulate import tabulate
 
     from torch_geometric_tactile.experiments.tables import load_table
+    from torch_geometric_tactile.texts import printable
 
     table = load_table(name)
     keys = [key for key in _HEADERS if any(key in cell.published for cell in table.cells)]
@@ -217,4 +219,5 @@ def _listed(name: str) -> str:
     text = f"{table.title}\n{len(rows)} experiments{published}:\n\n{tabulate(rows, headers)}\n\n"
     text += f"Held out: {protocols}"
     alone = next((cell.config for cell in table.cells if cell.config is not None), None)
-    return text if alone is None else f"{text}\nOne of them alone: tactile fit --config {alone}"
+    text = text if alone is None else f"{text}\nOne of them alone: tactile fit --config {alone}"
+    return "\n".join(map(printable, text.split("\n")))

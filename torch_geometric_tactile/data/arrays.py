@@ -7,11 +7,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.data.recording_arrays import checked_numbers, refuse_masked
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 
 _COLUMNS = ("y", "group", "trial", "session", "joint", "time")
 _NAMED = {"y": "class", "group": "group", "session": "session"}
+_MAY_MISS = ("x", "joint")
 _DOUBLE = ("time",)  # seconds since an epoch need more than single precision
 
 
@@ -65,17 +67,22 @@ def _places(layout: TaxelLayout) -> dict[str, Tensor]:
 
 
 def as_tensor(name: str, value: Any) -> Tensor:
-    r"""Returns numbers as a tensor, without a copy if possible.
+    r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN.
 
     Args:
         name (str): Name of the argument, for the message.
         value (array-like): The numbers.
 
     Raises:
-        ValueError: If they are no numbers, or ragged.
+        ValueError: If they are no numbers, or ragged, or numbers other than readings and joint
+            angles are masked.
     """
     if isinstance(value, Tensor):
         return value
+    if isinstance(value, np.ma.MaskedArray) and name in _MAY_MISS:
+        single = value.dtype.kind != "f" or value.dtype.itemsize < 8
+        value = checked_numbers(name, value, np.float32 if single else np.float64)
+    refuse_masked(name, value)
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0, dtype=object)
     if array.dtype.kind not in "biuf":
         raise ValueError(

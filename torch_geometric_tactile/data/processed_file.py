@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.data.torch_file import read_torch_file
-from torch_geometric_tactile.files import atomic_path, check_zip
+from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
+from torch_geometric_tactile.files import remove_leftovers
 from torch_geometric_tactile.typing import PathLike
 
 FORMAT = 3
@@ -64,9 +64,7 @@ def save_static(
         "settings": dict(settings or {}),
         "raw_state": list(raw_state),
     }
-    with atomic_path(path) as temporary:
-        torch.save(content, temporary)
-        check_zip(temporary)  # what the disk has, not what it was given
+    write_torch_file(content, path, check=True)
 
 
 def _is_view(value: Any) -> bool:
@@ -80,7 +78,7 @@ def _is_view(value: Any) -> bool:
 
 def read_processed(path: PathLike) -> ProcessedFile:
     r"""Reads a processed file, memory-mapped, after its checksums were compared: those of a large
-    one only if it has changed since.
+    one only if it has changed since. Removes what killed processes left beside it.
 
     Args:
         path (str or PathLike): A file of :func:`save_static`.
@@ -90,6 +88,7 @@ def read_processed(path: PathLike) -> ProcessedFile:
         OtherFormatError: If it is of another format.
         ValueError: If it is damaged.
     """
+    remove_leftovers(path)
     if Path(path).stat().st_size == 0:
         raise ValueError(f"processed file '{path}' is empty; {_MEND}")
     try:

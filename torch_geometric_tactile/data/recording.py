@@ -8,8 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import DTypeLike
 
+from torch_geometric_tactile.data.recording_arrays import (
+    checked_numbers,
+    checked_time,
+    refuse_masked,
+)
 from torch_geometric_tactile.sensors import TaxelLayout
 
 UNITS = ("count", "newton")
@@ -20,12 +24,13 @@ _FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
 class Recording:
     r"""One trial on one sensor. Frozen, and checked at birth.
 
-    Missing and dead taxels are NaN, never invented numbers. Arrays are taken as they are, without
-    a copy, where their type fits.
+    Missing and dead taxels are NaN, never invented numbers; so are masked readings and angles of
+    masked arrays. Arrays are taken as they are, without a copy, where their type fits.
 
     Args:
         time (numpy.ndarray): Time of each frame in seconds, increasing :math:`(T,)`; since the
-            start of the trial or of the year 1970.
+            start of the trial or of the year 1970. Floating-point numbers, or
+            :class:`numpy.datetime64` or :class:`numpy.timedelta64`, which are converted.
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`, in the unit that :obj:`meta` names.
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
         label (str or int, optional): What the trial is an example of.
@@ -41,8 +46,8 @@ class Recording:
 
     Raises:
         ValueError: If an array has another number of dimensions or of frames, the time does not
-            increase, a time, reading or angle is infinite, or :obj:`meta` holds other than JSON
-            values.
+            increase or is of integers, whose unit is not known, a time, reading or angle is
+            infinite, or :obj:`meta` holds other than JSON values.
 
     Examples:
         >>> Recording(time=[0.0, 0.01, 0.02], tactile=np.zeros((3, 4, 3)), label="cup")
@@ -57,8 +62,8 @@ class Recording:
     privileged: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._set("time", _checked_time(self.time))
-        tactile = _array("tactile", self.tactile, np.float32)
+        self._set("time", checked_time(self.time))
+        tactile = checked_numbers("tactile", self.tactile, np.float32)
         if tactile.ndim != 3 or 0 in tactile.shape[1:]:
             raise ValueError(
                 "'tactile' must have shape (num_frames, num_taxels, num_channels) "
@@ -78,6 +83,10 @@ class Recording:
             self._set("joint", self._checked_joint(self.joint))
         self._set("label", _checked_label(self.label))
         self._set("meta", _checked_meta(self.meta))
+        if not isinstance(self.privileged, Mapping):
+            raise ValueError(
+                f"'privileged' must be a mapping (got {type(self.privileged).__name__})"
+            )
         self._set(
             "privileged",
             {name: self._checked_privileged(name, v) for name, v in self.privileged.items()},
@@ -93,7 +102,7 @@ class Recording:
             )
 
     def _checked_joint(self, joint: np.ndarray) -> np.ndarray:
-        joint = _array("joint", joint, np.float32)
+        joint = checked_numbers("joint", joint, np.float32)
         if joint.ndim != 2 or joint.shape[1] == 0:
             raise ValueError(
                 "'joint' must have shape (num_frames, num_joints), or be None without joints "
@@ -122,7 +131,11 @@ class Recording:
             raise ValueError(
                 f"'privileged' must have names that are texts without '/' (got {name!r})"
             )
-        array = np.asarray(value)
+        refuse_masked(name, value)
+        try:
+            array = np.asarray(value)
+        except (OverflowError, RuntimeError, TypeError, ValueError) as error:
+            raise ValueError(f"privileged '{name}' must be an array ({error})") from error
         if array.dtype.kind not in "biufU":
             raise ValueError(
                 f"privileged '{name}' must hold numbers, truth values or texts (got {array.dtype})"
@@ -227,32 +240,6 @@ class Recording:
         return f"{type(self).__name__}({', '.join(parts)})"
 
 
-def _array(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
-    try:
-        # A reading beyond float32 becomes infinite here and is reported as such.
-        with np.errstate(over="ignore"):
-            return np.asarray(value, dtype=dtype)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
-
-
-def _checked_time(value: Any) -> np.ndarray:
-    time = _array("time", value, np.float64)
-    if time.ndim != 1:
-        raise ValueError(f"'time' must have shape (num_frames,) (got {time.shape})")
-    wrong = np.flatnonzero(~np.isfinite(time))
-    if len(wrong):
-        raise ValueError(f"'time' must be finite (got {time[wrong[0]]} in frame {wrong[0]})")
-    wrong = np.flatnonzero(np.diff(time) <= 0)
-    if len(wrong):
-        before, frame = wrong[0], wrong[0] + 1
-        raise ValueError(
-            f"'time' must increase (got {float(time[frame])} s in frame {frame} after "
-            f"{float(time[before])} s in frame {before})"
-        )
-    return time
-
-
 def _checked_label(label: Any) -> str | int | None:
     if isinstance(label, np.integer):
         return int(label)
@@ -271,7 +258,7 @@ def _checked_meta(meta: Any) -> dict[str, Any]:
         try:
             # Lists for tuples, as every file gives them back.
             out[key] = json.loads(json.dumps(value, allow_nan=False))
-        except (TypeError, ValueError) as error:
+        except (RecursionError, TypeError, ValueError) as error:
             raise ValueError(f"'meta' must hold JSON values ({error}, for '{key}')") from error
     if "unit" in out and out["unit"] not in UNITS:
         raise ValueError(f"'unit' in 'meta' must be one of {UNITS} (got {out['unit']!r})")

@@ -1,11 +1,12 @@
 r"""Files of :func:`torch.save` that may be damaged, or anyone's."""
 
+import io
 import json
 import os
 import pickle
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -13,9 +14,47 @@ from torch import Tensor
 from torch_geometric_tactile.files import atomic_path, check_zip
 from torch_geometric_tactile.typing import PathLike
 
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
 _SMALL = 2**24  # bytes, up to which a file is checked whenever it is opened
 _FRESH = 100_000_000  # nanoseconds within which a file may change without another time
 _MAX_VALUES = 1_000_000
+
+
+def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> None:
+    r"""Writes a file of :func:`torch.save`, whole or not at all.
+
+    Args:
+        content: Plain data and tensors.
+        path (str or PathLike): The file.
+        check (bool): Whether what the disk has is compared with its checksums afterwards.
+
+    Raises:
+        OSError: If the disk is full, for instance; it names the file.
+        ValueError: If the disk has something else.
+    """
+    with atomic_path(path) as temporary:
+        with _Writer(io.FileIO(temporary, "w")) as file:
+            try:
+                torch.save(content, file)
+            except RuntimeError:  # which torch makes of an error of the disk
+                if file.refused is not None:
+                    raise file.refused from None
+                raise
+        if check:
+            check_zip(temporary)
+
+
+class _Writer(io.BufferedWriter):
+    refused: OSError | None = None
+
+    def write(self, data: "ReadableBuffer", /) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.refused = error
+            raise
 
 
 def read_torch_file(

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.datasets.trial import Trial, checked_labels
+from torch_geometric_tactile.datasets.trial import Trial, checked_labels, checked_names
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
 from torch_geometric_tactile.sim import PROPERTIES, paper8
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
@@ -27,8 +27,8 @@ class AllegroUSkin(RecordingFrames):
     :func:`~torch_geometric_tactile.io.write_recording` writes a
     :class:`~torch_geometric_tactile.data.Recording`:
 
-    * readings in counts :math:`(T, 384, 3)`, in the order of
-      :func:`~torch_geometric_tactile.sensors.allegro_uskin`, and joint angles in radians
+    * readings in counts (what :obj:`meta["unit"]` names, or names none) :math:`(T, 384, 3)`, in the
+      order of :func:`~torch_geometric_tactile.sensors.allegro_uskin`, and joint angles in radians
       :math:`(T, 16)`;
     * the object's name and the number of the trial in :obj:`meta["object"]` and
       :obj:`meta["trial"]`, or in the name of the file: ``<object>_<number>.h5``;
@@ -108,8 +108,8 @@ class AllegroUSkin(RecordingFrames):
     Raises:
         FileNotFoundError: If there are no trials.
         ValueError: If an argument is unknown or leaves no sample, a file cannot be read or is not
-            as described above, two files hold the same trial, or the properties of an object are
-            unknown where they are the task.
+            as described above, two files hold the same trial or contradict each other on the
+            properties of an object, or these are unknown where they are the task.
 
     Examples:
         >>> from torch_geometric.transforms import Compose
@@ -166,6 +166,7 @@ class AllegroUSkin(RecordingFrames):
             adjacency=adjacency,
             phases=phases,
             stride=stride,
+            unit="count",
             transform=transform,
             pre_transform=pre_transform,
             pre_filter=pre_filter,
@@ -202,12 +203,21 @@ class AllegroUSkin(RecordingFrames):
         return [name for name in known if name in found] + [n for n in found if n not in known]
 
     def _properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
-        names = trial.meta.get("label_names", PROPERTIES)
-        if trial.meta.get("labels") is None or sorted(map(str, names)) != sorted(PROPERTIES):
+        names: tuple[str, ...] = PROPERTIES
+        if trial.meta.get("label_names") is not None:
+            names = checked_names(trial, "label_names")
+        if trial.meta.get("labels") is None or sorted(names) != sorted(PROPERTIES):
             known = {item.name: item.labels for item in paper8()}.get(trial.object_name or "")
             return None if known is None else (PROPERTIES, known)
         labels = checked_labels(trial, names)
-        return PROPERTIES, tuple(labels[list(names).index(name)] for name in PROPERTIES)
+        values = {name: labels[names.index(name)] for name in PROPERTIES}
+        for first, other in zip(PROPERTIES[::2], PROPERTIES[1::2], strict=True):
+            if values[first] and values[other]:
+                raise ValueError(
+                    f"{trial.where} must not be both '{first}' and '{other}' in 'labels' "
+                    f"(got {list(labels)})"
+                )
+        return PROPERTIES, tuple(values.values())
 
     def _no_trials(self) -> str:
         return f"{super()._no_trials()}, or simulate some: tactile simulate --out '{self.root}'"

@@ -1,5 +1,6 @@
 r"""Real grasps with a Shadow hand."""
 
+import os
 import shutil
 from pathlib import Path
 from typing import Literal
@@ -10,8 +11,9 @@ import requests
 import torch
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data.file_state import file_state
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.files import atomic_path, file_sha256, share
+from torch_geometric_tactile.files import atomic_path, file_sha256
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
@@ -156,20 +158,27 @@ class BioTacSP(StaticDataset):
         for name, sha256 in _SHA256.items():
             if (Path(self.raw_dir) / name).is_file():
                 continue
+            get = pooch.HTTPDownloader(progressbar=self.log, timeout=20)
             try:
-                pooch.retrieve(
-                    f"{self.url}/{name}",
-                    known_hash=sha256,
-                    fname=name,
-                    path=self.raw_dir,
-                    downloader=pooch.HTTPDownloader(progressbar=self.log, timeout=20),
-                )
+                with atomic_path(Path(self.raw_dir) / name) as temporary:
+                    get(f"{self.url}/{name}", str(temporary), None)
+                    found = file_sha256(temporary)
+                    if found != sha256:
+                        raise ValueError(
+                            f"the hash of downloaded file '{name}' must be {sha256} (got {found}); "
+                            f"put the file into '{self.raw_dir}' by hand"
+                        )
             except requests.RequestException as error:
                 raise ConnectionError(
                     f"'{name}' is not in '{self.raw_dir}' and could not be downloaded from "
                     f"'{self.url}'; put the file there by hand ({error})"
                 ) from error
-            share(Path(self.raw_dir) / name)
+
+    def raw_state(self) -> list[str]:
+        r"""Returns the raw files with what their contents are known by, see
+        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        """
+        return [f"{Path(path).name}={file_state(path)}" for path in self.raw_paths]
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads the six files."""
@@ -214,7 +223,7 @@ class BioTacSP(StaticDataset):
         Returns:
             bool: Whether any file was there.
         """
-        folder, root = Path(folder).expanduser(), Path(root).expanduser()
+        folder, root = (Path(os.path.expanduser(path)) for path in (folder, root))
         for inner in (".", "raw", "BioTacSP/raw", "biotacsp"):
             found = [path for name in _SHA256 if (path := Path(folder, inner, name)).is_file()]
             for path in found:

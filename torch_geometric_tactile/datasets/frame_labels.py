@@ -25,7 +25,8 @@ def frame_labels(
             :obj:`None` if they are unknown.
 
     Raises:
-        ValueError: If a trial does not tell the target.
+        ValueError: If a trial does not tell the target, or two contradict each other on the
+            properties of an object.
     """
     num_frames = torch.tensor([trial.num_frames for trial in trials])
     names: dict[str, list[str]] = {
@@ -70,9 +71,19 @@ def _property_rows(
     known = [properties(trial) for trial in trials]
     first = next((found[0] for found in known if found is not None), ())
     rows, unknown = [], set()
+    of_object: dict[str, tuple[list[int], str]] = {}
     for trial, found in zip(trials, known, strict=True):
         if found is None or sorted(found[0]) != sorted(first):
             unknown.add(trial.object_name or trial.name)
-        else:
-            rows.append([found[1][found[0].index(name)] for name in first])
+            continue
+        row = [found[1][found[0].index(name)] for name in first]
+        rows.append(row)
+        if trial.object_name is not None:
+            other, where = of_object.setdefault(trial.object_name, (row, trial.where))
+            if other != row:
+                raise ValueError(
+                    f"'{trial.object_name}' must have the same labels in all recordings (got "
+                    f"{other} in {where} and {row} in {trial.where}, for {', '.join(first)}): "
+                    "correct them, or give another name to what is another object"
+                )
     return list(first) if not unknown else [], rows, sorted(unknown)

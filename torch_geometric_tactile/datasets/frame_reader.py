@@ -25,10 +25,16 @@ def trial_files(folder: Path, pattern: str) -> list[str]:
     Args:
         folder (Path): The folder.
         pattern (str): The pattern of the names.
+
+    Raises:
+        FileNotFoundError: If one is a link to a file that is not there.
     """
     if not folder.is_dir():
         return []
-    found = folder.rglob("*") if "/" in pattern else folder.iterdir()
+    found = list(folder.rglob("*") if "/" in pattern else folder.iterdir())
+    for path in found:
+        if path.suffix.lower() in SUFFIXES and path.is_symlink() and not path.exists():
+            raise FileNotFoundError(f"'{path}' is a link to a file that is not there: remove it")
     names = [
         path.relative_to(folder)
         for path in found

@@ -10,16 +10,24 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
+from torch_geometric_tactile.data.file_state import file_state
+from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets.frame_labels import frame_labels
 from torch_geometric_tactile.datasets.frame_reader import SUFFIXES, FrameReader, trial_files
 from torch_geometric_tactile.datasets.selected_frames import PARTS, SelectedFrames
-from torch_geometric_tactile.datasets.trial import Trial, check_together, checked_labels
+from torch_geometric_tactile.datasets.trial import (
+    Trial,
+    check_together,
+    checked_labels,
+    checked_names,
+    checked_pattern,
+)
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
-_CONTENT = "content=2"  # to be raised when the processed file gets other columns
+_CONTENT = "content=3"  # to be raised when the processed file gets other columns
 # Arguments, also of subclasses, that choose from the processed frames.
 _SELECTION_ARGS = (
     "split",
@@ -83,6 +91,8 @@ class RecordingFrames(SelectedFrames):
             their names have the folders in front.
         read_options (Mapping, optional): Options of
             :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns.
+        unit (str, optional): The unit of recordings whose metadata name none, :obj:`"count"` or
+            :obj:`"newton"`. Without it, all recordings name one, or none does.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Tells whether a sample is kept.
@@ -91,8 +101,9 @@ class RecordingFrames(SelectedFrames):
     Raises:
         FileNotFoundError: If there are no recordings.
         ValueError: If an argument is unknown or leaves no sample, a recording cannot be read or
-            does not fit the layout or the others, two hold the same trial, or one does not tell
-            what :obj:`target` asks for.
+            does not fit the layout or the others, two hold the same trial or contradict each other
+            on the properties of an object, units differ, or one does not tell what :obj:`target`
+            asks for.
 
     Examples:
         >>> import numpy as np
@@ -130,6 +141,7 @@ class RecordingFrames(SelectedFrames):
         stride: int = 1,
         pattern: str = _PATTERN,
         read_options: Mapping[str, Any] | None = None,
+        unit: Literal["count", "newton"] | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
@@ -142,6 +154,8 @@ class RecordingFrames(SelectedFrames):
         if (root is None) == (recordings is None):
             both = "none" if root is None else "both"
             raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")
+        if unit not in (None, *UNITS):
+            raise ValueError(f"'unit' must be one of {UNITS} or None (got {unit!r})")
         if layout is None:
             raise ValueError("'layout' must be the taxels of the recordings (got None)")
         self.layout = as_layout(layout)
@@ -155,8 +169,9 @@ class RecordingFrames(SelectedFrames):
         self.adjacency = adjacency
         self.phases = (phases,) if isinstance(phases, str) else phases and tuple(phases)
         self.stride = stride
-        self.pattern = pattern
+        self.pattern = checked_pattern(pattern)
         self.read_options = dict(read_options or {})
+        self.unit = unit
         self._recordings: list[Recording] | None = None if recordings is None else list(recordings)
         edge_index = None if adjacency is None else self.layout.edge_index(adjacency)
         self.pre_transform, self.pre_filter = pre_transform, pre_filter
@@ -222,12 +237,12 @@ class RecordingFrames(SelectedFrames):
         return ("adjacency", *target, *layout)
 
     def raw_state(self) -> list[str]:
-        r"""Returns the files of the trials with their sizes and times."""
-        state, folder = [_CONTENT], Path(self.raw_dir)
-        for name in trial_files(folder, self.pattern):
-            stat = (folder / name).stat()
-            state.append(f"{name}={stat.st_size},{stat.st_mtime_ns}")
-        return state
+        r"""Returns the files of the trials with what their contents are known by, see
+        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        """
+        folder = Path(self.raw_dir)
+        files = trial_files(folder, self.pattern)
+        return [_CONTENT, *(f"{name}={file_state(folder / name)}" for name in files)]
 
     def _process(self) -> None:
         is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
@@ -260,7 +275,7 @@ class RecordingFrames(SelectedFrames):
             self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints
         )
         x, trials = reader.read(self._opened(), folder)
-        check_together(trials)
+        check_together(trials, self.unit)
         num_frames = torch.tensor([trial.num_frames for trial in trials])
         names, labels = frame_labels(
             trials,
@@ -286,10 +301,10 @@ class RecordingFrames(SelectedFrames):
 
     def _properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
         # Names and values of the properties of a trial, if they are known.
-        labels, names = trial.meta.get("labels"), trial.meta.get("label_names")
-        if labels is None or names is None:
+        if trial.meta.get("labels") is None or trial.meta.get("label_names") is None:
             return None
-        return tuple(names), checked_labels(trial, names)
+        names = checked_names(trial, "label_names")
+        return names, checked_labels(trial, names)
 
     def _opened(self) -> Iterator[tuple[str, str, Recording]]:
         # What to call each recording in messages, its name, and the recording.

@@ -14,5 +14,9 @@ def default_root(name: str) -> Path:
         name (str): Name of the data set.
     """
     parent = os.environ.get("TACTILE_DATA")
-    base = Path(parent).expanduser() if parent else Path(pooch.os_cache("torch_geometric_tactile"))
+    base = (
+        Path(os.path.expanduser(parent))
+        if parent
+        else Path(pooch.os_cache("torch_geometric_tactile"))
+    )
     return base / name

@@ -129,6 +129,18 @@ def make_trial(
         raise ValueError(f"{where} must hold at least one frame (got none)")
     found = re.fullmatch(pattern, name)
     said = {} if found is None else {k: v for k, v in found.groupdict().items() if v is not None}
+    if "label" in said and recording.label is not None and str(recording.label) != said["label"]:
+        raise ValueError(
+            f"{where} must have one label (got {recording.label!r} in the file and "
+            f"{said['label']!r} in its name): correct one of them"
+        )
+    for key, kind in (("synthetic", bool), ("session", str | int)):
+        if not isinstance(recording.meta.get(key, kind is bool or ""), kind):
+            raise ValueError(
+                f"{where} must have in its metadata '{key}' "
+                f"{'true or false' if kind is bool else 'a text or an integer'} "
+                f"(got {recording.meta[key]!r})"
+            )
     object_name, number = _object_and_trial(where, recording.meta, said, needs)
     phase, phase_names = _phase(where, recording)
     return Trial(
@@ -150,7 +162,7 @@ def _object_and_trial(
     where: str, meta: Mapping[str, Any], said: Mapping[str, str], needs: Sequence[str]
 ) -> tuple[str | None, int | None]:
     object_name, number = meta.get("object", said.get("object")), meta.get("trial")
-    if number is None and said.get("trial", "").isdecimal():
+    if number is None and re.fullmatch("[0-9]+", said.get("trial", "")):
         number = int(said["trial"])
     is_object = object_name is None or (isinstance(object_name, str) and object_name != "")
     is_number = number is None or type(number) is int
@@ -166,8 +178,9 @@ def _object_and_trial(
 
 def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[str, ...]]:
     phase, names = recording.privileged.get("phase"), recording.meta.get("phase_names")
-    if phase is None or not isinstance(names, list):
+    if phase is None or names is None:
         return None, ()
+    names = _checked_names(where, names, "phase_names")
     if (
         phase.shape != (recording.num_frames,)
         or phase.dtype.kind not in "iu"
@@ -177,21 +190,22 @@ def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[s
             f"{where} must hold in 'phase' one index into 'phase_names' a frame, 0 to "
             f"{len(names) - 1} (got {phase.dtype} of shape {phase.shape})"
         )
-    return phase, tuple(names)
+    return phase, names
 
 
-def check_together(trials: Sequence[Trial]) -> None:
+def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
     r"""Checks that recordings go together.
 
     Args:
         trials (sequence of Trial): The recordings.
+        unit (str, optional): The unit of recordings that name none.
 
     Raises:
         ValueError: If two hold the same trial of an object, or their units or their numbers of
             joints differ.
     """
     seen: dict[tuple[str, int], str] = {}
-    units: dict[str, str] = {}
+    units: dict[str | None, str] = {}
     for trial in trials:
         if trial.object_name is not None and trial.number is not None:
             other = seen.setdefault((trial.object_name, trial.number), trial.where)
@@ -200,16 +214,19 @@ def check_together(trials: Sequence[Trial]) -> None:
                     f"trial {trial.number} of '{trial.object_name}' must be in one file (got "
                     f"{other} and {trial.where})"
                 )
-        if "unit" in trial.meta:
-            units.setdefault(trial.meta["unit"], trial.where)
+        units.setdefault(trial.meta.get("unit", unit), trial.where)
         if trial.num_joints != trials[0].num_joints:
             raise ValueError(
                 f"{trial.where} must have {trials[0].num_joints} joint angles a frame, "
                 f"as {trials[0].where} (got {trial.num_joints})"
             )
     if len(units) > 1:
-        listed = " and ".join(f"'{unit}' in {where}" for unit, where in units.items())
-        raise ValueError(f"all recordings must have one unit (got {listed})")
+        listed = " and ".join(f"{name or 'none'!r} in {where}" for name, where in units.items())
+        raise ValueError(
+            f"all recordings must have one unit (got {listed}): convert one of them, or name the "
+            "unit as 'unit' in its metadata, or in the data set's argument 'unit' for all that "
+            "name none"
+        )
 
 
 def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
@@ -223,8 +240,45 @@ def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
         ValueError: If they are not a 0 or 1 for each name.
     """
     labels = trial.meta["labels"]
-    if not isinstance(labels, list) or len(labels) != len(names) or {*labels} - {0, 1}:
+    is_right = isinstance(labels, list) and len(labels) == len(names)
+    if not is_right or not all(type(label) in (bool, int) and label in (0, 1) for label in labels):
         raise ValueError(
             f"{trial.where} must have a 0 or 1 in 'labels' for each of {list(names)} (got {labels})"
         )
     return tuple(map(int, labels))
+
+
+def checked_names(trial: Trial, key: str) -> tuple[str, ...]:
+    r"""Returns names in the metadata of a trial.
+
+    Args:
+        trial (Trial): The trial.
+        key (str): The key of the names, such as :obj:`"label_names"`.
+
+    Raises:
+        ValueError: If they are not a list of different texts.
+    """
+    return _checked_names(trial.where, trial.meta[key], key)
+
+
+def _checked_names(where: str, names: Any, key: str) -> tuple[str, ...]:
+    is_list = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not is_list or len(set(names)) < len(names):
+        raise ValueError(f"{where} must have different texts in '{key}' (got {names!r})")
+    return tuple(names)
+
+
+def checked_pattern(pattern: str) -> str:
+    r"""Returns a regular expression for names of files.
+
+    Args:
+        pattern (str): The expression.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    try:
+        re.compile(pattern)
+    except (re.error, RecursionError, TypeError) as error:
+        raise ValueError(f"'pattern' must be a regular expression ({error})") from error
+    return pattern

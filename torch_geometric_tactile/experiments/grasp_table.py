@@ -1,5 +1,6 @@
 r"""The table of the demo, on the real data, or on generated data where that cannot be had."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ def grasp_table(root: PathLike | None = None, generated: bool = False) -> Table:
     table = load_table("bts3")
     reason = "generated data was asked for"
     if not generated:
-        home = default_root("BioTacSP") if root is None else Path(root).expanduser()
+        home = default_root("BioTacSP") if root is None else Path(os.path.expanduser(root))
         try:
             home = home if root is None else _find(home)
             source = table.data.with_arguments({"root": str(home)})

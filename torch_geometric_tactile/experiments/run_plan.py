@@ -127,7 +127,7 @@ def run_plan(
             "jobs (finished runs are kept)"
         ) from error
     finally:
-        store.clean(todo)
+        store.clean(experiments)
     return PlanRun(
         plan,
         results=[(e, results[e.code]) for e in experiments if e.code in results],

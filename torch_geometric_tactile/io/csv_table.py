@@ -2,20 +2,57 @@ r"""Tables of numbers in CSV files: a quick reader whose errors name line and co
 
 import csv
 import math
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+# With these a spreadsheet program takes a cell for a formula, and runs it; also as wide characters.
+_FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+_SEPARATOR = re.compile(r"[;\t|]")
+_MOST_SHOWN = 60
+
+
+def safe_cell(text: str) -> str:
+    r"""Returns a text for a cell of a CSV file, such that no spreadsheet program takes it for a
+    formula: with an apostrophe in front if it begins like one. Numbers are to be written as they
+    are, not through this function.
+
+    Args:
+        text (str): The text.
+
+    Examples:
+        >>> safe_cell("mug"), safe_cell("=1+1")
+        ('mug', "'=1+1")
+    """
+    if text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA):
+        return f"'{text}"
+    return text
+
+
+def shown(text: str) -> str:
+    r"""Returns a text of a file for a message: in quotes, not too long, and without characters that
+    a terminal would obey.
+
+    Args:
+        text (str): The text.
+    """
+    short = text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+    return f"'{short}'" if short.isprintable() else ascii(short)
+
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    r"""Yields line number and cells of each line that is not empty.
+    r"""Yields line number and cells of each line. Empty lines at the end of the file are no lines.
 
     Args:
         path (Path): The file.
 
     Raises:
-        ValueError: If the file is no text, or its last line has no end, as in a file that was cut.
+        ValueError: If the file is no text, has no line or a single column whose cells are separated
+            by something else than commas, a line before the last one is empty, such that a frame
+            may be missing, a cell has a line break, or the last line has no end, as in a file that
+            was cut.
     """
     with path.open("rb") as file:
         if file.seek(0, 2):
@@ -23,16 +60,35 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             whole = file.read(1) in b"\r\n"
         else:
             raise ValueError(f"'{path}' must hold at least one frame (got an empty file)")
-    last = 0
+    last = empty = 0
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
+            reader = csv.reader(file, strict=True)
             for row in reader:
-                last = reader.line_num
-                if any(cell.strip() for cell in row):
-                    yield last, row
+                before, last = last, reader.line_num
+                if last > before + 1:
+                    raise ValueError(
+                        f"'{path}', line {before + 1} must have no cell with a line break (got one "
+                        f"up to line {last}): is a quote missing?"
+                    )
+                if not row or (len(row) == 1 and row[0].isspace()):
+                    empty = empty or last
+                    continue
+                if empty:
+                    raise ValueError(
+                        f"'{path}', line {empty} must not be empty: delete it, or write the "
+                        "commas of a frame without readings if one is missing there"
+                    )
+                if len(row) == 1 and not is_number(row[0]) and _SEPARATOR.search(row[0]):
+                    raise ValueError(
+                        f"'{path}', line {last} must have cells that are separated by commas (got "
+                        f"{shown(row[0])})"
+                    )
+                yield last, row
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
+    if last == 0 or empty == 1:
+        raise ValueError(f"'{path}' must hold at least one frame (got empty lines)")
     if not whole:
         raise ValueError(
             f"'{path}', line {last} must end with a line break: is the file cut? Delete the line, "
@@ -40,7 +96,32 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         )
 
 
-def csv_numbers(path: Path, line: int, row: Sequence[str], names: Sequence[str]) -> np.ndarray:
+def check_width(path: Path, line: int, row: Sequence[str], width: int) -> None:
+    r"""Checks that a line has a number of cells.
+
+    Args:
+        path (Path): The file, for messages.
+        line (int): Number of the line.
+        row (sequence of str): Its cells.
+        width (int): The number of cells.
+
+    Raises:
+        ValueError: If it has not.
+    """
+    if len(row) != width:
+        raise ValueError(
+            f"'{path}', line {line} must have {width} cells (got {len(row)}): is the file "
+            "cut, or are the cells not separated by commas?"
+        )
+
+
+def csv_numbers(
+    path: Path,
+    line: int,
+    row: Sequence[str],
+    names: Sequence[str],
+    columns: Sequence[int] | None = None,
+) -> np.ndarray:
     r"""Returns the numbers of a line, NaN for empty cells.
 
     Args:
@@ -48,36 +129,55 @@ def csv_numbers(path: Path, line: int, row: Sequence[str], names: Sequence[str])
         line (int): Number of the line.
         row (sequence of str): Its cells.
         names (sequence of str): Names of the columns, for messages.
+        columns (sequence of int, optional): The columns to read; all of them if left out.
 
     Raises:
         ValueError: If there is another number of cells, or a cell is no finite number.
     """
-    if len(row) != len(names):
-        raise ValueError(
-            f"'{path}', line {line} must have {len(names)} cells (got {len(row)}): is the file "
-            "cut, or are the cells not separated by commas?"
-        )
+    check_width(path, line, row, len(names))
+    places = range(len(row)) if columns is None else columns
+    cells = row if columns is None else [row[i] for i in columns]
+    text = "".join(cells)
     try:
-        numbers = np.array(row, dtype=object).astype(np.float64)
+        # Python also reads '1_0' and digits of other scripts.
+        if "_" in text or not text.isascii():
+            raise ValueError
+        numbers = np.array(cells, dtype=object).astype(np.float64)
     except ValueError:
-        numbers = np.array([_number(path, line, i, row[i], names[i]) for i in range(len(row))])
+        numbers = np.array([_number(path, line, i, row[i], names[i]) for i in places])
     with np.errstate(over="ignore"):
         infinite = np.flatnonzero(np.isinf(numbers.astype(np.float32)))
     if len(infinite):
-        column = int(infinite[0])
+        column = places[int(infinite[0])]
         raise ValueError(
-            f"'{path}', line {line}, column {column + 1}: '{names[column]}' must be finite, or "
-            f"empty where it is missing (got '{row[column]}')"
+            f"'{path}', line {line}, column {column + 1}: {shown(names[column])} must be finite, "
+            f"or empty where it is missing (got {shown(row[column])})"
         )
     return numbers
+
+
+def is_number(cell: str) -> bool:
+    r"""Tells whether a cell holds a number, or nothing.
+
+    Args:
+        cell (str): The cell.
+    """
+    cell = cell.strip()
+    if not cell.isascii() or "_" in cell:
+        return False
+    try:
+        float(cell or "nan")
+    except ValueError:
+        return False
+    return True
 
 
 def _number(path: Path, line: int, column: int, cell: str, name: str) -> float:
     if not cell.strip():
         return math.nan
-    try:
+    if is_number(cell):
         return float(cell)
-    except ValueError:
-        raise ValueError(
-            f"'{path}', line {line}, column {column + 1}: '{name}' must be a number (got '{cell}')"
-        ) from None
+    raise ValueError(
+        f"'{path}', line {line}, column {column + 1}: {shown(name)} must be a number "
+        f"(got {shown(cell)})"
+    )

@@ -8,18 +8,30 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
+from torch_geometric_tactile.io.csv_header import (
+    TIME_UNITS,
+    cell_to_seconds,
+    is_counted,
+    is_time_of_another_unit,
+    refuse_counted,
+    refuse_index,
+)
+from torch_geometric_tactile.io.csv_header import time_unit as time_unit_of
+from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, is_number, shown
 from torch_geometric_tactile.io.recording_schema import checked_file
 from torch_geometric_tactile.typing import PathLike
 
-_TIMES = ("time", "timestamp", "t")
-_SECONDS_PER_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+_INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
+_MISSING = ("na", "n/a", "<na>", "null", "none")
+_LONGEST_LABEL = 1000
 
 
 class _Columns(NamedTuple):
     time: int | None
+    time_unit: str
     tactile: list[int]
     joint: list[int]
+    degrees: list[int]
     label: int | None
     names: list[str]
 
@@ -31,7 +43,7 @@ def read_named_csv(
     num_channels: int = 1,
     joint: Sequence[str] | str = (),
     time: str | None = None,
-    time_unit: str = "s",
+    time_unit: str | None = None,
     label: str | None = None,
     ignore: Sequence[str] = (),
     unit: str | None = None,
@@ -47,11 +59,13 @@ def read_named_csv(
             the order of the layout, each with its channels; or a regular expression for their
             names, in the order of the file. If left out, all columns that are nothing else.
         num_channels (int): Number of channels of a taxel :math:`C`.
-        joint (sequence of str or str): The columns of the joint angles in radians, or a regular
-            expression for their names.
+        joint (sequence of str or str): The columns of the joint angles, or a regular expression for
+            their names; in degrees if a name ends in :obj:`_deg`, otherwise in radians.
         time (str, optional): The column of the time; if left out, one named :obj:`time`,
-            :obj:`timestamp` or :obj:`t`, in capitals or not, if there is one.
-        time_unit (str): Unit of the time, :obj:`"s"`, :obj:`"ms"` or :obj:`"us"`.
+            :obj:`timestamp` or :obj:`t`, in capitals or not, if there is one; its name may end in
+            a unit, as in :obj:`time_ms`.
+        time_unit (str, optional): Unit of the time, :obj:`"s"`, :obj:`"ms"`, :obj:`"us"` or
+            :obj:`"ns"`; if left out, that of the name, or seconds.
         label (str, optional): The column of the label, of integers or texts. If it is the same in
             all frames, it is the :obj:`label` of the recording, otherwise it is in
             :obj:`privileged` under its name.
@@ -62,21 +76,21 @@ def read_named_csv(
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing or named twice, the readings are no multiple of the
-            channels, a line has another number of cells or no end (a file that was cut), a cell is
-            no finite number, the time does not increase, or there is no frame. The message names
-            the line.
+        ValueError: If a column is missing or named twice, the names are numbers or an index that
+            pandas made up, the readings are no multiple of the channels, a line is empty, has
+            another number of cells or no end (a file that was cut), a cell is no finite number, the
+            time does not increase, or there is no frame. The message names the line.
     """
     path = checked_file(path)
     if not rate > 0:
         raise ValueError(f"'rate' must be positive (got {rate})")
-    if time_unit not in _SECONDS_PER_UNIT:
-        raise ValueError(f"'time_unit' must be one of {list(_SECONDS_PER_UNIT)} (got {time_unit})")
+    if time_unit not in (None, *TIME_UNITS):
+        raise ValueError(f"'time_unit' must be one of {list(TIME_UNITS)} (got {time_unit})")
     if num_channels < 1:
         raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
     lines = csv_rows(path)
     header = next((row for _, row in lines), [])
-    columns = _columns(path, header, tactile, joint, time, label, ignore)
+    columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
             f"'{path}' must have columns of readings for taxels of {num_channels} channels (got "
@@ -84,30 +98,33 @@ def read_named_csv(
         )
     numeric = [*columns.tactile, *columns.joint]
     numeric += [] if columns.time is None else [columns.time]
-    names = [columns.names[i] for i in numeric]
-    rows, labels = [], []
+    rows, times, labels = [], [], []
     for line, row in lines:
-        if len(row) != len(header):
-            raise ValueError(
-                f"'{path}', line {line} must have {len(header)} cells (got {len(row)}): is the "
-                "file cut, or are the cells not separated by commas?"
+        numbers = csv_numbers(path, line, row, columns.names, numeric)
+        rows.append(numbers)
+        if columns.time is not None:
+            cell = row[columns.time]
+            is_time = np.isfinite(numbers[-1])
+            times.append(
+                cell_to_seconds(path, line, cell, columns.time_unit) if is_time else np.nan
             )
-        rows.append(csv_numbers(path, line, [row[i] for i in numeric], names))
         if columns.label is not None:
-            labels.append(row[columns.label].strip())
+            labels.append(_label(path, line, row[columns.label]))
     if not rows:
         raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
     table = np.stack(rows)
     stop = len(columns.tactile)
     seconds = np.arange(len(table)) / rate
     if columns.time is not None:
-        seconds = table[:, -1] * _SECONDS_PER_UNIT[time_unit]
+        seconds = np.array(times)
+    joint_angles = table[:, stop : stop + len(columns.joint)]
+    joint_angles[:, columns.degrees] = np.deg2rad(joint_angles[:, columns.degrees])
     content: dict[str, Any] = {} if label is None else _labels(path, label, labels)
     try:
         return Recording(
             time=seconds,
             tactile=table[:, :stop].reshape(len(table), -1, num_channels),
-            joint=table[:, stop : stop + len(columns.joint)] if columns.joint else None,
+            joint=joint_angles if columns.joint else None,
             meta={} if unit is None else {"unit": unit},
             **content,
         )
@@ -120,39 +137,111 @@ def _columns(
     header: Sequence[str],
     tactile: Sequence[str] | str | None,
     joint: Sequence[str] | str,
-    time: str | None,
+    time_and_unit: tuple[str | None, str | None],
     label: str | None,
     ignore: Sequence[str],
 ) -> _Columns:
     names = [cell.strip() for cell in header]
-    twice = [name for i, name in enumerate(names) if name in names[:i]]
-    if twice:
-        raise ValueError(f"'{path}' must name each column once (got '{twice[0]}' twice)")
+    refuse_index(path, names, ignore)
+    if tactile is None:
+        refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
+    if all(map(is_number, names)) and not is_counted(names):
+        raise _no_name(path, 0, names[0])
+    place = {name: i for i, name in reversed([*enumerate(names)])}
+    if len(place) < len(names):
+        twice = next(name for i, name in enumerate(names) if place[name] < i)
+        raise ValueError(f"'{path}' must name each column once (got {shown(twice)} twice)")
 
     def find(name: str) -> int:
-        if name not in names:
+        if name not in place:
             raise ValueError(f"'{path}' must have the column '{name}' (got {_few(names)})")
-        return names.index(name)
+        return place[name]
 
-    def find_all(wanted: Sequence[str] | str) -> list[int]:
+    def find_all(argument: str, wanted: Sequence[str] | str) -> list[int]:
         if isinstance(wanted, str):
-            return [i for i, name in enumerate(names) if re.fullmatch(wanted, name)]
+            pattern = _pattern(argument, wanted)
+            return [i for i, name in enumerate(names) if pattern.fullmatch(name)]
         return [find(name) for name in wanted]
 
-    if time is None:
-        time = next((name for name in names if name.lower() in _TIMES), None)
-    time_column = None if time is None else find(time)
     label_column = None if label is None else find(label)
-    joints = find_all(joint)
-    used = {time_column, label_column, *joints, *(find(name) for name in ignore)}
+    joints = find_all("joint", joint)
+    used = {label_column, *joints, *(find(name) for name in ignore)}
+    time, unit = time_and_unit
+    time_column = _time(path, names, used) if time is None else find(time)
+    used.add(time_column)
     if tactile is None:
         readings = [i for i in range(len(names)) if i not in used]
+        _check_readings(path, [(i, names[i]) for i in readings])
     else:
-        readings = find_all(tactile)
+        readings = find_all("tactile", tactile)
     both = [names[i] for i in readings if i in used]
     if both:
         raise ValueError(f"column '{both[0]}' of '{path}' must be one thing only (got it for two)")
-    return _Columns(time_column, readings, joints, label_column, names)
+    return _Columns(
+        time=time_column,
+        time_unit=_unit("" if time_column is None else names[time_column], unit),
+        tactile=readings,
+        joint=joints,
+        degrees=[i for i, column in enumerate(joints) if names[column].lower().endswith("_deg")],
+        label=label_column,
+        names=names,
+    )
+
+
+def _pattern(argument: str, text: str) -> re.Pattern[str]:
+    try:
+        return re.compile(text)
+    except (re.error, OverflowError, RecursionError) as error:
+        raise ValueError(
+            f"'{argument}' must be names of columns or a regular expression (got {text!r}: {error})"
+        ) from error
+
+
+def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None:
+    times = [i for i, name in enumerate(names) if time_unit_of(name) and i not in used]
+    if len(times) > 1:
+        raise ValueError(
+            f"'{path}' must have one column of the time (got {_few([names[i] for i in times])}): "
+            "give it as 'time', and the others as 'ignore'"
+        )
+    return times[0] if times else None
+
+
+def _unit(name: str, given: str | None) -> str:
+    said = re.fullmatch(r".*_(s|ms|us|ns)", name.lower())
+    if said is not None and given not in (None, said[1]):
+        raise ValueError(f"'time_unit' must be '{said[1]}', as column '{name}' says (got {given})")
+    return given or (said[1] if said is not None else "s")
+
+
+def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
+    for column, name in columns:
+        if is_number(name) or name.lower() in _MISSING:
+            raise _no_name(path, column, name)
+        if time_unit_of(name) or is_time_of_another_unit(name):
+            raise ValueError(
+                f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the "
+                f"time, one of {list(TIME_UNITS)} (got {shown(name)}): give it as 'time' or "
+                "'ignore', or give 'tactile'"
+            )
+
+
+def _no_name(path: Path, column: int, name: str) -> ValueError:
+    return ValueError(
+        f"'{path}', line 1, column {column + 1} must be the name of a column (got {shown(name)}): "
+        "write the names in the first line, or give num_taxels, num_channels and num_joints of a "
+        "file without names"
+    )
+
+
+def _label(path: Path, line: int, cell: str) -> str:
+    label = cell.strip()
+    if len(label) > _LONGEST_LABEL:
+        raise ValueError(
+            f"'{path}', line {line} must have a label of up to {_LONGEST_LABEL} characters (got "
+            f"{len(label)})"
+        )
+    return label
 
 
 def _labels(path: Path, name: str, labels: Sequence[str]) -> dict[str, Any]:
@@ -161,7 +250,7 @@ def _labels(path: Path, name: str, labels: Sequence[str]) -> dict[str, Any]:
             f"'{path}' must have a label in every frame in '{name}' (got none in frame "
             f"{labels.index('')})"
         )
-    is_integer = all(re.fullmatch(r"[+-]?\d+", text) for text in labels)
+    is_integer = all(map(_INTEGER.fullmatch, labels))
     values = np.array([int(text) for text in labels]) if is_integer else np.array(labels)
     if len(set(values.tolist())) == 1:
         return {"label": values[0].item()}
@@ -169,4 +258,4 @@ def _labels(path: Path, name: str, labels: Sequence[str]) -> dict[str, Any]:
 
 
 def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+    return ", ".join(shown(name)[1:-1] for name in names[:6]) + (", ..." if len(names) > 6 else "")

@@ -51,8 +51,9 @@ def recording_format(path: PathLike) -> str:
     :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
 
     The suffix must be a known one; the beginning of the file decides between the kinds of CSV, and
-    overrules a suffix that is wrong. CSV files with a header of names are named CSV, unless these
-    are the names of :func:`write_wide_csv`, or as many as the hand data of the papers have columns.
+    overrules a suffix that is wrong. CSV files with a header of names are named CSV, unless one is
+    a name of :func:`write_wide_csv`, or they are as many as the hand data of the papers have
+    columns; then they must be these names.
 
     Args:
         path (str or PathLike): The file.
@@ -92,8 +93,7 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
     """
     name = recording_format(path)
     if name in ("wide CSV", "named CSV"):
-        # A header of other names does not tell the sizes, so that they may be given.
-        sizes = {"num_taxels", "num_joints"} & kwargs.keys()
+        sizes = {"num_taxels", "num_joints", "header"} & kwargs.keys()
         own = {*_options(read_named_csv)} - {*_options(read_wide_csv)}
         name = "wide CSV" if sizes else "named CSV" if own & kwargs.keys() else name
     reader = _READERS[name]

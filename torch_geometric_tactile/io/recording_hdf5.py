@@ -2,37 +2,63 @@ r"""Recordings as HDF5 files, which may grow frame by frame. Needs the extra ``i
 is called.
 
 Names as in :mod:`~torch_geometric_tactile.io.recording_schema`: arrays are data sets whose first
-dimension is resizable, and ``privileged`` is a group; ``format``, ``version``, ``label``, ``meta``
-and ``num_frames`` are attributes of the file. Only the first ``num_frames`` rows count: an append
-writes its rows first and that number last, so that what a kill left half done is not read.
+dimension is resizable, and ``privileged`` is a group; ``format``, ``version``, ``num_frames``,
+``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names, types and shapes of
+the arrays) are attributes of the file.
+
+Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
+those of HDF5 1.10 for its own structures, and that of the attributes, whose texts have a fixed
+length. A file in which a bit was flipped is refused or reads as before. Version 1, which is still
+read, has none of this: a flipped bit may read as another number.
+
+Nothing that a file refers to outside of itself is read, and only the filters of HDF5 itself are
+used.
 """
 
+import io
+import json
+import os
+import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.files import atomic_path, remove_leftovers, share
+from torch_geometric_tactile.io.hdf5_arrays import as_stored, read_rows
+from torch_geometric_tactile.io.hdf5_checks import (
+    check_format,
+    check_sizes,
+    checked_datasets,
+    hdf5_file,
+    integer_attribute,
+    text_attribute,
+)
+from torch_geometric_tactile.io.hdf5_journal import PatchedFile, ends_in_journal
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
-    PRIVILEGED,
-    VERSION,
-    check_version,
-    checked_file,
-    missing_field,
     recording_from_fields,
     recording_to_arrays,
     recording_to_texts,
 )
 from torch_geometric_tactile.typing import PathLike
 
+VERSION = 2
+_READABLE = (1, 2)
 _INSTALL = 'pip install "torch-geometric-tactile[io]"'
 _VALUES_PER_CHUNK = 2**15
 _MOST_FRAMES_PER_CHUNK = 512
 _GZIP_LEVEL = 1  # counts shrink about as much as at 9, several times faster
+_CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
+_SHORTEST_TEXT = 32  # bytes of a text in a file that grows
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 
 def write_hdf5(recording: Recording, path: PathLike) -> None:
@@ -44,30 +70,31 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
 
     Raises:
         ImportError: If h5py is missing.
+        OSError: If the disk is full. The file keeps its old content.
+        ValueError: If the file cannot hold the recording: numbers wider than 8 bytes, for instance.
     """
-    _write(recording, path, compress=True)
+    _write(recording, Path(path), growing=False)
 
 
-def read_hdf5(path: PathLike) -> Recording:
+def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
     r"""Reads a recording from an HDF5 file. Frames of an append that was killed are left out.
 
     Args:
         path (str or PathLike): A file as :meth:`write_hdf5` or :meth:`append_hdf5` writes it.
+        max_bytes (int, optional): The most that the arrays may take in memory. If left out, 1 GiB
+            or a hundred times the size of the file, whichever is more.
 
     Raises:
         ImportError: If h5py is missing.
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no HDF5 file, cut or damaged, lacks something, or is of another
-            version. The message names the file.
+        ValueError: If the file is no HDF5 file, cut or damaged, lacks something, is of another
+            version, refers to other files, or holds more than :obj:`max_bytes`. The message names
+            the file.
         BlockingIOError: If another process writes the file.
     """
-    path = checked_file(path)
+    path = hdf5_file(_h5py_needed(path))
     with _opened(path, "r") as file:
-        _, datasets = _checked(path, file)
-        num_frames = int(file.attrs["num_frames"])
-        arrays = {name: _rows(dataset, num_frames) for name, dataset in datasets.items()}
-        texts = {name: file.attrs[name] for name in ("label", "meta") if name in file.attrs}
-    return recording_from_fields(path, arrays, texts)
+        return _read(path, file, max_bytes)
 
 
 def read_hdf5_head(path: PathLike) -> Recording:
@@ -84,20 +111,20 @@ def read_hdf5_head(path: PathLike) -> Recording:
         FileNotFoundError: If there is no such file.
         ValueError: As :meth:`read_hdf5`.
     """
-    path = checked_file(path)
+    path = hdf5_file(_h5py_needed(path))
     with _opened(path, "r") as file:
-        head, _ = _checked(path, file)
-    return head
+        return _checked(path, file)[0]
 
 
 def append_hdf5(recording: Recording, path: PathLike) -> None:
     r"""Adds frames to the end of an HDF5 file, which is made if missing.
 
-    If the process is killed, the frames of earlier calls stay readable. A file that grows is not
-    compressed: HDF5 moves a compressed block when it grows, and a kill in that moment would cost
-    frames that were safe. A compressed file is therefore rewritten once, at the first append;
-    :obj:`write_hdf5(read_hdf5(path), path)` compresses it when it is complete. HDF5 keeps no
-    journal, so that a power failure may still damage a file that is open.
+    All frames of a call are added or none. What earlier calls added stays as it is on the disk and
+    can be read whenever the process is killed or the disk is full. Only a power failure may damage
+    a file that was written in the last seconds. A file that grows is not compressed, and has a
+    block for each frame; a file of :meth:`write_hdf5`, or of an older version, is therefore
+    rewritten once, at the first append, and :obj:`write_hdf5(read_hdf5(path), path)` compresses it
+    when it is complete.
 
     Args:
         recording (Recording): The frames. Label and metadata of the file stay as they are.
@@ -105,33 +132,42 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
 
     Raises:
         ImportError: If h5py is missing.
+        BlockingIOError: If another process writes the file.
+        OSError: If the disk is full. The file keeps the frames that it has.
         ValueError: If the file cannot be read, or the frames do not go on from it: an earlier
             time, other shapes, another label or unit.
     """
-    h5py = _h5py()
-    path = Path(path)
-    if not path.exists():
-        _write(recording, path, compress=False)
-        return
-    with _opened(path, "r") as file:
-        meta, datasets = _checked(path, file)
-        _check_continues(path, file, datasets, recording, meta)
-        compressed = any(dataset.compression for dataset in datasets.values())
-    if recording.num_frames == 0:
-        return
-    if compressed:
-        _write(read_hdf5(path), path, compress=False)
-    with _opened(path, "r+") as file:
-        start = int(file.attrs["num_frames"])
+    path = _h5py_needed(path)
+    remove_leftovers(path)
+    while not path.exists():
+        with suppress(FileExistsError):  # by another process just now
+            _write(recording, path, growing=True, new=True)
+            return
+    with _opened(hdf5_file(path), "r+") as file:
+        head, datasets = _checked(path, file)
+        stored = {n: as_stored(n, a) for n, a in recording_to_arrays(recording).items()}
+        start = integer_attribute(path, file, "num_frames")
+        _check_continues(path, start, datasets, recording, head)
+        if recording.num_frames == 0:
+            return
+        grows = all(
+            dataset.fletcher32
+            and not dataset.compression
+            and dataset.chunks[0] == 1
+            and (dataset.dtype.kind != "S" or dataset.dtype.itemsize >= stored[name].itemsize)
+            for name, dataset in datasets.items()
+        )
+        if not grows:
+            before = _read(path, file, max_bytes=2**63)
+            _write(_joined(before, recording), path, growing=True)
+            return
         end = start + recording.num_frames
-        for name, array in recording_to_arrays(recording).items():
-            dataset = file[name]
-            dataset.resize(end, axis=0)
-            dataset[start:end] = array.astype(h5py.string_dtype()) if _is_text(array) else array
-        file.flush()
-        # In place, where 'attrs[...] =' would delete the number before it writes the new one.
+        for name, array in stored.items():
+            datasets[name].resize(end, axis=0)
+            datasets[name][start:end] = array.astype(datasets[name].dtype)
+        texts = {name: text_attribute(path, file, name) for name in ("label", "meta")}
         file.attrs.modify("num_frames", np.int64(end))
-        file.flush()
+        file.attrs.modify("checksum", _checksum(end, texts, datasets))
 
 
 def _h5py() -> Any:
@@ -142,105 +178,183 @@ def _h5py() -> Any:
     return h5py
 
 
-def _is_text(array: np.ndarray) -> bool:
-    return array.dtype.kind == "U"
+def _h5py_needed(path: PathLike) -> Path:
+    _h5py()
+    return Path(path)
 
 
-def _write(recording: Recording, path: PathLike, compress: bool) -> None:
+def _checksum(num_frames: int, texts: dict[str, str], datasets: dict[str, Any]) -> np.uint32:
+    fields = [[name, d.dtype.str, *d.shape[1:]] for name, d in sorted(datasets.items())]
+    content = [FORMAT, VERSION, num_frames, texts["label"], texts["meta"], fields]
+    return np.uint32(zlib.crc32(json.dumps(content).encode()))
+
+
+def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -> None:
     h5py = _h5py()
-    packing = (
-        {"compression": "gzip", "compression_opts": _GZIP_LEVEL, "shuffle": True}
-        if compress
-        else {}
-    )
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        for name, array in recording_to_arrays(recording).items():
-            values = max(1, int(np.prod(array.shape[1:])))
-            frames = min(max(_VALUES_PER_CHUNK // values, 1), _MOST_FRAMES_PER_CHUNK)
-            file.create_dataset(
-                name,
-                data=array.astype(h5py.string_dtype()) if _is_text(array) else array,
-                maxshape=(None, *array.shape[1:]),
-                chunks=(frames, *(max(1, size) for size in array.shape[1:])),
-                # A row that is lost reads as missing, not as zero.
-                fillvalue=np.nan if array.dtype.kind == "f" else None,
-                **packing,
-            )
-        file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
-        for name, text in recording_to_texts(recording).items():
-            file.attrs[name] = text
+    # In memory, since HDF5 ends the process if the disk is full when it closes a file.
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver=_CHECKSUMMED) as file:
+        datasets = {
+            name: _create_dataset(file, name, as_stored(name, array), growing)
+            for name, array in recording_to_arrays(recording).items()
+        }
+        texts = recording_to_texts(recording)
+        file.attrs["format"] = _fixed(FORMAT)
+        file.attrs["version"] = np.int64(VERSION)
         file.attrs["num_frames"] = np.int64(recording.num_frames)
+        for name, text in texts.items():
+            file.attrs[name] = _fixed(text)
+        file.attrs["checksum"] = _checksum(recording.num_frames, texts, datasets)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(image.getbuffer())
+        if new:
+            share(temporary)
+            try:
+                os.link(temporary, path)  # unlike a new name, not over a file that came meanwhile
+            except FileExistsError:
+                raise
+            except OSError:
+                pass  # a file system without links
+
+
+def _create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> Any:
+    h5py = _h5py()
+    frames = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
+    frames = 1 if growing else min(frames, _MOST_FRAMES_PER_CHUNK)
+    dtype: Any = array.dtype
+    if dtype.kind == "S":
+        width = max(_SHORTEST_TEXT, 2 * dtype.itemsize) if growing else dtype.itemsize
+        dtype = h5py.string_dtype("utf-8", width)
+    return file.create_dataset(
+        name,
+        data=array.astype(dtype),
+        maxshape=(None, *array.shape[1:]),
+        chunks=(frames, *(max(1, size) for size in array.shape[1:])),
+        fillvalue=np.nan if dtype.kind == "f" else None,
+        fletcher32=True,
+        shuffle=not growing,
+        compression=None if growing else "gzip",
+        compression_opts=None if growing else _GZIP_LEVEL,
+    )
+
+
+def _fixed(text: str) -> np.ndarray:
+    content = text.encode()
+    return np.array(content, dtype=_h5py().string_dtype("utf-8", len(content)))
 
 
 @contextmanager
 def _opened(path: Path, mode: str) -> Iterator[Any]:
     h5py = _h5py()
-    if not h5py.is_hdf5(path):
-        raise ValueError(
-            f"'{path}' is no HDF5 file (or its beginning is lost): copy it again, or give a file "
-            "that torch_geometric_tactile.io.write_hdf5 wrote"
-        )
+    handle = _locked(path, exclusive=mode == "r+")
     try:
-        with h5py.File(path, mode) as file:
-            yield file
+        with _errors_of_reading(path):
+            in_memory = mode == "r+" or ends_in_journal(path)
+            patched = PatchedFile(handle) if in_memory else None
+            with h5py.File(patched or path, mode, libver=_CHECKSUMMED) as file:
+                yield file
+        if patched is not None and mode == "r+":
+            try:
+                patched.commit()
+            except OSError as error:
+                raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _errors_of_reading(path: Path) -> Iterator[None]:
+    try:
+        yield
     except BlockingIOError as error:
-        raise BlockingIOError(
-            f"'{path}' is locked by another process that writes it: close it there first"
-        ) from error
-    except PermissionError:
-        raise
-    except (OSError, RuntimeError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise _is_locked(path) from error
+    except Exception as error:  # h5py raises ten kinds for a damaged file
+        ours = isinstance(error, ValueError | OSError) and f"'{path}'" in str(error)
+        if ours or isinstance(error, PermissionError):
+            raise
         raise ValueError(
             f"'{path}' cannot be read as HDF5, is it cut or damaged? {error}; copy or record it "
             "again"
         ) from error
 
 
+def _is_locked(path: Path) -> BlockingIOError:
+    return BlockingIOError(
+        f"'{path}' is locked by another process that writes it: close it there first"
+    )
+
+
+def _locked(path: Path, exclusive: bool) -> int:
+    while True:
+        handle = os.open(path, os.O_RDWR if exclusive else os.O_RDONLY)
+        if fcntl is None:
+            return handle
+        try:
+            fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH))
+        except BlockingIOError as error:
+            os.close(handle)
+            raise _is_locked(path) from error
+        except OSError:  # a file system without locks
+            return handle
+        if os.path.samestat(os.fstat(handle), path.stat()):
+            return handle
+        os.close(handle)  # replaced by a new file meanwhile
+
+
 def _checked(path: Path, file: Any) -> tuple[Recording, dict[str, Any]]:
-    h5py = _h5py()
-    if file.attrs.get("format") != FORMAT:
+    check_format(path, file)
+    version = integer_attribute(path, file, "version")
+    if version not in _READABLE:
         raise ValueError(
-            f"'{path}' must be a recording, with the attribute 'format' = '{FORMAT}' "
-            f"(got an HDF5 file with {sorted(file)[:5]})"
+            f"'{path}' must be of format version {' or '.join(map(str, _READABLE))} (got "
+            f"{version}): read it with the version of torch-geometric-tactile that wrote it"
         )
-    check_version(path, file.attrs.get("version"))
-    for name in ("time", "tactile"):
-        if name not in file:
-            raise missing_field(path, name)
-    for name in ("num_frames", "label", "meta"):
-        if name not in file.attrs:
-            raise missing_field(path, name)
-    datasets = {name: file[name] for name in ("time", "tactile", "joint") if name in file}
-    if "privileged" in file:
-        datasets |= {PRIVILEGED + name: file[PRIVILEGED + name] for name in file["privileged"]}
-    num_frames = file.attrs["num_frames"]
-    for name, dataset in datasets.items():
-        if not isinstance(dataset, h5py.Dataset) or dataset.ndim == 0:
-            raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
-        if not 0 <= num_frames <= len(dataset):
+    datasets = checked_datasets(path, file)
+    num_frames = integer_attribute(path, file, "num_frames")
+    texts = {name: text_attribute(path, file, name) for name in ("label", "meta")}
+    if version > 1:
+        if integer_attribute(path, file, "checksum") != _checksum(num_frames, texts, datasets):
             raise ValueError(
-                f"'{path}' must have {num_frames} frames in '{name}', as 'num_frames' says "
-                f"(got {len(dataset)}): copy or record it again"
+                f"'{path}' must hold the label, metadata and arrays that its checksum is of (got "
+                "others): copy or record it again"
             )
+        for name, dataset in datasets.items():
+            if not dataset.fletcher32:
+                raise ValueError(f"'{path}' must have checksums in '{name}' (got none)")
     # Label and metadata only: reading no frame costs nothing.
-    empty = {name: _rows(dataset, 0) for name, dataset in datasets.items()}
-    texts = {name: file.attrs[name] for name in ("label", "meta")}
+    empty = {name: read_rows(dataset, 0, 0) for name, dataset in datasets.items()}
     return recording_from_fields(path, empty, texts), datasets
 
 
-def _rows(dataset: Any, num_frames: int) -> np.ndarray:
-    h5py = _h5py()
-    if h5py.check_string_dtype(dataset.dtype) is not None:
-        return np.asarray(dataset.asstr()[:num_frames], dtype=str)
-    array: np.ndarray = dataset[:num_frames]
-    return array
+def _read(path: Path, file: Any, max_bytes: int | None) -> Recording:
+    head, datasets = _checked(path, file)
+    num_frames = integer_attribute(path, file, "num_frames")
+    limit = check_sizes(path, datasets, num_frames, max_bytes)
+    arrays = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
+    return recording_from_fields(path, arrays, recording_to_texts(head))
+
+
+def _joined(before: Recording, after: Recording) -> Recording:
+    return Recording(
+        time=np.concatenate([before.time, after.time]),
+        tactile=np.concatenate([before.tactile, after.tactile]),
+        joint=None
+        if before.joint is None or after.joint is None
+        else np.concatenate([before.joint, after.joint]),
+        label=before.label,
+        meta=before.meta,
+        privileged={
+            name: np.concatenate([value, after.privileged[name]])
+            if value.dtype.kind == "U"
+            else np.concatenate([value, after.privileged[name]], dtype=value.dtype)
+            for name, value in before.privileged.items()
+        },
+    )
 
 
 def _check_continues(
-    path: Path, file: Any, datasets: dict[str, Any], recording: Recording, head: Recording
+    path: Path, num_frames: int, datasets: dict[str, Any], recording: Recording, head: Recording
 ) -> None:
-    h5py = _h5py()
     arrays = recording_to_arrays(recording)
     if arrays.keys() != datasets.keys():
         raise ValueError(
@@ -253,12 +367,12 @@ def _check_continues(
                 f"'{name}' must have frames of shape {shape}, as '{path}' has "
                 f"(got {array.shape[1:]})"
             )
-        stored = h5py.check_string_dtype(datasets[name].dtype) is not None
-        if stored != _is_text(array) or not (
-            stored or np.can_cast(array.dtype, datasets[name].dtype, "same_kind")
+        text = datasets[name].dtype.kind in "SO"
+        if text != (array.dtype.kind == "U") or not (
+            text or np.can_cast(array.dtype, datasets[name].dtype, "same_kind")
         ):
             raise ValueError(
-                f"'{name}' must be of type {'text' if stored else datasets[name].dtype}, as "
+                f"'{name}' must be of type {'text' if text else datasets[name].dtype}, as "
                 f"'{path}' has (got {array.dtype})"
             )
     if recording.label is not None and recording.label != head.label:
@@ -268,7 +382,6 @@ def _check_continues(
     unit, expected = recording.meta.get("unit"), head.meta.get("unit")
     if unit is not None and unit != expected:
         raise ValueError(f"'unit' must be {expected!r}, as '{path}' has (got {unit!r})")
-    num_frames = int(file.attrs["num_frames"])
     if num_frames and recording.num_frames:
         last = float(datasets["time"][num_frames - 1])
         if recording.time[0] <= last:

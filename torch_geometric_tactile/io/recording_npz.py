@@ -3,16 +3,16 @@ r"""Recordings as npz files, which need numpy only. Names as in
 pickled.
 """
 
-import zipfile
-import zlib
 from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.npz_arrays import opened_npz
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
+    PRIVILEGED,
     VERSION,
     check_version,
     checked_file,
@@ -43,45 +43,52 @@ def write_npz(recording: Recording, path: PathLike) -> None:
         np.savez_compressed(file, **content)
 
 
-def read_npz(path: PathLike) -> Recording:
-    r"""Reads a recording from an npz file.
+def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
+    r"""Reads a recording from an npz file. Sizes are checked before memory is taken, and every
+    array is compared with its checksum.
 
     Args:
         path (str or PathLike): A file as :meth:`write_npz` writes it.
+        allow_large (bool): Whether to read a file whose arrays take more than 1 GiB and more than
+            200 times its own size, as a hostile one does.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no npz file, cut or damaged, holds pickled objects, lacks
-            something, or is of another version. The message names the file.
+        ValueError: If the file is no npz file, cut or damaged, holds pickled objects, would take
+            absurdly much memory, lacks something or holds something else, or is of another
+            version. The message names the file.
     """
     path = checked_file(path)
-    if not zipfile.is_zipfile(path):
-        raise ValueError(f"'{path}' is no whole npz file (is it cut?): copy or write it again")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
-    except (
-        ValueError,
-        EOFError,
-        OSError,
-        KeyError,
-        RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        raise ValueError(
-            f"'{path}' cannot be read as npz: {error}; copy or write it again"
-        ) from error
-    strange = [name for name, value in content.items() if not isinstance(value, np.ndarray)]
-    texts = {
-        name: content.pop(name).item()
-        for name in _TEXTS
-        if name in content and name not in strange and content[name].ndim == 0
-    }
-    if strange or texts.get("format") != FORMAT:
+    with opened_npz(path, allow_large) as arrays:
+        shapes = arrays.shapes
+        texts = {
+            name: arrays.read(name).item()
+            for name in ("format", "version")
+            if shapes.get(name) == ()
+        }
+        content, problem = {}, _problem(shapes)
+        if not problem and texts == {"format": FORMAT, "version": VERSION}:
+            content = {name: arrays.read(name) for name in shapes if name not in texts}
+    if texts.get("format") != FORMAT:
         raise ValueError(
             f"'{path}' must be a recording, with 'format' = '{FORMAT}' "
-            f"(got an npz file with {sorted({*content, *texts})[:5]})"
+            f"(got an npz file with {sorted(shapes)[:5]})"
         )
     check_version(path, texts.get("version"))
+    if problem:
+        raise ValueError(f"'{path}' holds no consistent recording: {problem}; write it anew")
+    texts |= {name: content.pop(name).item() for name in ("label", "meta") if name in content}
     return recording_from_fields(path, content, texts)
+
+
+def _problem(shapes: dict[str, tuple[int, ...]]) -> str:
+    known = {*_TEXTS, "time", "tactile", "joint"}
+    frames = shapes.get("time", ())[:1]
+    for name, shape in shapes.items():
+        if name not in known and not name.startswith(PRIVILEGED):
+            return f"it must hold {sorted(known)} and '{PRIVILEGED}...' only (got {name!r})"
+        if name in _TEXTS and shape:
+            return f"'{name}' must be one text (got shape {shape})"
+        if name not in _TEXTS and frames and shape and shape[:1] != frames:
+            return f"'{name}' must have {frames[0]} frames, as 'time' has (got {shape[0]})"
+    return ""

@@ -1,46 +1,35 @@
-r"""Recordings as CSV files with one frame a row: taxel by taxel its axes, then the joints, as the
+r"""Recordings as CSV files with one frame a row: time, the axes of each taxel, and joints, as the
 hand data of the papers (384 taxels of 3 axes and 16 joints: 1168 columns).
 """
 
 import logging
-import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.csv_header import (
+    cell_to_seconds,
+    has_names,
+    refuse_counted,
+    refuse_index,
+)
 from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
 from torch_geometric_tactile.io.recording_schema import checked_file
+from torch_geometric_tactile.io.wide_csv_header import (
+    WideColumns,
+    columns_by_name,
+    columns_by_place,
+    is_wide_name,
+    wide_csv_header,
+)
 from torch_geometric_tactile.typing import PathLike
 
 _log = logging.getLogger(__name__)
 
 NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS = 384, 3, 16
-_AXES = ("x", "y", "z")
-_TIMES = ("time", "timestamp", "t")
-_TAXEL = re.compile(r"taxel_(\d+)_(\w+)")
-_JOINT = re.compile(r"joint_(\d+)")
-
-
-def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int) -> list[str]:
-    r"""Returns the names of the columns: :obj:`time`, :obj:`taxel_0_x`, ..., :obj:`joint_0`, ...
-
-    Args:
-        num_taxels (int): Number of taxels :math:`N`.
-        num_channels (int): Number of channels of a taxel :math:`C`; up to three are axes.
-        num_joints (int): Number of joints :math:`J`.
-
-    Examples:
-        >>> wide_csv_header(1, 2, 1)
-        ['time', 'taxel_0_x', 'taxel_0_y', 'joint_0']
-    """
-    axes = _AXES[:num_channels] if num_channels <= len(_AXES) else range(num_channels)
-    return [
-        "time",
-        *(f"taxel_{taxel}_{axis}" for taxel in range(num_taxels) for axis in axes),
-        *(f"joint_{joint}" for joint in range(num_joints)),
-    ]
 
 
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
@@ -84,13 +73,18 @@ def read_wide_csv(
     num_channels: int | None = None,
     num_joints: int | None = None,
     rate: float = 100.0,
+    header: bool | None = None,
 ) -> Recording:
     r"""Reads a recording from a CSV file with one frame a row.
 
-    The columns are: the time in seconds, if there is one column more than readings and joints; the
-    readings, taxel by taxel; the joint angles in radians. Empty cells and :obj:`nan` are missing
-    readings. A header is optional. That of :meth:`write_wide_csv` tells the sizes; without it they
-    are those of the arguments.
+    The names of the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
+    :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ... A name may end in a unit:
+    :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`; :obj:`joint_0_deg`; :obj:`taxel_0_x_n`,
+    :obj:`taxel_0_x_mn` (newtons and thousandths) and :obj:`taxel_0_x_count`, which is the
+    :obj:`unit` in the metadata. Empty cells and :obj:`nan` are missing readings.
+
+    A file without names is read by the place of its columns, in this order, with the time in front
+    if there is one column more; its sizes are to be given, unless they are those of the hand.
 
     Args:
         path (str or PathLike): The file.
@@ -98,71 +92,114 @@ def read_wide_csv(
         num_channels (int, optional): Number of channels of a taxel :math:`C`; 3 if no header tells.
         num_joints (int, optional): Number of joints :math:`J`; 16 if no header tells.
         rate (float): Frames per second, for files without time.
+        header (bool, optional): Whether the first line has names; if left out, it is seen whether
+            most of its cells are no numbers.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a line has another number of cells or no end (a file that was cut), a cell
-            is no finite number, the time does not increase, there is no frame, or a header
-            contradicts the arguments. The message names the line.
+        ValueError: If a name is not understood, named twice or missing, a line is empty, has
+            another number of cells or no end (a file that was cut), a cell is no finite number, the
+            time does not increase, there is no frame, a header contradicts the arguments, or there
+            is a header or an index that pandas made up. The message names the line.
     """
     path = checked_file(path)
     if not rate > 0:
         raise ValueError(f"'rate' must be positive (got {rate})")
-    given = {"num_taxels": num_taxels, "num_channels": num_channels, "num_joints": num_joints}
-    for name, size in given.items():
+    sizes = {"num_taxels": num_taxels, "num_channels": num_channels, "num_joints": num_joints}
+    for name, size in sizes.items():
         if size is not None and size < (name != "num_joints"):
             raise ValueError(f"'{name}' must be at least {int(name != 'num_joints')} (got {size})")
-    defaults = (NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS)
-    sizes = [d if s is None else s for s, d in zip(given.values(), defaults, strict=True)]
-    names: list[str] = []
+    lines = csv_rows(path)
+    line, row = next(lines, (1, []))
+    named = header or (header is None and has_names(row))
+    if not named and header is None:
+        refuse_counted(path, row, "pass header=False if this is a frame")
+    columns = _named(path, row, sizes) if named else _unnamed(path, line, row, sizes)
+    times: list[float] = []
     rows: list[np.ndarray] = []
-    for line, row in csv_rows(path):
-        if not names:
-            header = _is_header(row)
-            found = _header_sizes(row) if header else None
-            for (name, size), own in zip(given.items(), found or (), strict=False):
-                if size not in (None, own):
-                    raise ValueError(f"'{name}' must be {own}, as '{path}' has (got {size})")
-            sizes = list(found or sizes)
-            names = wide_csv_header(*sizes)
-            if len(row) == len(names) - 1 and not (header and row[0].strip().lower() in _TIMES):
-                names = names[1:]
-            elif len(row) != len(names):
-                raise ValueError(
-                    f"'{path}', line {line} must have {len(names) - 1} cells for {sizes[0]} taxels "
-                    f"of {sizes[1]} channels and {sizes[2]} joints, or {len(names)} with the time "
-                    f"(got {len(row)})"
-                )
-            if header:
-                continue
-        numbers = csv_numbers(path, line, row, names)
-        if names[0] == "time":
-            if np.isnan(numbers[0]):
-                raise ValueError(f"'{path}', line {line}: 'time' must be a number (got '{row[0]}')")
-            if rows and numbers[0] <= rows[-1][0]:
-                raise ValueError(
-                    f"'{path}', line {line}: 'time' must increase (got {float(numbers[0])} s after "
-                    f"{float(rows[-1][0])} s)"
-                )
-        rows.append(numbers)
+    is_counted = columns.time is not None and not named
+    while row:
+        if not (named and line == 1):
+            numbers = csv_numbers(path, line, row, columns.names)
+            if columns.time is not None:
+                cell = row[columns.time]
+                times.append(_seconds(path, line, cell, numbers[columns.time], times, columns))
+                is_counted = is_counted and cell.strip() == str(len(rows))
+            rows.append(numbers)
+        line, row = next(lines, (line, []))
     if not rows:
         raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
-    table = np.stack(rows)
-    if names[0] == "time":
-        time, table = table[:, 0], table[:, 1:]
-    else:
-        time = np.arange(len(table)) / rate
-    num_readings = sizes[0] * sizes[1]
-    return Recording(
-        time=time,
-        tactile=table[:, :num_readings].reshape(-1, *sizes[:2]),
-        joint=table[:, num_readings:] if sizes[2] else None,
+    if is_counted and len(rows) > 1:
+        raise ValueError(
+            f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as the "
+            "index of pandas): write the file with to_csv(index=False), or name the columns"
+        )
+    return _recording(path, np.array(times) if times else None, np.stack(rows), columns, rate)
+
+
+def _recording(
+    path: Path, time: np.ndarray | None, table: np.ndarray, columns: WideColumns, rate: float
+) -> Recording:
+    joint = table[:, columns.joint]
+    joint[:, columns.degrees] = np.deg2rad(joint[:, columns.degrees])
+    tactile = table[:, columns.tactile].reshape(len(table), *columns.sizes[:2])
+    if columns.per_unit != 1:
+        tactile /= columns.per_unit
+    try:
+        return Recording(
+            time=np.arange(len(table)) / rate if time is None else time,
+            tactile=tactile,
+            joint=joint if columns.joint else None,
+            meta={} if columns.unit is None else {"unit": columns.unit},
+        )
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from error
+
+
+def _named(path: Path, row: Sequence[str], sizes: dict[str, int | None]) -> WideColumns:
+    refuse_index(path, [cell.strip() for cell in row])
+    columns = columns_by_name(path, row)
+    for (name, size), own in zip(sizes.items(), columns.sizes, strict=True):
+        if size not in (None, own):
+            raise ValueError(f"'{name}' must be {own}, as '{path}' has (got {size})")
+    return columns
+
+
+def _unnamed(
+    path: Path, line: int, row: Sequence[str], sizes: dict[str, int | None]
+) -> WideColumns:
+    defaults = (NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS)
+    taxels, channels, joints = (
+        default if size is None else size
+        for size, default in zip(sizes.values(), defaults, strict=True)
     )
+    width = taxels * channels + joints
+    if len(row) - width not in (0, 1):
+        raise ValueError(
+            f"'{path}', line {line} must have {width} cells for {taxels} taxels of {channels} "
+            f"channels and {joints} joints, or {width + 1} with the time (got {len(row)}): name "
+            "the columns as write_wide_csv does, or give num_taxels, num_channels and num_joints "
+            "(tactile convert: --num-taxels, --num-channels, --num-joints)"
+        )
+    return columns_by_place((taxels, channels, joints), time=len(row) > width)
+
+
+def _seconds(
+    path: Path, line: int, cell: str, number: float, before: list[float], columns: WideColumns
+) -> float:
+    if np.isnan(number):
+        raise ValueError(f"'{path}', line {line}: 'time' must be a number (got '{cell.strip()}')")
+    time = cell_to_seconds(path, line, cell, columns.time_unit)
+    if before and time <= before[-1]:
+        raise ValueError(
+            f"'{path}', line {line}: 'time' must increase (got {time} s after {before[-1]} s)"
+        )
+    return time
 
 
 def has_own_names(path: PathLike) -> bool:
     r"""Tells whether a CSV file has a header whose names and number are not those of a recording
-    that :func:`read_wide_csv` reads without arguments.
+    that :func:`read_wide_csv` reads without arguments, or refuses since they are meant so.
 
     Args:
         path (str or PathLike): The file.
@@ -171,30 +208,6 @@ def has_own_names(path: PathLike) -> bool:
         _, row = next(csv_rows(checked_file(path)), (0, []))
     except ValueError:  # is reported when the file is read
         return False
-    if not row or not _is_header(row) or any(_TAXEL.fullmatch(cell.strip()) for cell in row):
+    if not row or not has_names(row) or any(map(is_wide_name, row)):
         return False
     return len(row) - NUM_TAXELS * NUM_CHANNELS - NUM_JOINTS not in (0, 1)
-
-
-def _is_header(row: Sequence[str]) -> bool:
-    def is_name(cell: str) -> bool:
-        try:
-            float(cell or "nan")
-        except ValueError:
-            return True
-        return False
-
-    # One wrong cell does not make a line of numbers a header.
-    return sum(map(is_name, row)) > len(row) / 2
-
-
-def _header_sizes(row: Sequence[str]) -> tuple[int, int, int] | None:
-    names = [cell.strip() for cell in row]
-    taxels = [match for match in map(_TAXEL.fullmatch, names) if match]
-    if not taxels:
-        return None
-    num_taxels = len({match[1] for match in taxels})
-    num_channels = len({match[2] for match in taxels})
-    num_joints = sum(_JOINT.fullmatch(name) is not None for name in names)
-    header = wide_csv_header(num_taxels, num_channels, num_joints)
-    return (num_taxels, num_channels, num_joints) if names in (header, header[1:]) else None

@@ -1,17 +1,20 @@
 r"""Whole batches cut from one tensor."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from typing import Any
 
 import torch
-from torch.utils.data import ConcatDataset, DataLoader, Dataset, Subset
+from torch.utils.data import DataLoader, Dataset
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.apply_transform import stack_like
 from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.static_samples import StaticSamples
+from torch_geometric_tactile.loader.keyed_batches import CutBatches, EpochOrder
+from torch_geometric_tactile.loader.random_states import kept_rng
 
 
 class StaticCollater:
@@ -42,21 +45,6 @@ class StaticCollater:
         return stack_like(samples, static_batch(self.dataset, []))
 
 
-class _Joined(Dataset):
-    # A ConcatDataset fetches one sample at a time; this cuts a batch from each of its parts.
-    def __init__(self, dataset: Dataset) -> None:
-        self.dataset = dataset
-
-    def __len__(self) -> int:
-        return len(self.dataset)  # type: ignore[arg-type]
-
-    def __getitem__(self, index: Any) -> StaticData:  # one, or what a sampler of lists yields
-        return static_batch(self.dataset, torch.as_tensor(index).view(-1).tolist())
-
-    def __getitems__(self, index: Sequence[int]) -> StaticData:
-        return static_batch(self.dataset, index)
-
-
 class StaticLoader(DataLoader):
     r"""Loads batches of a :class:`~torch_geometric_tactile.data.StaticDataset` as
     :class:`~torch_geometric_tactile.data.StaticData`: readings :math:`(B, N, F)` together with the
@@ -66,6 +54,10 @@ class StaticLoader(DataLoader):
     :class:`~torch_geometric.data.Data` object for each sample. Shuffling, workers, pinned memory,
     samplers and distributed sampling are those of :class:`torch.utils.data.DataLoader`.
 
+    :meth:`state_dict` tells in which order and how far the samples were read, and
+    :meth:`load_state_dict` lets another loader of the same data go on there, as Lightning does with
+    a checkpoint from the middle of an epoch.
+
     Args:
         dataset (StaticDataset): The data set; or a :class:`~torch.utils.data.Subset` of one, such
             as the parts of :func:`~torch.utils.data.random_split`, or a
@@ -74,6 +66,9 @@ class StaticLoader(DataLoader):
         batch_size (int, optional): Number of samples of a batch. With :obj:`None`, each index of
             the sampler (or list of indices) is a batch.
         shuffle (bool, optional): Whether to draw the samples in a new order every epoch.
+        keyed (bool): Whether what random transforms draw follows from the epoch and the number of
+            the batch alone. Then it does not depend on workers, draws nothing from the global
+            random states, and is the same in an epoch that is resumed in its middle.
         **kwargs: Further arguments of :class:`torch.utils.data.DataLoader`, but :obj:`collate_fn`.
 
     Raises:
@@ -94,6 +89,8 @@ class StaticLoader(DataLoader):
         dataset: Dataset,
         batch_size: int | None = 1,
         shuffle: bool | None = None,
+        *,
+        keyed: bool = False,
         **kwargs: Any,
     ) -> None:
         _refuse(kwargs)
@@ -101,14 +98,65 @@ class StaticLoader(DataLoader):
         if len(parts) > 1:
             check_joinable(parts)
         super().__init__(dataset, batch_size, shuffle, collate_fn=StaticCollater(dataset), **kwargs)
+        self.keyed = keyed
+        self._sampler_name = "sampler" if self.batch_sampler is None else "batch_sampler"
+        self._order = EpochOrder(getattr(self, self._sampler_name), self.generator, keyed)
+        self._num_yielded = 0
+        self._last_index: Any = None
+
+    @property
+    def last_index(self) -> list[int]:
+        r"""The indices of the samples of the batch that was yielded last."""
+        index = [] if self._last_index is None else self._last_index
+        return torch.as_tensor(index, dtype=torch.long).view(-1).tolist()
+
+    def __iter__(self) -> Any:
+        if self._order.ended:
+            self._order.ended = False
+            return self._once_asked()
+        resumes = self._order.resumes
+        if self._iterator is not None and not resumes:
+            # Workers that stay draw no seed again: without this, orders would depend on them.
+            torch.empty((), dtype=torch.int64).random_(generator=self.generator)
+        with kept_rng() if resumes else nullcontext():
+            self._num_yielded = self._order.skipped if resumes else 0
+            batches = super().__iter__()
+        return self._counted(batches)
+
+    def _once_asked(self) -> Iterator[StaticData]:
+        # After an epoch that had ended, Lightning may make one iterator more than it uses, which
+        # must not draw a random number.
+        yield from self
+
+    def _counted(self, batches: Iterator[StaticData]) -> Iterator[StaticData]:
+        for batch in batches:
+            self._last_index = self._order.indices.pop(self._num_yielded, None)
+            self._num_yielded += 1
+            yield batch
 
     def _get_iterator(self) -> Any:
-        # Not public, and only for speed: without it `StaticCollater` stacks the single samples.
-        if self.batch_size is not None and not _has_several(self.dataset):
-            return super()._get_iterator()
+        # Not public, as the names in `__dict__`, which PyTorch does not let anyone set: a copy that
+        # cuts each batch in one piece, by what the order of the epoch says.
         loader = copy.copy(self)
-        loader.__dict__["dataset"] = _Joined(self.dataset)
+        loader.__dict__["dataset"] = CutBatches(self.dataset)
+        loader.__dict__[self._sampler_name] = self._order
         return DataLoader._get_iterator(loader)
+
+    def state_dict(self) -> dict[str, Any]:
+        r"""Returns the order of the epoch and how many of its batches were yielded, as plain values
+        and tensors. The global random states are not part of it.
+        """
+        return self._order.state_dict(self._num_yielded)
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        r"""Lets the next epoch be the one that :meth:`state_dict` tells of, without the batches
+        that were yielded; after an epoch that had come to its end, it is a new one.
+
+        Args:
+            state_dict (Mapping): What :meth:`state_dict` returned; with :obj:`ended`, if the epoch
+                was to have no further batch.
+        """
+        self._order.load_state_dict(state_dict)
 
 
 def _refuse(kwargs: dict[str, Any]) -> None:
@@ -129,9 +177,3 @@ def _refuse(kwargs: dict[str, Any]) -> None:
         value = kwargs.pop(key, None)
         if value:
             raise TypeError(f"StaticLoader must not be given '{key}' (got {value}): {text}")
-
-
-def _has_several(dataset: Dataset) -> bool:
-    if isinstance(dataset, Subset):
-        return _has_several(dataset.dataset)
-    return isinstance(dataset, ConcatDataset)

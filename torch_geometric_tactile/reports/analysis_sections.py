@@ -15,7 +15,9 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.nn.conv import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.models import MTGCN
 from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.reports.predictions import predicted
 from torch_geometric_tactile.sensors import HandKinematics
+from torch_geometric_tactile.texts import markdown_text
 from torch_geometric_tactile.visualization import (
     plot_confusion,
     plot_embedding,
@@ -28,7 +30,6 @@ from torch_geometric_tactile.visualization import (
 
 _NUM_UNTRAINED = 3
 _NUM_STEPS = 8
-_BATCH_SIZE = 128
 _PLACES: tuple[tuple[Literal["tsne", "umap"], int], ...] = (("tsne", 2), ("tsne", 3), ("umap", 2))
 _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
@@ -232,8 +233,10 @@ class Subject:
             by_patch = torch.zeros(len(drop)).index_add(0, patch, score)
             agreement.append(float(torch.corrcoef(torch.stack([by_patch, drop]))[0, 1]))
             first = drop.topk(min(3, len(drop))).indices.tolist()
-            best = ", ".join(f"{self.layout.patch_names[k]} ({drop[k]:+.2f})" for k in first)
-            lines.append(f"| {name} | {int(chosen.sum())} | {best} | {agreement[-1]:.2f} |")
+            patches = [markdown_text(self.layout.patch_names[k]) for k in first]
+            best = ", ".join(f"{p} ({drop[k]:+.2f})" for p, k in zip(patches, first, strict=True))
+            cells = [markdown_text(name), str(int(chosen.sum())), best, f"{agreement[-1]:.2f}"]
+            lines.append(f"| {' | '.join(cells)} |")
             scores[name], drops[name] = score, drop[patch]
         if not scores:
             return Section("Attribution", "No class has two of the frames.")
@@ -263,13 +266,9 @@ class Subject:
         return Section("Attribution", text, ("attribution.png", "occlusion.png"))
 
     def _logits(self) -> tuple[Tensor, Tensor]:
-        parts, y = [], []
-        for index in torch.arange(len(self.samples)).split(_BATCH_SIZE):
-            data = self.predictor.prepare_samples(self.samples.batch(index))
-            with torch.no_grad():
-                parts.append(self.predictor.logits(data))
-            y.append(data.y)
-        return torch.cat(parts), torch.cat(y).long()
+        found = [(logits, data.y) for logits, data in predicted(self.predictor, self.samples)]
+        logits, y = (torch.cat(parts) for parts in zip(*found, strict=True))
+        return logits, y.long()
 
     def _features(self, model: Module) -> Tensor:
         names = getattr(model, "modalities", ())

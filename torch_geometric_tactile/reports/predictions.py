@@ -1,6 +1,9 @@
 r"""Predictions as a table."""
 
 import csv
+import itertools
+import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -9,9 +12,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io.csv_table import safe_cell
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.typing import PathLike
 
@@ -51,7 +55,7 @@ def write_recordings(
             except ValueError as error:
                 raise ValueError(f"'{path}': {error}") from error
             for i, (time, row) in enumerate(zip(recording.time, probability, strict=True)):
-                yield [str(path), i, f"{time:.6f}"], row
+                yield [_cell(os.fspath(path)), i, f"{time:.6f}"], row
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
 
@@ -69,14 +73,26 @@ def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -
     """
 
     def rows() -> _Rows:
-        for index in torch.arange(len(samples)).split(_BATCH_SIZE):
-            with torch.inference_mode():
-                logits = predictor.logits(predictor.prepare_samples(samples.batch(index)))
-            yield from zip(
-                ([i] for i in index.tolist()), predictor.probability(logits), strict=True
-            )
+        number = itertools.count()
+        for logits, _ in predicted(predictor, samples):
+            for probability in predictor.probability(logits):
+                yield [next(number)], probability
 
     return _write(predictor, ["index"], rows(), out)
+
+
+def predicted(predictor: Predictor, samples: StaticDataset) -> Iterator[tuple[Tensor, StaticData]]:
+    r"""Yields the logits of some samples after the others, with the samples as the model saw them.
+
+    Args:
+        predictor (Predictor): The predictor.
+        samples (StaticDataset): The samples, without the transform of their data set.
+    """
+    for index in torch.arange(len(samples)).split(_BATCH_SIZE):
+        with torch.inference_mode():
+            data = predictor.prepare_samples(samples.batch(index))
+            logits = predictor.logits(data)
+        yield logits, data
 
 
 def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike) -> Counter[str]:
@@ -88,14 +104,20 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
             if not count:
                 names = predictor.names(len(probability))
                 prefix, label = ("p_", ["prediction"]) if has_labels else ("", [])
-                writer.writerow([*head, *label, *(f"{prefix}{name}" for name in names)])
+                writer.writerow([*head, *label, *(_cell(f"{prefix}{name}") for name in names)])
             prediction = ";".join(predictor.labels(probability)[0]) if has_labels else ""
             count[prediction] += 1
             numbers = [f"{value:.6f}" for value in probability.tolist()]
-            writer.writerow([*cells, *([prediction] if has_labels else []), *numbers])
+            writer.writerow([*cells, *([_cell(prediction)] if has_labels else []), *numbers])
         if not count:
             raise ValueError("there must be at least one frame to predict (got none)")
     return count
+
+
+def _cell(text: str) -> str:
+    # A class may be called -1. The name of a file may be no text.
+    text = text.encode("utf-8", "backslashreplace").decode()
+    return text if re.fullmatch(r"[+-]?[0-9.]+", text) else safe_cell(text)
 
 
 def describe_counts(count: Counter[str], out: PathLike) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import read_recording, recording_format
+from torch_geometric_tactile.texts import printable
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
@@ -37,7 +38,7 @@ def describe_recording(recording: Recording) -> str:
     frames = str(recording.num_frames)
     if recording.num_frames > 1:
         frames += f" in {recording.duration:.6g} s, {recording.rate:.6g} per second"
-    unit = _UNITS.get(recording.meta.get("unit", ""), "(unit unknown)")
+    unit = _UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
     missing, dead = recording.missing, recording.dead_taxels
     cells = "none"
     if missing.any():
@@ -60,7 +61,7 @@ def describe_recording(recording: Recording) -> str:
         ),
     ]
     return "\n".join(
-        f"{name if i == 0 else '':<13}{line}"
+        f"{name if i == 0 else '':<13}{printable(line)}"
         for name, lines in rows
         for i, line in enumerate(lines or ["none"])
     )
@@ -79,7 +80,7 @@ def describe_file(path: PathLike) -> tuple[Recording, str]:
     """
     recording = read_recording(path)
     return recording, (
-        f"{'file':<13}{path}\n{'format':<13}{recording_format(path)}\n"
+        f"{'file':<13}{printable(path)}\n{'format':<13}{recording_format(path)}\n"
         f"{describe_recording(recording)}"
     )
 

@@ -26,7 +26,7 @@ def check_edges(edge_index: Any, num_taxels: int, what: str = "'edge_index'") ->
     edges = edge_index if isinstance(edge_index, Tensor) else torch.as_tensor(edge_index)
     if edges.dim() != 2 or edges.size(0) != 2:
         raise ValueError(f"{what} must have shape (2, num_edges) (got {tuple(edges.shape)})")
-    if edges.numel() and not _is_whole(edges):
+    if edges.numel() and not is_whole_tensor(edges):
         raise ValueError(f"{what} must hold whole numbers (got {edges.dtype})")
     edges = edges.long()
     if edges.numel() and not 0 <= int(edges.min()) <= int(edges.max()) < num_taxels:
@@ -58,7 +58,7 @@ def check_segment(
         ValueError: If they are not one whole number for each taxel, or have gaps.
     """
     numbers = segment if isinstance(segment, Tensor) else torch.as_tensor(segment)
-    if numbers.dim() != 1 or len(numbers) == 0 or not _is_whole(numbers):
+    if numbers.dim() != 1 or len(numbers) == 0 or not is_whole_tensor(numbers):
         raise ValueError(
             f"{what} must be a whole number for each taxel "
             f"(got shape {tuple(numbers.shape)}, {numbers.dtype})"
@@ -72,6 +72,11 @@ def check_segment(
     return numbers.long()
 
 
-def _is_whole(numbers: Tensor) -> bool:
+def is_whole_tensor(numbers: Tensor) -> bool:
+    r"""Tells whether a tensor holds whole numbers, and no truth values.
+
+    Args:
+        numbers (torch.Tensor): The tensor.
+    """
     is_number = not (numbers.is_floating_point() or numbers.is_complex())
     return is_number and numbers.dtype != torch.bool

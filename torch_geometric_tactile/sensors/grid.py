@@ -3,6 +3,7 @@ r"""Planar arrays of taxels."""
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.sensors.content_checks import MOST_TAXELS
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _STRAIGHT = ((0, 1), (1, 0))
@@ -22,7 +23,8 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
         pitch (float): Distance between neighbouring taxels in metres.
 
     Raises:
-        ValueError: If :obj:`rows`, :obj:`cols` or :obj:`pitch` is not positive.
+        ValueError: If :obj:`rows`, :obj:`cols` or :obj:`pitch` is not positive, or they make more
+            than a million taxels.
 
     Examples:
         >>> layout = grid(4, 4, pitch=0.004667)
@@ -33,6 +35,10 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
     """
     if rows < 1 or cols < 1:
         raise ValueError(f"'rows' and 'cols' must be at least 1 (got {rows} and {cols})")
+    if rows * cols > MOST_TAXELS:
+        raise ValueError(
+            f"'rows' and 'cols' must make {MOST_TAXELS} taxels at most (got {rows} and {cols})"
+        )
     if not 0 < pitch < float("inf"):
         raise ValueError(f"'pitch' must be a positive length in metres (got {pitch})")
     cell = torch.cartesian_prod(torch.arange(rows), torch.arange(cols)).view(-1, 2)

@@ -1,16 +1,16 @@
 r"""Joints, and the files that list them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import torch
 from torch import Tensor
 
-_MOVING = ("revolute", "continuous")
+from torch_geometric_tactile.sensors.content_checks import LARGEST, need_text
+
+_MOST_JOINTS = 1000
 
 
 @dataclass(frozen=True)
@@ -39,21 +39,30 @@ class Joint:
     upper: float = math.inf
 
     def __post_init__(self) -> None:
+        for key in ("name", "parent", "child"):
+            need_text(getattr(self, key), f"'{key}' of a joint")
+        for key in ("lower", "upper"):
+            if isinstance(getattr(self, key), str | bool):
+                raise ValueError(
+                    f"'{key}' of joint '{self.name}' must be a number (got {getattr(self, key)!r})"
+                )
         for key in ("xyz", "rpy", "axis"):
             value = getattr(self, key)
             if value is None and key == "axis":
                 continue
+            if isinstance(value, str) or any(isinstance(number, str | bool) for number in value):
+                raise ValueError(f"'{key}' of joint '{self.name}' must be numbers (got {value!r})")
             value = tuple(float(number) for number in value)
-            if len(value) != 3 or not all(map(math.isfinite, value)):
+            if len(value) != 3 or not all(abs(number) <= LARGEST for number in value):
                 raise ValueError(
                     f"'{key}' of joint '{self.name}' must be three finite numbers (got {value})"
                 )
             object.__setattr__(self, key, value)
         if self.axis is not None:
             length = math.hypot(*self.axis)
-            if length == 0:
+            if not 0 < length < math.inf:
                 raise ValueError(
-                    f"the axis of joint '{self.name}' must have a direction (got 0 0 0)"
+                    f"the axis of joint '{self.name}' must have a direction (got {self.axis})"
                 )
             if not math.isclose(length, 1.0, rel_tol=1e-15):  # or a copy would differ by rounding
                 object.__setattr__(self, "axis", tuple(number / length for number in self.axis))
@@ -92,6 +101,10 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
     Raises:
         ValueError: If a link has two parents, or the links are not one tree.
     """
+    if len(joints) > _MOST_JOINTS:
+        raise ValueError(f"'joints' must be {_MOST_JOINTS} at most (got {len(joints)})")
+    if len({joint.name for joint in joints}) < len(joints):
+        raise ValueError("'joints' must have different names (got one twice)")
     by_child: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in by_child:
@@ -106,7 +119,8 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
     names, levels = [roots[0]], []
     level = names
     while level:
-        children = [joint for joint in joints if joint.parent in level]
+        above = set(level)
+        children = [joint for joint in joints if joint.parent in above]
         level = [joint.child for joint in children]
         if children:
             levels.append(children)
@@ -115,39 +129,6 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
         lost = sorted(set(by_child) - set(names))
         raise ValueError(f"the links must be one tree, with one root (got a ring of {lost})")
     return LinkTree(tuple(names), levels)
-
-
-def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint], str]:
-    r"""Returns the joints of a URDF file and the name of its robot.
-
-    Args:
-        path (Path): The file.
-        joint_names (sequence of str, optional): As of :meth:`HandKinematics.from_urdf`.
-
-    Raises:
-        ValueError: If the file is no URDF, a joint has another type, or a named joint is missing
-            or named twice.
-    """
-    try:
-        root = ElementTree.fromstring(path.read_bytes())  # bytes: the file declares its encoding
-    except ElementTree.ParseError as error:
-        raise ValueError(str(error)) from error
-    if root.tag != "robot":
-        raise ValueError(f"the root element must be 'robot' (got '{root.tag}')")
-    joints = [_urdf_joint(element) for element in root.iter("joint") if element.get("type")]
-    if joint_names is not None:
-        moving = {joint.name: joint for joint in joints if joint.axis is not None}
-        missing = [name for name in joint_names if name not in moving]
-        if missing:
-            raise ValueError(
-                f"'joint_names' must name its moving joints, {list(moving)} (got '{missing[0]}')"
-            )
-        if len(set(joint_names)) < len(joint_names):
-            raise ValueError("'joint_names' must name each joint once (got one twice)")
-        named = [moving[name] for name in joint_names]
-        rest = [joint for joint in joints if joint not in named]
-        joints = named + [_still(joint) if joint.axis else joint for joint in rest]
-    return joints, root.get("name", path.stem)
 
 
 def _cross_matrix(axis: Sequence[float]) -> Tensor:
@@ -171,38 +152,3 @@ def joint_turns(joint: Joint) -> Tensor:
         still = torch.linalg.matrix_exp(angle * _cross_matrix(axis)) @ still
     cross = _cross_matrix(joint.axis or (0.0, 0.0, 0.0))
     return torch.stack([still, still @ cross, still @ cross @ cross])
-
-
-def _still(joint: Joint) -> Joint:
-    return Joint(joint.name, joint.parent, joint.child, joint.xyz, joint.rpy)
-
-
-def _urdf_joint(element: ElementTree.Element) -> Joint:
-    name, kind = element.get("name", ""), element.get("type")
-    if kind not in (*_MOVING, "fixed"):
-        raise ValueError(f"joint '{name}' must be revolute, continuous or fixed (got '{kind}')")
-
-    def numbers(tag: str, key: str, default: str) -> Any:
-        found = element.find(tag)
-        text = default if found is None else found.get(key, default)
-        return tuple(float(number) for number in text.split())
-
-    def link(tag: str) -> str:
-        found = element.find(tag)
-        if found is None or not found.get("link"):
-            raise ValueError(f"joint '{name}' must have a {tag} link (got none)")
-        return str(found.get("link"))
-
-    limits: Mapping[str, str] = {}
-    if kind == "revolute" and (limit := element.find("limit")) is not None:
-        limits = limit.attrib
-    return Joint(
-        name=name,
-        parent=link("parent"),
-        child=link("child"),
-        xyz=numbers("origin", "xyz", "0 0 0"),
-        rpy=numbers("origin", "rpy", "0 0 0"),
-        axis=numbers("axis", "xyz", "1 0 0") if kind in _MOVING else None,
-        lower=float(limits.get("lower", -math.inf)),
-        upper=float(limits.get("upper", math.inf)),
-    )

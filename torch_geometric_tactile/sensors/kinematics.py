@@ -1,6 +1,5 @@
 r"""The forward kinematics of a hand."""
 
-import json
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,8 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.joints import Joint, link_tree, read_urdf
+from torch_geometric_tactile.sensors.content_checks import need_text, only_keys, shown
+from torch_geometric_tactile.sensors.joints import Joint, link_tree
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.pose_tables import (
     LinkTable,
@@ -21,8 +21,11 @@ from torch_geometric_tactile.sensors.pose_tables import (
     tree_levels,
 )
 from torch_geometric_tactile.sensors.stock import stock_path
+from torch_geometric_tactile.sensors.urdf import read_urdf
+from torch_geometric_tactile.texts import read_json
 from torch_geometric_tactile.typing import PathLike
 
+_KEYS = ("name", "source", "joints", "bodies")
 _FEW = 4  # frames up to which the number of operations costs more than the work in them
 _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 
@@ -115,11 +118,11 @@ class HandKinematics:
             ValueError: If the file is no such table; the message names the file.
         """
         try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = read_json(path)
             if isinstance(content, dict):
                 content = {"name": Path(path).stem, **content}
             return cls.from_dict(content)
-        except (ValueError, TypeError) as error:
+        except ValueError as error:
             raise ValueError(f"'{path}' is not a table of joints: {error}") from error
 
     def to_dict(self) -> dict[str, Any]:
@@ -132,18 +135,23 @@ class HandKinematics:
 
         Args:
             content (Mapping): :obj:`"joints"`, a list of the arguments of :class:`Joint`, and, if
-                wanted, :obj:`"name"`.
+                wanted, :obj:`"name"`; :obj:`"source"` and :obj:`"bodies"` are not read.
 
         Raises:
             ValueError: If it holds no joints, or the joints are no hand.
         """
         if not isinstance(content, Mapping) or "joints" not in content:
             raise ValueError("it must be a JSON object with the key 'joints'")
+        only_keys(content, _KEYS, "a table of joints")
+        if not isinstance(content["joints"], list | tuple):
+            raise ValueError(f"'joints' must be a list (got {shown(content['joints'])})")
         try:
             joints = [Joint(**joint) for joint in content["joints"]]
-        except TypeError as error:
+        except (TypeError, OverflowError) as error:
             raise ValueError(f"'joints' must list the arguments of Joint: {error}") from error
-        return cls(joints, name=content.get("name", "hand"))
+        name = content.get("name", "hand")
+        need_text(name, "'name'")
+        return cls(joints, name=name)
 
     @classmethod
     def from_urdf(cls, path: PathLike, joint_names: Sequence[str] | None = None) -> Self:
@@ -164,7 +172,7 @@ class HandKinematics:
         try:
             joints, name = read_urdf(Path(path), joint_names)
             return cls(joints, name=name)
-        except (ValueError, TypeError) as error:
+        except ValueError as error:
             raise ValueError(f"'{path}' is not a URDF of a hand: {error}") from error
 
     def outside_limits(self, joint: Tensor) -> Tensor:

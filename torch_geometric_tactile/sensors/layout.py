@@ -3,23 +3,26 @@ r"""The fixed geometry of a tactile sensor."""
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, Self
 
 import torch
 from torch import Tensor
 
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.sensors.checks import check_edges, check_segment
+from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_whole_tensor
+from torch_geometric_tactile.sensors.content_checks import need_text, need_texts
 from torch_geometric_tactile.sensors.layout_content import (
     INDEX_KEYS,
     layout_arguments,
     layout_to_content,
 )
 from torch_geometric_tactile.sensors.layout_join import join_arguments
+from torch_geometric_tactile.texts import read_json
 from torch_geometric_tactile.typing import PathLike
 
 _SEGMENTATIONS = ("digit", "patch")
+_MOST_CELLS = 1 << 14  # rows, and columns, of an image map
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +84,11 @@ class TaxelLayout:
         if not pos.isfinite().all():
             raise ValueError("'pos' must hold finite numbers only (got NaN or infinity)")
         self._set("pos", pos)
+        need_text(self.name, "'name'")
         for key in INDEX_KEYS:
-            self._set(f"{key}_names", tuple(getattr(self, f"{key}_names")))
+            names = getattr(self, f"{key}_names")
+            need_texts(names, f"'{key}_names'")
+            self._set(f"{key}_names", tuple(names))
             self._set(key, _checked_index(self, key))
         if self.normal is not None:
             self._set("normal", _checked_normal(self, self.normal))
@@ -92,7 +98,13 @@ class TaxelLayout:
             name: check_edges(edges, self.num_taxels, f"adjacency '{name}'")
             for name, edges in self.adjacency.items()
         }
-        self._set("adjacency", edges)
+        self._set("adjacency", MappingProxyType(edges))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "adjacency": dict(self.adjacency)}  # proxies are not pickled
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update({**state, "adjacency": MappingProxyType(state["adjacency"])})
 
     def _set(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
@@ -245,11 +257,11 @@ class TaxelLayout:
             ValueError: If the file is no JSON or no consistent layout; the message names the file.
         """
         try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = read_json(path)
             if not isinstance(content, dict):
                 raise ValueError(f"a layout must be a JSON object (got {type(content).__name__})")
             return cls.from_dict(content)
-        except (ValueError, TypeError, RuntimeError) as error:  # JSONDecodeError is a ValueError
+        except ValueError as error:  # JSONDecodeError is one
             raise ValueError(f"'{path}' is not a taxel layout: {error}") from error
 
     def __repr__(self) -> str:
@@ -288,14 +300,19 @@ def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
 
 
 def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
-    image_map = torch.as_tensor(image_map, dtype=torch.long)
+    image_map = torch.as_tensor(image_map)
     if image_map.shape != (layout.num_taxels, 2):
         raise ValueError(
             f"'image_map' must have shape ({layout.num_taxels}, 2) (got {tuple(image_map.shape)})"
         )
-    if int(image_map.min()) < 0:
+    if not is_whole_tensor(image_map):
+        raise ValueError(f"'image_map' must hold whole numbers (got {image_map.dtype})")
+    image_map = image_map.long()
+    first, last = int(image_map.min()), int(image_map.max())
+    if first < 0 or last >= _MOST_CELLS:
         raise ValueError(
-            f"'image_map' must hold rows and columns from 0 (got {int(image_map.min())})"
+            f"'image_map' must hold rows and columns from 0 to {_MOST_CELLS - 1} "
+            f"(got {first if first < 0 else last})"
         )
     if len(image_map.unique(dim=0)) < layout.num_taxels:
         raise ValueError("'image_map' must give every taxel a cell of its own (got a shared)")

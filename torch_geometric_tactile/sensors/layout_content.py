@@ -4,7 +4,18 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import torch
+from torch import Tensor
 
+from torch_geometric_tactile.sensors.content_checks import (
+    MOST_TAXELS,
+    are_numbers,
+    are_whole,
+    need_mapping,
+    need_text,
+    need_texts,
+    only_keys,
+    shown,
+)
 from torch_geometric_tactile.sensors.patches import expand_patches
 
 if TYPE_CHECKING:
@@ -12,6 +23,15 @@ if TYPE_CHECKING:
 
 _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 INDEX_KEYS = ("link", "patch", "digit")
+_TAXEL_KEYS = ("pos", "normal", *INDEX_KEYS, "cell")
+_KEYS = (
+    "name",
+    "source",
+    "unit",
+    *(f"{key}_names" for key in INDEX_KEYS),
+    "taxels",
+    "adjacency",
+)
 
 
 def layout_to_content(layout: "TaxelLayout") -> dict[str, Any]:
@@ -51,33 +71,22 @@ def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
         content (Mapping): As of :meth:`TaxelLayout.from_dict`.
 
     Raises:
-        ValueError: If a key is missing, the unit is unknown, or the taxels are not consistent.
+        ValueError: If a key is missing or unknown, the unit is unknown, a value is of another kind,
+            or the taxels are not consistent.
     """
+    need_mapping(content, "a layout")
     if "patches" in content:
         content = expand_patches(content)
+    only_keys(content, _KEYS, "a layout")
     for key in ("name", "unit", "taxels"):
         if key not in content:
             raise ValueError(f"a layout must have the key '{key}' (got {sorted(content)})")
+    for key in ("name", "unit", "source"):
+        need_text(content.get(key, ""), f"'{key}'")
     unit = content["unit"]
     if unit not in _METRES_PER_UNIT:
         raise ValueError(f"'unit' must be one of {list(_METRES_PER_UNIT)} (got '{unit}')")
     taxels = _checked_taxels(content["taxels"])
-    arguments: dict[str, Any] = {}
-    for key in INDEX_KEYS:
-        labels = _column(taxels, key)
-        if labels is not None:
-            names = tuple(content.get(f"{key}_names") or dict.fromkeys(labels))
-            unnamed = [label for label in labels if label not in names]
-            if unnamed:
-                raise ValueError(
-                    f"'{key}_names' must name every {key} (got {list(names)} without "
-                    f"'{unnamed[0]}')"
-                )
-            arguments[key] = torch.tensor([names.index(label) for label in labels])
-            arguments[f"{key}_names"] = names
-    for name, pairs in content.get("adjacency", {}).items():
-        if not all(_are_numbers(pair, 2) for pair in pairs):
-            raise ValueError(f"adjacency '{name}' must be a list of pairs of taxels")
     normal, cells = _column(taxels, "normal"), _column(taxels, "cell")
     pos = torch.tensor([taxel["pos"] for taxel in taxels], dtype=torch.double)
     return {
@@ -85,28 +94,78 @@ def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
         "pos": (pos * _METRES_PER_UNIT[unit]).float(),
         "normal": None if normal is None else torch.tensor(normal, dtype=torch.float),
         "image_map": None if cells is None else torch.tensor(cells),
-        "adjacency": {
-            name: torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
-            for name, pairs in content.get("adjacency", {}).items()
-        },
+        "adjacency": _adjacency(content.get("adjacency", {}), len(taxels)),
         "source": content.get("source", ""),
-        **arguments,
+        **_indices(content, taxels),
     }
 
 
+def _adjacency(named: Any, num_taxels: int) -> dict[str, Tensor]:
+    need_mapping(named, "'adjacency'")
+    out = {}
+    for name, pairs in named.items():
+        what = f"adjacency '{name}'"
+        is_list = isinstance(pairs, list | tuple)
+        if not is_list or not all(are_whole(pair, 2) for pair in pairs):
+            raise ValueError(f"{what} must be a list of pairs of taxels, whole numbers")
+        wrong = next((pair for pair in pairs if not 0 <= min(pair) <= max(pair) < num_taxels), None)
+        if wrong is not None:
+            raise ValueError(f"{what} must join taxels 0 to {num_taxels - 1} (got {shown(wrong)})")
+        out[name] = torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
+    return out
+
+
+def _indices(content: Mapping[str, Any], taxels: list[Mapping[str, Any]]) -> dict[str, Any]:
+    # The index of each taxel's link, patch and digit, and their names.
+    out: dict[str, Any] = {}
+    for key in INDEX_KEYS:
+        labels = _column(taxels, key)
+        names = content.get(f"{key}_names")
+        if names is not None:
+            need_texts(names, f"'{key}_names'")
+        if labels is None:
+            if names:
+                out[f"{key}_names"] = tuple(names)
+            continue
+        need_texts(labels, f"'{key}' of the taxels", may_repeat=True)
+        number = {name: i for i, name in enumerate(names or dict.fromkeys(labels))}
+        unnamed = [label for label in labels if label not in number]
+        if unnamed:
+            raise ValueError(
+                f"'{key}_names' must name every {key} (got {list(number)} without '{unnamed[0]}')"
+            )
+        out[key] = torch.tensor([number[label] for label in labels])
+        out[f"{key}_names"] = tuple(number)
+    return out
+
+
 def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
-    taxels = list(taxels)
+    if not isinstance(taxels, list | tuple):
+        raise ValueError(f"'taxels' must be a list (got {type(taxels).__name__})")
     if not taxels:
         raise ValueError("'taxels' must hold at least one taxel (got none)")
+    if len(taxels) > MOST_TAXELS:
+        raise ValueError(f"'taxels' must be {MOST_TAXELS} at most (got {len(taxels)})")
     dims = set()
     for i, taxel in enumerate(taxels):
         place = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
-        if not isinstance(taxel, Mapping) or not _are_numbers(place, 2, 3):
-            raise ValueError(f"taxel {i} must have a 'pos' of two or three numbers (got {place})")
+        if not isinstance(taxel, Mapping) or not are_numbers(place, 2, 3):
+            raise ValueError(
+                f"taxel {i} must have a 'pos' of two or three numbers (got {shown(place)})"
+            )
+        only_keys(taxel, _TAXEL_KEYS, f"taxel {i}")
+        if "normal" in taxel and not are_numbers(taxel["normal"], 3):
+            raise ValueError(
+                f"'normal' of taxel {i} must be three numbers (got {shown(taxel['normal'])})"
+            )
+        if "cell" in taxel and not are_whole(taxel["cell"], 2):
+            raise ValueError(
+                f"'cell' of taxel {i} must be a row and a column (got {shown(taxel['cell'])})"
+            )
         dims.add(len(taxel["pos"]))
     if len(dims) > 1:
         raise ValueError("'pos' must have as many numbers at every taxel (got two and three)")
-    return taxels
+    return list(taxels)
 
 
 def _column(taxels: list[Mapping[str, Any]], key: str) -> list[Any] | None:
@@ -118,11 +177,3 @@ def _column(taxels: list[Mapping[str, Any]], key: str) -> list[Any] | None:
             f"'{key}' must be given for every taxel or for none (not for {missing[0]})"
         )
     return [taxel[key] for taxel in taxels]
-
-
-def _are_numbers(value: Any, *counts: int) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and len(value) in counts
-        and all(isinstance(number, int | float) for number in value)
-    )

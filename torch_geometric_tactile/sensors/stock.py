@@ -1,7 +1,7 @@
 r"""The data files that come with the package."""
 
+import os
 from importlib.resources import files
-from os import PathLike as PathLikeABC
 from pathlib import Path
 
 from torch_geometric_tactile.sensors.layout import TaxelLayout
@@ -22,10 +22,9 @@ def stock_path(kind: str, name: str) -> Path:
     """
     if kind not in _KINDS:
         raise ValueError(f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
-    path = _folder(kind) / f"{name}.json"
-    if not path.is_file():
+    if name not in stock_names(kind):
         raise ValueError(f"'name' must be one of {stock_names(kind)} (got '{name}')")
-    return path
+    return _folder(kind) / f"{name}.json"
 
 
 def stock_names(kind: str = "layouts") -> list[str]:
@@ -69,7 +68,7 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
     """
     if isinstance(layout, TaxelLayout):
         return layout
-    if not isinstance(layout, str | PathLikeABC):
+    if not isinstance(layout, str | os.PathLike):
         raise ValueError(
             "'layout' must be a TaxelLayout, the name of one or the path of its file (got "
             f"{type(layout).__name__})"
@@ -77,7 +76,7 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
     text = str(layout)
     is_path = not isinstance(layout, str) or text.endswith(".json") or Path(text).name != text
     if is_path:
-        return TaxelLayout.load(Path(text).expanduser())
+        return TaxelLayout.load(os.path.expanduser(text))
     if text not in stock_names("layouts"):
         raise ValueError(
             f"'layout' must be one of {stock_names('layouts')}, or the path of a layout file "

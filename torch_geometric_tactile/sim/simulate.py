@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.files import atomic_path, remove_leftovers
 from torch_geometric_tactile.io import read_hdf5_head, write_hdf5
 from torch_geometric_tactile.parallel import run_parallel
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
@@ -189,9 +189,8 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, Non
                 yield report
     finally:
         # What workers that were killed, now or in an earlier run, had begun to write.
-        for task in missing:
-            for leftover in out.glob(f".{task.path.name}.*.tmp"):
-                leftover.unlink(missing_ok=True)
+        for task in tasks:
+            remove_leftovers(task.path)
     _write_summary(out, tasks, reports)
 
 
@@ -203,7 +202,13 @@ def _kept(task: _Task) -> TrialReport:
                 f"'{task.path}' was made with another '{key}' ({meta.get(key)}, not {wanted}); "
                 "choose another folder or delete the file"
             )
-    return TrialReport(task.item.name, task.trial, int(meta["attempt"]) + 1, task.path, kept=True)
+    attempt = meta.get("attempt")
+    if type(attempt) is not int or attempt < 0:
+        raise ValueError(
+            f"'{task.path}' must tell its 'attempt', a whole number, in its metadata (got "
+            f"{attempt!r}); delete the file to simulate it again"
+        )
+    return TrialReport(task.item.name, task.trial, attempt + 1, task.path, kept=True)
 
 
 def _simulate_trial(task: _Task, parent: int) -> TrialReport:

@@ -10,8 +10,8 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.cli import instantiate_module
 
-from torch_geometric_tactile.data.torch_file import read_torch_file
-from torch_geometric_tactile.files import atomic_path, check_zip
+from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
+from torch_geometric_tactile.files import check_zip
 from torch_geometric_tactile.training.safe_classes import safe_section
 from torch_geometric_tactile.typing import PathLike
 
@@ -37,8 +37,9 @@ class AtomicCheckpointIO(TorchCheckpointIO):
             path (str or PathLike): The file.
             storage_options (optional): Not supported.
         """
-        with atomic_path(path) as temporary:
-            super().save_checkpoint(checkpoint, temporary, storage_options)
+        # Not by the method of TorchCheckpointIO, which writes to a temporary of its own in another
+        # folder, where a kill would leave it.
+        write_torch_file(checkpoint, path)
 
     def load_checkpoint(
         self, path: PathLike, map_location: Any | None = None, weights_only: bool | None = None

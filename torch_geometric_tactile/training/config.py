@@ -4,7 +4,6 @@ import atexit
 import copy
 import json
 import shutil
-import tempfile
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -13,9 +12,12 @@ from typing import Any
 
 import yaml
 
+from torch_geometric_tactile.files import new_scratch_folder
+
 _MAX_BYTES = 2**21
 _MAX_VALUES = 100_000
 _MAX_DEPTH = 50
+
 # These files hold many experiments: `base`, and what each lays over it.
 TEMPLATES = ("p1_table2", "p1_table3", "p2_table2")
 
@@ -186,7 +188,9 @@ def _folder() -> Path:
 
 @cache
 def scratch_folder() -> Path:
-    r"""Returns a temporary folder that lives as long as this process."""
-    folder = Path(tempfile.mkdtemp(prefix="tactile_"))
+    r"""Returns a temporary folder that lives as long as this process, or, if it is killed, until
+    the next one asks for its own.
+    """
+    folder = new_scratch_folder()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -5,12 +5,13 @@ from typing import Any, Literal
 
 import lightning as L
 import torch
+from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.loader.random_states import kept_rng
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.training.kept_rng import kept_rng
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 
 _SPLITS = ("frame", "trial", "group")
@@ -26,6 +27,8 @@ class TactileDataModule(L.LightningDataModule):
     Samples pass the transform of their data set, then :obj:`transform`, and in training batches
     :obj:`train_transform` last. An augmentation so works on scaled readings, where zero is the mean
     of a taxel, and changes neither what the scaling measures nor validation, test and prediction.
+    What a random one draws follows from the epoch and the number of the batch alone (see
+    :class:`~torch_geometric_tactile.loader.StaticLoader`), however many workers there are.
 
     The state of a fitted :obj:`transform` is stored in checkpoints. For validation, test and
     prediction samples, a transform that works session by session measures the sessions that the
@@ -167,17 +170,16 @@ class TactileDataModule(L.LightningDataModule):
         """
         return self.peek(self.dataset, count, scaled=False)
 
-    def peek(self, part: StaticDataset, count: int, *, scaled: bool = True) -> StaticData:
-        r"""Returns samples of a part as its batches have them, evenly spaced. No random number is
-        used up.
+    def peek(self, part: StaticDataset, count: int | Tensor, *, scaled: bool = True) -> StaticData:
+        r"""Returns samples of a part as its batches have them, but for :obj:`train_transform`. No
+        random number is used up.
 
         Args:
             part (StaticDataset): Of :meth:`part`.
-            count (int): Number of samples, at most.
+            count (int or torch.Tensor): Number of samples at most, evenly spaced; or their indices.
             scaled (bool): Whether to scale them, for which the transform must be fitted.
         """
-        count = min(count, len(part))
-        index = torch.linspace(0, len(part) - 1, count).long() if count else torch.empty(0).long()
+        index = count if isinstance(count, Tensor) else _spread(len(part), count)
         steps = [step for step in _steps(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
         with kept_rng():  # a copy, since a transform may have a generator of its own
@@ -262,12 +264,13 @@ class TactileDataModule(L.LightningDataModule):
         self, name: str, last: BaseTransform | None = None, shuffle: bool = False
     ) -> StaticLoader:
         part = copy.copy(self._parts[name])
-        steps = (part.transform, self.transform, last)
-        part.transform = Compose([step for step in steps if step is not None])
+        steps = [step for step in (part.transform, self.transform, last) if step is not None]
+        part.transform = Compose(steps) if steps else None
         return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
             part,
             batch_size=self.batch_size,
             shuffle=shuffle,
+            keyed=True,
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
         )
@@ -277,6 +280,10 @@ def _steps(transform: BaseTransform | None) -> list[BaseTransform]:
     if isinstance(transform, Compose):
         return [step for inner in transform.transforms for step in _steps(inner)]
     return [] if transform is None else [transform]
+
+
+def _spread(size: int, count: int) -> Tensor:
+    return torch.linspace(0, max(size - 1, 0), min(size, count)).long()
 
 
 def _is_fitted(transform: BaseTransform) -> bool:

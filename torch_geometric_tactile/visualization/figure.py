@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.texts import printable
 from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def new_figure(width: float, height: float) -> "Figure":
 
 
 def plain_text(text: str) -> str:
-    r"""Returns a text in which matplotlib finds no formula.
+    r"""Returns a text in which matplotlib finds no formula and no control characters, but lines.
 
     Args:
         text (str): The text, such as the name of an object.
@@ -43,7 +44,7 @@ def plain_text(text: str) -> str:
         >>> print(plain_text("$5 mug"))
         \$5 mug
     """
-    return text.replace("$", r"\$")
+    return "\n".join(map(printable, text.split("\n"))).replace("$", r"\$")
 
 
 def save_figure(figure: "Figure", path: PathLike) -> None:

@@ -1,0 +1,67 @@
+import os
+
+import pytest
+
+from torch_geometric_tactile.data.file_state import file_state
+
+KIB = 1024
+
+
+def changed(path, edit, time=None):
+    """Whether the state changes with an edit, at a time if one is given."""
+    before = file_state(path)
+    edit(path)
+    if time is not None:
+        os.utime(path, ns=(time, time))
+    return file_state(path) != before
+
+
+def put(offset, byte):
+    def edit(path):
+        with path.open("r+b") as file:
+            file.seek(offset)
+            file.write(byte)
+
+    return edit
+
+
+@pytest.fixture
+def raw(tmp_path):
+    def make(size):
+        path = tmp_path / "raw.bin"
+        path.write_bytes(bytes(size))
+        os.utime(path, ns=(10**9, 10**9))
+        return path
+
+    return make
+
+
+@pytest.mark.parametrize("size", [1, 64 * KIB, 64 * KIB + 1, 128 * KIB, 128 * KIB + 1, 300 * KIB])
+@pytest.mark.parametrize("place", ["first", "last"])
+def test_ends_are_known_by_their_content(raw, size, place):
+    offset = 0 if place == "first" else size - 1
+    assert changed(raw(size), put(offset, b"x"), time=10**9)
+
+
+@pytest.mark.parametrize("size", [64 * KIB + 1, 100 * KIB, 128 * KIB])
+def test_middle_of_a_short_file_is_known_by_its_content(raw, size):
+    assert changed(raw(size), put(64 * KIB, b"x"), time=10**9)
+
+
+def test_middle_of_a_long_file_is_known_by_its_time(raw):
+    path = raw(200 * KIB)
+    assert changed(path, put(100 * KIB, b"x"), time=2 * 10**9)
+    assert not changed(path, put(100 * KIB, b"y"), time=2 * 10**9)  # which the docstring tells
+
+
+def test_short_file_that_was_touched_is_the_same(raw):
+    assert not changed(raw(128 * KIB), lambda path: None, time=2 * 10**9)
+
+
+def test_size_is_known(raw):
+    assert changed(raw(10), lambda path: path.write_bytes(bytes(11)), time=10**9)
+
+
+def test_state_is_one_value_of_a_line(raw):
+    assert "=" not in file_state(raw(300 * KIB))
+    assert "\n" not in file_state(raw(300 * KIB))

@@ -1,0 +1,376 @@
+"""Small whole files of each format, which the mutations start from."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+import yaml
+from fuzz import readers
+
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.sensors import TaxelLayout, grid
+
+FRAMES = 6
+TIME = np.arange(FRAMES) / 128  # whole nanoseconds, and exact as text
+
+
+def small_recording(joints: int = 2, **more: object) -> Recording:
+    draw = np.random.default_rng(0)
+    tactile = draw.normal(0, 100, (FRAMES, 3, 3)).round(2).astype(np.float32)
+    tactile[1, 2, 0] = np.nan
+    joint = draw.normal(size=(FRAMES, joints)).round(3) if joints else None
+    return Recording(time=TIME, tactile=tactile, joint=joint, **more)
+
+
+def full_recording() -> Recording:
+    return small_recording(
+        label="mug é",
+        meta={"unit": "newton", "object": "mug", "taxels": [2, 1], "tare": None, "rate": 128.0},
+        privileged={
+            "phase": np.arange(FRAMES) // 3,
+            "force": np.arange(12.0).reshape(FRAMES, 2),
+            "name": np.array(["reach", "hold"] * 3),
+        },
+    )
+
+
+def wide_csv(folder: Path) -> None:
+    from torch_geometric_tactile.io import write_wide_csv
+
+    write_wide_csv(small_recording(), folder / "a.csv")
+    write_wide_csv(small_recording(joints=0), folder / "b.csv")
+
+
+def named_csv(folder: Path) -> None:
+    lines = [
+        "time,thumb,index,palm",
+        *(f"{t!r},{i}.5,{10 * i},7" for i, t in enumerate(TIME.tolist())),
+    ]
+    (folder / "a.csv").write_text("\n".join(lines) + "\n")
+
+
+def given_names_csv(folder: Path) -> None:
+    head = "timestamp,cup,thumb,index,palm,wrist"
+    lines = [f"{t!r},{i % 2},{i}.25,,{3 * i},0.{i}" for i, t in enumerate(TIME.tolist())]
+    (folder / "a.csv").write_text("\n".join([head, *lines]) + "\n")
+    lines = [f"{t!r},mug,{i}.25,1,{3 * i},0.{i}" for i, t in enumerate(TIME.tolist())]
+    (folder / "b.csv").write_text("\n".join([head, *lines]) + "\n")
+
+
+def xela_log(folder: Path, forces: bool = True) -> None:
+    head = "Receive time,Send time,Message number," + ",".join(
+        f"{taxel}{axis}" for taxel in (1, 2) for axis in "XYZ"
+    )
+    if forces:
+        head += "," + ",".join(f"Force {taxel}{axis}" for taxel in (1, 2) for axis in "XYZ")
+    lines = [head]
+    for i, number in enumerate([0, 1, 1, 2, 3, 4]):
+        counts = [30000 + 7 * number + k for k in range(6)]
+        newtons = [f"{0.125 * number + k:.3f}" for k in range(6)] if forces else []
+        cells = [1.5e9 + 0.01 * i, 1.5e9 + 0.0078125 * i, 70 + i, *counts, *newtons]
+        lines.append(",".join(map(str, cells)))
+    (folder / "a.csv").write_text("\n".join(lines) + "\n")
+
+
+def xela_log_both(folder: Path) -> None:
+    xela_log(folder, forces=False)
+    (folder / "a.csv").rename(folder / "b.csv")
+    xela_log(folder)
+
+
+def xela_messages(folder: Path) -> None:
+    from torch_geometric_tactile.io import format_xela_message
+
+    lines = ['{"message": "Welcome"}', "connected to the server"]
+    for i in range(4):
+        counts = np.arange(9).reshape(3, 3) * 1000 + i
+        message = format_xela_message(
+            counts, i + 5, 1.5e9 + i / 128, taxels=[1, 2], models=["XR1944", "XR2244"]
+        )
+        lines.append(json.dumps(message))
+    (folder / "a.jsonl").write_text("\n".join(lines) + "\n")
+
+
+def biotac_csv(folder: Path) -> None:
+    names = [f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
+    lines = [",".join(["object", "slipped", *names])]
+    for row in range(3):
+        lines.append(
+            ",".join(
+                [f"cup {row % 2}", str(row % 2), *(str(1000 + row * 72 + i) for i in range(72))]
+            )
+        )
+    (folder / "a.csv").write_text("\n".join(lines) + "\n")
+
+
+def npz(folder: Path) -> None:
+    from torch_geometric_tactile.io import write_npz
+
+    write_npz(full_recording(), folder / "a.npz")
+    write_npz(small_recording(joints=0), folder / "b.npz")
+
+
+def hdf5(folder: Path) -> None:
+    from torch_geometric_tactile.io import write_hdf5
+
+    write_hdf5(full_recording(), folder / "a.h5")
+    write_hdf5(small_recording(joints=0), folder / "b.h5")
+
+
+def hdf5_appended(folder: Path) -> None:
+    from torch_geometric_tactile.io import append_hdf5
+
+    for name, recording in (("a.h5", full_recording()), ("b.h5", small_recording(joints=0))):
+        for part in (slice(0, 2), slice(2, 3), slice(3, None)):
+            append_hdf5(recording.select(part), folder / name)
+
+
+def layout(folder: Path) -> None:
+    small = grid(2, 2, pitch=0.01)
+    small.save(folder / "a.json")
+    TaxelLayout(
+        name="two",
+        pos=torch.tensor([[0.0, 0.0, 0.5], [0.25, 0.0, 0.5], [0.0, 0.125, 0.5]]),
+        normal=torch.tensor([[0.0, 0.0, 1.0]] * 3),
+        patch=torch.tensor([0, 1, 1]),
+        digit=torch.tensor([0, 1, 1]),
+        patch_names=("left", "right"),
+        digit_names=("thumb", "index"),
+        adjacency={"original": torch.tensor([[0, 1], [1, 0]])},
+        source="https://example.org",
+    ).save(folder / "b.json")
+
+
+def patches(folder: Path) -> None:
+    planar = {"kind": "planar", "rows": [3, 3], "pitch": 4.0, "sparse_across": [[0, 1]]}
+    capsule = {
+        "kind": "capsule",
+        "rows": [3, 1],
+        "pitch": 4.0,
+        "radius": 9.0,
+        "straight": 4.0,
+        "column_angle": 30,
+    }
+    content = {
+        "name": "small",
+        "unit": "mm",
+        "shapes": {"planar": planar, "tip": capsule},
+        "patches": [
+            {
+                "name": "p",
+                "digit": "d",
+                "link": "l",
+                "column": [1, 0, 0],
+                "row": [0, 1, 0],
+                "shape": "planar",
+                "origin": [0, 0, 0],
+                "cell": [0, 0],
+            },
+            {
+                "name": "q",
+                "digit": "d",
+                "link": "m",
+                "shape": "tip",
+                "origin": [0, 0, 9],
+                "cell": [4, 0],
+            },
+        ],
+        "joins": [
+            {"kind": "seam", "from": ["p", "top"], "to": ["q", "bottom"], "reverse": True},
+            {"kind": "fan", "from": ["p", "bottom"], "to": ["q", "bottom"], "straight": 1},
+        ],
+        "one_way": {"original": [{"from": ["p", 0, 0], "to": ["q", 0, 1]}]},
+    }
+    (folder / "a.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
+def chain(folder: Path) -> None:
+    joints = [
+        {
+            "name": "elbow",
+            "parent": "base",
+            "child": "arm",
+            "axis": [0, 0, 1],
+            "lower": -1.0,
+            "upper": 1.0,
+        },
+        {
+            "name": "knuckle",
+            "parent": "arm",
+            "child": "finger",
+            "xyz": [1, 0, 0],
+            "axis": [0, 1, 0],
+        },
+        {
+            "name": "nail",
+            "parent": "finger",
+            "child": "tip",
+            "xyz": [0.5, 0, 0],
+            "rpy": [0, 0, 1.5],
+        },
+    ]
+    (folder / "a.json").write_text(json.dumps({"name": "hand", "joints": joints}, indent=1) + "\n")
+
+
+def urdf(folder: Path) -> None:
+    (folder / "a.urdf").write_text(
+        """<?xml version="1.0" encoding="utf-8"?>
+<robot name="hand">
+<link name="base"/><link name="arm"/><link name="tip"/>
+<joint name="elbow" type="revolute">
+<parent link="base"/><child link="arm"/>
+<origin xyz="0 0 0.5" rpy="0 0 0"/>
+<axis xyz="0 0 1"/>
+<limit lower="-1.0" upper="1.0" effort="1" velocity="1"/>
+</joint>
+<joint name="nail" type="fixed">
+<parent link="arm"/><child link="tip"/>
+<origin xyz="0.25 0 0" rpy="0 0 1.5"/>
+</joint>
+</robot>
+"""
+    )
+
+
+class SmallDataset(StaticDataset):
+    """Sixteen samples in eight trials on four taxels."""
+
+    def __init__(self) -> None:
+        self.layout = grid(2, 2, pitch=0.01)
+        super().__init__(None)
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        draw = torch.Generator().manual_seed(0)
+        joint = torch.randn(16, 3, generator=draw)
+        data = StaticData(
+            x=torch.randn(16, 4, 2, generator=draw),
+            edge_index=self.layout.edge_index("original"),
+            y=torch.arange(16) % 2,
+            joint=joint,
+            pos=self.layout.pos,
+            trial=torch.arange(16) // 2,
+        )
+        return data, {"class": ["soft", "hard"]}
+
+
+MODEL = {
+    "model": {
+        "class_path": "torch_geometric_tactile.nn.models.TactileFNN",
+        "init_args": {
+            "layout": 4,
+            "out_channels": 2,
+            "inputs": ["tactile"],
+            "channels": {"tactile": 2},
+            "num_joints": 3,
+            "widths": [3],
+            "pools": [1],
+        },
+    },
+    "optimizer": {"class_path": "torch.optim.Adam", "init_args": {"lr": 0.01}},
+    "lr_scheduler": {
+        "class_path": "torch.optim.lr_scheduler.StepLR",
+        "init_args": {"step_size": 1},
+    },
+    "num_classes": 2,
+}
+
+
+def checkpoint(folder: Path) -> None:
+    import logging
+
+    import lightning as L
+    from torch_geometric.transforms import Compose
+
+    from torch_geometric_tactile.training import TactileDataModule, classifier_from_config
+    from torch_geometric_tactile.transforms import ZScore
+
+    logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
+    L.seed_everything(0, verbose=False)
+    data = TactileDataModule(
+        SmallDataset(), transform=Compose([ZScore(), ZScore(attr="joint")]), batch_size=4
+    )
+    module = classifier_from_config(MODEL, data)
+    trainer = L.Trainer(
+        max_epochs=1,
+        accelerator="cpu",
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        default_root_dir=folder,
+    )
+    trainer.fit(module, data)
+    trainer.save_checkpoint(folder / "a.ckpt")
+
+
+def predictor(folder: Path) -> None:
+    from torch_geometric_tactile.predictor import Predictor
+
+    checkpoint(folder)
+    Predictor.from_checkpoint(folder / "a.ckpt").save(folder / "a.predictor")
+    (folder / "a.ckpt").unlink()
+
+
+def processed(folder: Path) -> None:
+    from torch_geometric_tactile.data.processed_file import save_static
+
+    data, names = SmallDataset().read()
+    save_static(data, names, folder / "a.pt", {"class": "Small"}, ["a.txt=1"])
+
+
+def hub(folder: Path) -> None:
+    from torch_geometric_tactile.nn import TactileFNN
+
+    torch.manual_seed(0)
+    TactileFNN(4, 2, widths=(3,), pools=(1,)).save_pretrained(folder)
+    (folder / "README.md").unlink(missing_ok=True)
+
+
+def config(folder: Path) -> None:
+    content = {
+        "seed_everything": 0,
+        "model": MODEL,
+        "data": {
+            "dataset": {"class_path": "torch_geometric_tactile.datasets.FakeTactileDataset"},
+            "split": "trial",
+            "val": 0.1,
+            "transform": {"class_path": "torch_geometric_tactile.transforms.ZScore"},
+        },
+        "trainer": {"max_epochs": 1},
+    }
+    (folder / "a.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def table(folder: Path) -> None:
+    content = {
+        "title": "Small",
+        "data": {
+            "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
+            "init_args": {"num_samples": 100},
+        },
+        "protocols": {
+            "by trial": {"by": "trial", "val": 0.1, "test": 0.2},
+            "by frame": {"by": "frame"},
+        },
+        "cells": [
+            {"row": "GCN", "config": "grasp_gcn_df", "accuracy": 92.0},
+            {"row": "SVM", "estimator": {"class_path": "sklearn.svm.SVC", "init_args": {"C": 1.0}}},
+        ],
+        "seeds": 2,
+    }
+    (folder / "a.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def run_store(folder: Path) -> None:
+    from torch_geometric_tactile.experiments.run_store import RunStore
+
+    experiment = readers.experiment()
+    RunStore(folder).write(
+        experiment, {"accuracy": 0.5, "confusion": [[1, 2], [3, 4]], "auc": math.pi}
+    )
+
+
+Make = Callable[[Path], None]

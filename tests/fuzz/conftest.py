@@ -1,0 +1,2 @@
+# Programs and their parts, which need extras: nothing in them is a test.
+collect_ignore_glob = ["[!t]*.py", "targets.py", "te[!s]*.py", "tr*.py"]

@@ -1,0 +1,344 @@
+"""Reference readers of the text formats: short, slow, and without any guess. They return what a
+reader must return, or raise ``Refused``."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+from fuzz.laws import Refused
+
+AXES = ("x", "y", "z")
+
+
+def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **more: Any) -> Any:
+    """A recording as ``readers.recording`` returns it."""
+    time = np.asarray(time, dtype=np.float64)
+    with np.errstate(over="ignore"):
+        tactile = np.asarray(tactile, dtype=np.float32)
+        joint = None if joint is None else np.asarray(joint, dtype=np.float32)
+    _need(len(time) > 0 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all()))
+    _need(not np.isinf(tactile).any() and (joint is None or not np.isinf(joint).any()))
+    meta, privileged = more.get("meta", {}), more.get("privileged", {})
+    return {
+        "time": time,
+        "tactile": tactile,
+        "joint": joint,
+        "label": label,
+        "meta": meta,
+        "privileged": privileged,
+    }
+
+
+def table(data: bytes) -> tuple[list[str], list[list[str]]]:
+    """The header and the other lines of a CSV file, all of one length."""
+    try:
+        text = data.decode("utf-8-sig")
+        rows = list(csv.reader(io.StringIO(text, newline="")))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise Refused(str(error)) from error
+    _need(text.endswith(("\n", "\r")) and len(rows) > 1)
+    _need(all(any(cell.strip() for cell in row) for row in rows))
+    head = [name.strip() for name in rows[0]]
+    _need(len(set(head)) == len(head) and all(len(row) == len(head) for row in rows))
+    return head, rows[1:]
+
+
+def number(cell: str) -> float:
+    """What a cell says; NaN if empty."""
+    try:
+        return float(cell) if cell.strip() else float("nan")
+    except ValueError as error:
+        raise Refused(cell) from error
+
+
+def numbers(rows: Sequence[Sequence[str]]) -> np.ndarray:
+    return np.array([[number(cell) for cell in row] for row in rows])
+
+
+def wide_csv(data: bytes) -> Any:
+    """Columns by name; every taxel with every axis."""
+    head, rows = table(data)
+    place = {name: i for i, name in enumerate(head)}
+    taxels = sum(bool(re.fullmatch(r"taxel_[0-9]+_[a-z0-9]+", name)) for name in head)
+    joints = sum(name.startswith("joint_") for name in head)
+    for channels in (1, 2, 3, 4):
+        axes = AXES[:channels] if channels <= 3 else [str(i) for i in range(channels)]
+        names = [f"taxel_{i}_{axis}" for i in range(taxels // channels) for axis in axes]
+        names += [f"joint_{i}" for i in range(joints)]
+        if {*names, "time"} == set(head) and taxels:
+            found = numbers([[row[place[name]] for name in ["time", *names]] for row in rows])
+            return reading(
+                found[:, 0],
+                found[:, 1 : 1 + taxels].reshape(len(rows), -1, channels),
+                found[:, 1 + taxels :] if joints else None,
+            )
+    raise Refused("header")
+
+
+def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | None = None) -> Any:
+    """Columns by name; all but the time and the given ones if none are given."""
+    head, rows = table(data)
+    times = [name for name in head if name.lower() in ("time", "timestamp", "t")]
+    _need(len(times) == 1 or (tactile is None and not times))
+    used = {*times, *joint, label}
+    all_given = tactile is not None
+    tactile = [name for name in head if name not in used] if tactile is None else tactile
+    _need({*tactile, *joint} <= set(head) and (label is None or label in head) and bool(tactile))
+    # pandas' names of a table without any, and its index.
+    _need(
+        all_given
+        or not any(name == "" or name.isdecimal() or name.startswith("Unnamed") for name in head)
+    )
+
+    def columns(names: Any) -> np.ndarray:
+        return numbers([[row[head.index(name)] for name in names] for row in rows])
+
+    time = columns(times)[:, 0] if times else np.arange(len(rows)) / 100.0
+    more: dict[str, Any] = {}
+    if label is not None:
+        cells = [row[head.index(label)].strip() for row in rows]
+        _need(all(cells))
+        whole = all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells)
+        values = np.array([int(cell) for cell in cells]) if whole else np.array(cells)
+        if len(set(values.tolist())) == 1:
+            more["label"] = values[0].item()
+        else:
+            more["privileged"] = {label: values}
+    found = columns(tactile)
+    angles = columns(joint) if joint else None
+    return reading(time, found.reshape(len(rows), -1, 1), angles, **more)
+
+
+def xela_log(data: bytes, forces: bool = False) -> Any:
+    """Rows that repeat the one before are counted and left out."""
+    head, rows = table(data)
+    head = [" ".join(name.lower().split()) for name in head]
+    _need("send time" in head and "message number" in head and len(set(head)) == len(head))
+    found = numbers(rows)
+    time, count = head.index("send time"), head.index("message number")
+    own, other = (
+        _xela_columns(head, "force " if forces else ""),
+        _xela_columns(head, "" if forces else "force "),
+    )
+    _need(bool(own))
+    kept: list[np.ndarray] = []
+    for row in found:
+        _need(not np.isnan(row[[time, count]]).any())
+        if kept:
+            before = kept[-1]
+            both = own + other
+            same = np.array_equal(row[both], before[both], equal_nan=True)
+            if row[time] == before[time] or row[count] == before[count] or same:
+                continue
+        kept.append(row)
+    meta = {
+        "sensor": "XELA uSkin",
+        "unit": "newton" if forces else "count",
+        "stale_rows": len(found) - len(kept),
+    }
+    readings = np.array([row[own] for row in kept]).reshape(len(kept), -1, 3)
+    return reading([row[time] for row in kept], readings, meta=meta)
+
+
+def _xela_columns(head: list[str], start: str) -> list[int]:
+    names = [name for name in head if re.fullmatch(start + "[0-9]+[xyz]", name)]
+    wanted = [f"{start}{i + 1}{axis}" for i in range(len(names) // 3) for axis in AXES]
+    # Nothing that looks like a reading is left out.
+    _need(set(names) == set(wanted))
+    return [head.index(name) for name in wanted]
+
+
+def biotac_csv(data: bytes) -> Any:
+    fingers = ("ff", "mf", "th")
+    names = [f"{finger}_biotac_{i}" for finger in fingers for i in range(1, 25)]
+    head, rows = table(data)
+    _need({"object", "slipped", *names} <= set(head))
+    found = numbers([[row[head.index(name)] for name in ["slipped", *names]] for row in rows])
+    _need(bool(np.isfinite(found).all()) and bool(np.isin(found[:, 0], (0, 1)).all()))
+    values = found[:, 1:].reshape(-1, 3, 24).transpose(0, 2, 1)
+    objects = [row[head.index("object")].strip() for row in rows]
+    return [values.astype(np.float32), found[:, 0].astype(np.int64), objects]
+
+
+def xela_messages(data: bytes) -> Any:
+    """One message a line; other lines are those of a log, without a brace or a quotation mark."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise Refused(str(error)) from error
+    frames: list[dict[str, Any]] = []
+    repeated = 0
+    for line in text.split("\n"):
+        if "{" not in line:
+            _need(not set('"}') & set(line))
+            continue
+        before, brace, rest = line.partition("{")
+        _need(not set('"}') & set(before) and not set('"}{') & set(rest[rest.rfind("}") + 1 :]))
+        message = strict_json(brace + rest[: rest.rfind("}") + 1])
+        if message == {"message": "Welcome"}:
+            continue
+        frame = _xela_frame(message)
+        if frames and frame["number"] == frames[-1]["number"]:
+            repeated += 1
+            continue
+        _need(not frames or all(frame[k] == frames[-1][k] for k in ("taxels", "models")))
+        frames.append(frame)
+    _need(bool(frames))
+    first = frames[0]
+    meta = {
+        "sensor": "XELA uSkin",
+        "unit": "count",
+        "models": first["models"],
+        "taxels": first["taxels"],
+        "handedness": first["handedness"],
+        "handedness_reliable": False,
+        "server_version": first["version"],
+        "repeated_messages": repeated,
+    }
+    return reading(
+        [frame["time"] for frame in frames], [frame["counts"] for frame in frames], meta=meta
+    )
+
+
+def _xela_frame(message: Any) -> dict[str, Any]:
+    _need(isinstance(message, dict) and type(message.get("message")) is int)
+    time = message.get("time", message.get("sendtime"))
+    _need(type(time) in (int, float))
+    keys = sorted((key for key in message if key.isdecimal()), key=int)
+    _need(bool(keys) and message.get("sensors", len(keys)) == len(keys))
+    counts: list[int] = []
+    taxels: list[int] = []
+    for key in keys:
+        sensor = message[key]
+        _need(isinstance(sensor, dict) and isinstance(sensor.get("data"), str))
+        words = [word for word in re.split(r"[,\s]+", sensor["data"]) if word]
+        _need(bool(words) and all(re.fullmatch("[0-9A-Fa-f]{1,4}", word) for word in words))
+        own = [int(word, 16) for word in words]
+        _need(len(own) == 3 * sensor.get("taxels", len(own) // 3))
+        _need(sensor.get("integer", own) == own)
+        counts += own
+        taxels.append(len(own) // 3)
+    return {
+        "number": message["message"],
+        "time": float(time),
+        "counts": np.array(counts).reshape(-1, 3),
+        "taxels": taxels,
+        "models": [str(message[key].get("model", "")) for key in keys],
+        "handedness": [str(message[key].get("handedness", "")) for key in keys],
+        "version": str(message.get("version", "")),
+    }
+
+
+def strict_json(text: str) -> Any:
+    """JSON with each key once, and finite numbers."""
+
+    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        _need(len({key for key, _ in items}) == len(items))
+        return dict(items)
+
+    def finite(text: str) -> float:
+        _need(abs(float(text)) != float("inf"))
+        return float(text)
+
+    def refuse(text: str) -> Any:
+        raise Refused(text)
+
+    try:
+        return json.loads(
+            text, object_pairs_hook=pairs, parse_float=finite, parse_constant=refuse, strict=False
+        )
+    except (ValueError, RecursionError) as error:
+        raise Refused(str(error)) from error
+
+
+def json_tree(data: bytes) -> Any:
+    try:
+        return strict_json(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise Refused(str(error)) from error
+
+
+def is_layout(tree: Any, found: dict[str, Any]) -> bool:
+    """Whether a layout is the one of a JSON tree, key by key, and no key was passed over."""
+    known = {"name", "source", "unit", "taxels", "adjacency"}
+    known |= {f"{key}_names" for key in _INDICES}
+    if not {*tree} <= known or tree["name"] != found["name"]:
+        return False
+    if tree.get("source", "") != found["source"] or len(tree["taxels"]) != len(found["taxels"]):
+        return False
+    if tree.get("adjacency", {}) != found["adjacency"]:
+        return False
+    if any(
+        tree.get(f"{key}_names", found[f"{key}_names"]) != found[f"{key}_names"] for key in _INDICES
+    ):
+        return False
+    metres = {"m": 1.0, "mm": 1e-3, "in": 0.0254}[tree["unit"]]
+    for taxel, own in zip(tree["taxels"], found["taxels"], strict=True):
+        if not {*taxel} <= {*own} or not np.allclose(
+            np.multiply(taxel["pos"], metres), own["pos"], rtol=1e-5
+        ):
+            return False
+        if any(taxel.get(key, own.get(key)) != own.get(key) for key in (*_INDICES, "cell")):
+            return False
+        if "normal" in taxel and not np.allclose(taxel["normal"], own["normal"], rtol=1e-3):
+            return False
+    return True
+
+
+_INDICES = ("link", "patch", "digit")
+
+
+def is_chain(tree: Any, found: dict[str, Any]) -> bool:
+    """Whether a hand is the one of a JSON tree."""
+    joints = tree["joints"]
+    if not {*tree} <= {"name", "joints", "source", "bodies"} or len(joints) != len(found["joints"]):
+        return False
+    return tree.get("name", found["name"]) == found["name"] and all(
+        _is_joint(joint, own) for joint, own in zip(joints, found["joints"], strict=True)
+    )
+
+
+def _is_joint(joint: dict[str, Any], own: dict[str, Any]) -> bool:
+    joint, own = dict(joint), dict(own)
+    axis, unit = joint.pop("axis", None), own.pop("axis", None)
+    same = (axis is None) == (unit is None)
+    if same and axis is not None:
+        same = np.allclose(np.array(axis) / np.linalg.norm(axis), unit)
+    return same and all(key in own and own[key] == joint[key] for key in joint)
+
+
+def xml_tree(data: bytes) -> Any:
+    def plain(element: ElementTree.Element) -> Any:
+        text = (element.text or "").strip()
+        return [element.tag, dict(element.attrib), text, [plain(child) for child in element]]
+
+    try:
+        return plain(ElementTree.fromstring(data))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise Refused(str(error)) from error
+
+
+class _Once(yaml.SafeLoader):
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        keys = [key.value for key, _ in getattr(node, "value", ()) if isinstance(key.value, str)]
+        _need(len(set(keys)) == len(keys))
+        return super().construct_mapping(node, deep)
+
+
+def yaml_tree(data: bytes) -> Any:
+    """YAML with each key once."""
+    try:
+        return yaml.load(data.decode("utf-8-sig"), Loader=_Once)
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError, AttributeError) as error:
+        raise Refused(str(error)) from error
+
+
+def _need(condition: bool) -> None:
+    if not condition:
+        raise Refused

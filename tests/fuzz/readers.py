@@ -1,0 +1,207 @@
+"""Every function of the package that reads a file, with what it read as plain values."""
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.data import Recording
+
+
+def recording(found: Recording) -> Any:
+    return {field.name: plain(getattr(found, field.name)) for field in dataclasses.fields(found)}
+
+
+def plain(value: Any) -> Any:
+    if isinstance(value, torch.Tensor):
+        return _tensor(value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = dataclasses.fields(value)
+        return {field.name: plain(getattr(value, field.name)) for field in fields}
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if value is None or isinstance(value, bool | int | float | str | bytes | np.ndarray):
+        return value
+    return repr(value)
+
+
+def _tensor(value: torch.Tensor) -> np.ndarray:
+    value = value.detach()
+    if value.is_sparse:
+        value = value.to_dense()
+    return np.asarray(value.numpy(force=True))
+
+
+def state(module: torch.nn.Module) -> Any:
+    return {"module": repr(module), **plain(dict(module.state_dict()))}
+
+
+def wide_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_wide_csv
+
+    return recording(read_wide_csv(path))
+
+
+def named_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_named_csv
+
+    return recording(read_named_csv(path))
+
+
+GIVEN_NAMES = {"tactile": ("thumb", "index", "palm"), "joint": ("wrist",), "label": "cup"}
+
+
+def given_names_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_named_csv
+
+    return recording(read_named_csv(path, **GIVEN_NAMES))
+
+
+def xela_log(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_xela_log_csv
+
+    return recording(read_xela_log_csv(path))
+
+
+def xela_log_forces(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_xela_log_csv
+
+    return recording(read_xela_log_csv(path, forces=True))
+
+
+def xela_messages(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_xela_messages
+
+    return recording(read_xela_messages(path))
+
+
+def biotac_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_biotac_sp_csv
+
+    return plain(tuple(read_biotac_sp_csv(path)))
+
+
+def npz(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_npz
+
+    return recording(read_npz(path))
+
+
+def hdf5(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_hdf5, read_hdf5_head
+
+    head = read_hdf5_head(path)
+    found = read_hdf5(path)
+    assert head.label == found.label
+    assert head.num_taxels == found.num_taxels
+    return recording(found)
+
+
+def any_recording(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_recording
+
+    return recording(read_recording(path))
+
+
+def layout(path: Path) -> Any:
+    from torch_geometric_tactile.sensors import as_layout
+
+    return plain(as_layout(path).to_dict())
+
+
+def chain(path: Path) -> Any:
+    from torch_geometric_tactile.sensors import HandKinematics
+
+    return plain(HandKinematics.load(path).to_dict())
+
+
+def urdf(path: Path) -> Any:
+    from torch_geometric_tactile.sensors import HandKinematics
+
+    return plain(HandKinematics.from_urdf(path).to_dict())
+
+
+def predictor(path: Path) -> Any:
+    """What it answers, what it is, and its weights."""
+    from torch_geometric_tactile.reports.run_data import open_predictor
+
+    found = open_predictor(path)
+    frame = torch.arange(8.0).view(1, 4, 2) / 7
+    answer = found(frame, torch.tensor([[0.1, -0.2, 0.3]]))
+    return {
+        "answer": plain(answer),
+        "text": repr(found),
+        "layout": plain(found.layout.to_dict()),
+        "transform": repr(found.transform),
+        "model": state(found.model),
+    }
+
+
+def checkpoint(path: Path) -> Any:
+    from torch_geometric_tactile.training import TactileModule
+
+    return state(TactileModule.load_from_checkpoint(path, weights_only=True))
+
+
+def processed(path: Path) -> Any:
+    from torch_geometric_tactile.data.processed_file import read_processed
+
+    found = read_processed(path)
+    return {
+        "data": plain(found.data.to_dict()),
+        "schema": plain(found.data.schema),
+        "names": plain(found.names),
+        "settings": plain(found.settings),
+        "raw_state": plain(found.raw_state),
+    }
+
+
+def hub(path: Path) -> Any:
+    """The folder of a model that holds the file."""
+    from torch_geometric_tactile.nn import TactileFNN
+
+    return state(TactileFNN.from_pretrained(path.parent))
+
+
+def config(path: Path) -> Any:
+    from torch_geometric_tactile.training.config import load_config
+    from torch_geometric_tactile.training.given_arguments import read_config
+
+    assert isinstance(load_config(str(path)), dict)
+    return plain(read_config(path))
+
+
+def model_config(path: Path) -> Any:
+    """The model of a configuration, built."""
+    from torch_geometric_tactile.training import classifier_from_config, load_config
+
+    torch.manual_seed(0)  # of the weights
+    return state(classifier_from_config(load_config(str(path))["model"]))
+
+
+def table(path: Path) -> Any:
+    from torch_geometric_tactile.experiments.tables import load_table
+
+    return {**plain(load_table(str(path))), "name": ""}
+
+
+def run_store(path: Path) -> Any:
+    from torch_geometric_tactile.experiments.run_store import RunStore
+
+    return plain(RunStore(path.parent).read(experiment()))
+
+
+@functools.cache
+def experiment() -> Any:
+    from torch_geometric_tactile.data import Protocol
+    from torch_geometric_tactile.experiments.data_source import DataSource
+    from torch_geometric_tactile.experiments.experiment import Experiment
+
+    source = DataSource("torch_geometric_tactile.datasets.FakeTactileDataset", {"num_samples": 8})
+    model = {"class_path": "sklearn.linear_model.LogisticRegression"}
+    return Experiment("small", source, Protocol("frame"), "by frame", model)

@@ -1,0 +1,280 @@
+"""What is attacked: a reader, whole files to start from, mutations, and a reference reader."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import yaml
+from fuzz import bases, oracles, readers
+from fuzz.binary_mutations import harmful, mutate_hdf5, mutated_npz, mutated_torch, with_harm
+from fuzz.bytes_mutations import BYTES
+from fuzz.laws import JUDGED, REFUSED, REWRITTEN, Refused, equal
+from fuzz.text_mutations import TEXT, encoded
+from fuzz.tree_mutations import as_json, as_yaml, mutated_tree
+
+Mutate = Callable[[Path, bytes, Random, bytes], str]
+"""Writes a mutated file, given its path, the whole file, and another one; returns what is allowed.
+"""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader under attack.
+
+    Args:
+        name (str): Its name.
+        make (callable): Writes whole files into a folder.
+        read (callable): Reads a file; returns plain values.
+        mutate (callable): Writes a mutated file.
+        says (callable, optional): Of a text format, the reference reader.
+        tree (bool): Whether :obj:`says` returns the tree that the file holds instead of the
+            reading.
+        agrees (callable, optional): Compares such a tree with a reading.
+        weight (int): How many of a hundred cases, about.
+        suffix (str): Files of other suffixes are needed beside, and not mutated.
+        names_file (bool): Whether an error must name the file.
+    """
+
+    name: str
+    make: Callable[[Path], None]
+    read: Callable[[Path], Any]
+    mutate: Mutate
+    says: Callable[[bytes], Any] | None = None
+    weight: int = 4
+    tree: bool = False
+    agrees: Callable[[Any, Any], bool] = lambda tree, found: True
+    suffix: str = ""
+    names_file: bool = True
+
+    def judged(self, data: bytes, mutated: bytes, before: Any, found: Any, allowed: str) -> str:
+        """The outcome of a mutated file that was read."""
+        if allowed == REFUSED:
+            return "silent"
+        if equal(found, before):
+            return "same"
+        if allowed == REWRITTEN:
+            return "rewritten"
+        if self.says is None:
+            return "silent"
+        try:
+            said = self.says(mutated)
+        except Refused:
+            return "silent"
+        if not self.tree:
+            return "cell" if equal(found, said) else "silent"
+        if equal(said, self.says(data)) or not self.agrees(said, found):
+            return "silent"
+        return "cell"
+
+
+def _bytes(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    path.write_bytes(draw.choice(BYTES)(data, draw, other))
+    return JUDGED
+
+
+def _text(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.4:
+        return _bytes(path, data, draw, other)
+    text = data.decode()
+    for _ in range(draw.choice([1, 1, 1, 2])):
+        text = draw.choice(TEXT)(text, draw) or "\n"
+    path.write_bytes(encoded(text, draw))
+    return JUDGED
+
+
+def _json(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.4:
+        return _bytes(path, data, draw, other)
+    tree = json.loads(data)
+    for _ in range(draw.choice([0, 1, 1, 1, 2])):
+        if tree:
+            tree = mutated_tree(tree, draw)
+    path.write_bytes(encoded(as_json(tree, draw), draw))
+    return JUDGED
+
+
+def _json_lines(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.4:
+        return _text(path, data, draw, other)
+    lines = data.decode().splitlines()
+    place = draw.choice([i for i, line in enumerate(lines) if line.startswith("{")])
+    lines[place] = as_json(mutated_tree(json.loads(lines[place]), draw), draw)
+    path.write_bytes(encoded("\n".join(lines) + "\n", draw))
+    return JUDGED
+
+
+def _yaml(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    kind = draw.random()
+    if kind < 0.3:
+        return _bytes(path, data, draw, other)
+    tree = yaml.safe_load(data)
+    tree = with_harm(tree, draw) if kind < 0.6 else mutated_tree(tree, draw)
+    path.write_bytes(encoded(as_yaml(tree, draw), draw))
+    return JUDGED
+
+
+def _npz(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.5:
+        return _bytes(path, data, draw, other)
+    content, allowed = mutated_npz(data, draw)
+    path.write_bytes(content)
+    return allowed
+
+
+def _hdf5(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.5:
+        return _bytes(path, data, draw, other)
+    path.write_bytes(data)
+    return mutate_hdf5(path, draw)
+
+
+def _torch(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.4:
+        return _bytes(path, data, draw, other)
+    content, allowed = mutated_torch(data, draw)
+    path.write_bytes(content)
+    return allowed
+
+
+def _predictor(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """Its header with another tree in it, and its old checksums."""
+    if draw.random() < 0.5:
+        return _bytes(path, data, draw, other)
+    length = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + length])
+    if draw.random() < 0.3:
+        header = mutated_tree(header, draw)
+    else:
+        key = draw.choice([*header.get("__metadata__", {})] or [""])
+        text = header["__metadata__"][key]
+        try:
+            tree = json.loads(text)
+        except ValueError:
+            tree = {"a": text}
+        if isinstance(tree, dict):
+            tree = mutated_tree(tree, draw)
+            if draw.random() < 0.3:
+                tree["model"] = harmful(draw)
+        header["__metadata__"][key] = json.dumps(tree)
+    text = as_json(header, draw).encode("utf-8", "surrogatepass")
+    path.write_bytes(len(text).to_bytes(8, "little") + text + data[8 + length :])
+    return JUDGED
+
+
+TARGETS: Sequence[Target] = (
+    Target("wide CSV", bases.wide_csv, readers.wide_csv, _text, oracles.wide_csv, 8),
+    Target("named CSV", bases.named_csv, readers.named_csv, _text, oracles.named_csv, 5),
+    Target(
+        "named CSV, given names",
+        bases.given_names_csv,
+        readers.given_names_csv,
+        _text,
+        partial(oracles.named_csv, **readers.GIVEN_NAMES),
+        4,
+    ),
+    Target("XELA log", bases.xela_log_both, readers.xela_log, _text, oracles.xela_log, 5),
+    Target(
+        "XELA log, forces",
+        bases.xela_log,
+        readers.xela_log_forces,
+        _text,
+        partial(oracles.xela_log, forces=True),
+        3,
+    ),
+    Target(
+        "XELA messages",
+        bases.xela_messages,
+        readers.xela_messages,
+        _json_lines,
+        oracles.xela_messages,
+        7,
+    ),
+    Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
+    Target("npz", bases.npz, readers.npz, _npz, weight=8),
+    Target("HDF5", bases.hdf5, readers.hdf5, _hdf5, weight=7),
+    Target("HDF5, appended", bases.hdf5_appended, readers.hdf5, _hdf5, weight=7),
+    Target("recording: CSV", bases.wide_csv, readers.any_recording, _text, oracles.wide_csv, 3),
+    Target("recording: npz", bases.npz, readers.any_recording, _npz, weight=2),
+    Target("recording: HDF5", bases.hdf5, readers.any_recording, _hdf5, weight=2),
+    Target(
+        "layout",
+        bases.layout,
+        readers.layout,
+        _json,
+        oracles.json_tree,
+        4,
+        tree=True,
+        agrees=oracles.is_layout,
+    ),
+    Target(
+        "layout of patches", bases.patches, readers.layout, _json, oracles.json_tree, 4, tree=True
+    ),
+    Target(
+        "chain",
+        bases.chain,
+        readers.chain,
+        _json,
+        oracles.json_tree,
+        3,
+        tree=True,
+        agrees=oracles.is_chain,
+    ),
+    Target("URDF", bases.urdf, readers.urdf, _text, oracles.xml_tree, 2, tree=True),
+    Target("predictor", bases.predictor, readers.predictor, _predictor, weight=6),
+    Target("checkpoint: predictor", bases.checkpoint, readers.predictor, _torch, weight=5),
+    Target("checkpoint: module", bases.checkpoint, readers.checkpoint, _torch, weight=4),
+    Target("processed file", bases.processed, readers.processed, _torch, weight=5),
+    Target("model folder: weights", bases.hub, readers.hub, _torch, weight=3, suffix=".pth"),
+    Target(
+        "model folder: configuration",
+        bases.hub,
+        readers.hub,
+        _json,
+        oracles.json_tree,
+        2,
+        tree=True,
+        suffix=".json",
+    ),
+    Target(
+        "configuration",
+        bases.config,
+        readers.config,
+        _yaml,
+        oracles.yaml_tree,
+        2,
+        tree=True,
+        agrees=lambda tree, found: equal(readers.plain(tree or {}), found),
+    ),
+    Target(
+        "configuration: model",
+        bases.config,
+        readers.model_config,
+        _yaml,
+        oracles.yaml_tree,
+        3,
+        tree=True,
+        names_file=False,
+    ),
+    Target("table", bases.table, readers.table, _yaml, oracles.yaml_tree, 2, tree=True),
+    Target(
+        "run",
+        bases.run_store,
+        readers.run_store,
+        _json,
+        oracles.json_tree,
+        2,
+        tree=True,
+        agrees=lambda tree, found: bool(tree["result"] == found),
+    ),
+)
+
+
+def schedule() -> list[Target]:
+    """The targets of case 0, 1, ..., over and over: each as often as its weight."""
+    order = [target for target in TARGETS for _ in range(target.weight)]
+    Random(0).shuffle(order)
+    return order

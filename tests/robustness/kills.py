@@ -1,0 +1,408 @@
+r"""Kills jobs that write at random moments. By hand, on Linux or macOS:
+
+    python tests/robustness/kills.py --kills 200 --seed 0
+
+Each trial forks a job, kills it at a random moment of its usual time (alone, or beside a second one
+on the same target that goes on), looks whether all that was finished reads whole, lets the job run
+once more, and compares what it made with an undisturbed run. No temporary may be left.
+"""
+
+import argparse
+import logging
+import os
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from shutil import rmtree
+from typing import Any, NamedTuple
+
+import numpy as np
+
+FRAMES = 300
+
+
+class Job(NamedTuple):
+    """What is run in a folder, and what it made; :obj:`made` must not change, whatever is killed.
+
+    ``prepare`` fills the folder, ``run`` gets the folder and a function to tell how far it got, and
+    ``read`` returns what is finished by name; all that it returns must be whole. ``weight`` is its
+    share of the kills.
+    """
+
+    name: str
+    prepare: Callable[[Path], None]
+    run: Callable[[Path, Callable[[int], None]], None]
+    read: Callable[[Path], dict[str, Any]]
+    weight: int
+    grows: bool = False
+
+
+def jobs() -> list[Job]:
+    """Returns all jobs whose extras are installed."""
+    found = [processing(), convert()]
+    for make in (append, store, fit, demo, simulation):
+        try:
+            found.append(make())
+        except ImportError:
+            continue
+    return found
+
+
+def nothing(folder: Path) -> None:
+    """Prepares nothing."""
+
+
+def a_recording(start: int, stop: int):
+    """Returns frames that are known by their number."""
+    from torch_geometric_tactile.data import Recording
+
+    values = np.arange(start, stop)
+    return Recording(values / 100, values[:, None, None] * np.ones((1, 24, 3)))
+
+
+def numbers(recording) -> list[float]:
+    """Returns the number of each frame, which all its taxels must show."""
+    assert (recording.tactile == recording.tactile[:, :1, :1]).all()
+    return recording.tactile[:, 0, 0].tolist()
+
+
+def processing() -> Job:
+    """Reads recordings and writes a processed file."""
+    from torch_geometric_tactile.data.processed_file import load_static
+    from torch_geometric_tactile.datasets import RecordingFrames
+    from torch_geometric_tactile.io import write_npz
+    from torch_geometric_tactile.sensors import grid
+
+    layout = grid(4, 6, pitch=0.01)
+
+    def prepare(folder):
+        for i in range(8):
+            write_npz(a_recording(0, FRAMES), folder / f"{('cup', 'box')[i % 2]}_{i}.npz")
+
+    def run(folder, tell):
+        assert len(RecordingFrames(folder, layout=layout)) == 8 * FRAMES
+
+    def read(folder):
+        paths = folder.glob("processed/*.pt")
+        return {path.name: load_static(path)[0].x.sum().item() for path in paths}
+
+    return Job("processing", prepare, run, read, 4)
+
+
+def convert() -> Job:
+    """Converts a CSV file to npz by the command line."""
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.io import read_npz, write_wide_csv
+
+    def prepare(folder):
+        write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
+
+    def run(folder, tell):
+        assert main(["convert", str(folder / "a.csv"), str(folder / "b.npz")]) == 0
+
+    def read(folder):
+        return {path.name: numbers(read_npz(path)) for path in folder.glob("*.npz")}
+
+    return Job("convert", prepare, run, read, 4)
+
+
+def append() -> Job:
+    """Appends frame after frame, and tells of each that is safe."""
+    import h5py  # noqa: F401
+
+    from torch_geometric_tactile.io import append_hdf5, read_hdf5
+
+    def run(folder, tell):
+        path = folder / "a.h5"
+        start = None
+        while start != FRAMES:
+            try:
+                if start is None:
+                    start = read_hdf5(path).num_frames if path.exists() else 0
+                stop = min(start + 6, FRAMES)
+                append_hdf5(a_recording(start, stop), path)
+                start = stop
+                tell(stop)
+            except BlockingIOError:  # the second one writes
+                time.sleep(0.001)
+            except ValueError as error:
+                if "must go on after" not in str(error):  # the second one has written them
+                    raise
+                start = None
+
+    def read(folder):
+        return {path.name: numbers(read_hdf5(path)) for path in folder.glob("*.h5")}
+
+    return Job("append", nothing, run, read, 5, grows=True)
+
+
+def store() -> Job:
+    """Writes the results of the runs of a table."""
+    from torch_geometric_tactile.data import Protocol
+    from torch_geometric_tactile.experiments.data_source import DataSource
+    from torch_geometric_tactile.experiments.experiment import Experiment
+    from torch_geometric_tactile.experiments.run_store import RunStore
+
+    source = DataSource("a.B", {}, fingerprint="d")
+    runs = [
+        Experiment(
+            name="a",
+            model={"x": 1},
+            data=source,
+            protocol=Protocol("trial"),
+            protocol_name="by trial",
+            epochs=2,
+            seed=seed,
+        )
+        for seed in range(60)
+    ]
+
+    def run(folder, tell):
+        kept = RunStore(folder)
+        try:
+            for experiment in runs:
+                if kept.read(experiment) is None:
+                    kept.write(experiment, {"seed": experiment.seed, "scores": [0.5] * 3000})
+        finally:
+            kept.clean(runs)
+
+    def read(folder):
+        kept = RunStore(folder)
+        return {r.file_name: result for r in runs if (result := kept.read(r)) is not None}
+
+    return Job("table", nothing, run, read, 3)
+
+
+def fit() -> Job:
+    """Trains for three epochs with a checkpoint after each."""
+    import lightning as L
+    import torch
+    from lightning.pytorch.callbacks import ModelCheckpoint
+
+    from torch_geometric_tactile.datasets import FakeTactileDataset
+    from torch_geometric_tactile.nn.models import GraspGCN
+    from torch_geometric_tactile.training import (
+        AtomicCheckpointIO,
+        TactileClassifier,
+        TactileDataModule,
+    )
+    from torch_geometric_tactile.transforms import KNNGraph
+
+    train = FakeTactileDataset(64, "train", pre_transform=KNNGraph(2))
+    test = FakeTactileDataset(64, "test", pre_transform=KNNGraph(2))
+    L.Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)  # imports the rest
+
+    def run(folder, tell):
+        L.seed_everything(0, verbose=False)
+        saved = ModelCheckpoint(folder, "{epoch}", save_top_k=-1, enable_version_counter=False)
+        L.Trainer(
+            accelerator="cpu",
+            devices=1,
+            max_epochs=3,
+            logger=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+            plugins=[AtomicCheckpointIO()],
+            callbacks=[saved],
+        ).fit(
+            TactileClassifier(GraspGCN()), datamodule=TactileDataModule(train, test, batch_size=16)
+        )
+
+    def read(folder):
+        return {
+            path.name: sum(
+                value.double().sum().item()
+                for value in torch.load(path, weights_only=True)["state_dict"].values()
+            )
+            for path in folder.glob("*.ckpt")
+        }
+
+    return Job("fit", nothing, run, read, 2)
+
+
+def demo() -> Job:
+    """Writes the pages of a report as the demo does, without its training."""
+    import torch
+
+    from torch_geometric_tactile import Predictor
+    from torch_geometric_tactile.nn import TactileFNN
+    from torch_geometric_tactile.reports.html import write_report
+    from torch_geometric_tactile.sensors import grid
+    from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+
+    torch.manual_seed(0)
+    model = TactileFNN(4, 2, widths=(64,), pools=(1,))
+    predictor = Predictor(model, grid(2, 2, pitch=0.01), None, ("a", "b"), num_channels=3)
+
+    def run(folder, tell):
+        for i in range(4):
+            figure = new_figure(2.0, 2.0)
+            figure.add_subplot().plot(range(i + 3))
+            save_figure(figure, folder / f"{i}.png")
+            predictor.save(folder / f"{i}.predictor")
+            write_report(
+                folder / f"{i}.html",
+                title="x" * 10000,
+                notice="generated",
+                facts=[],
+                tables=[],
+                pictures=[],
+            )
+
+    def read(folder):
+        names = ("*.png", "*.html", "*.predictor")
+        return {path.name: path.read_bytes() for name in names for path in folder.glob(name)}
+
+    return Job("report", nothing, run, read, 2)
+
+
+def simulation() -> Job:
+    """Simulates one grasp of each of two objects."""
+    import h5py  # noqa: F401
+    import mujoco  # noqa: F401
+
+    from torch_geometric_tactile.io import read_hdf5
+    from torch_geometric_tactile.sim import OBJECT_SETS, paper8, simulate
+
+    OBJECT_SETS["two"] = lambda: paper8()[:2]
+
+    def run(folder, tell):
+        assert len([*simulate(folder, "two", 1, preset="ci")]) == 2
+
+    def read(folder):
+        return {path.name: read_hdf5(path).tactile.tolist() for path in folder.glob("*.h5")}
+
+    return Job("simulate", nothing, run, read, 1)
+
+
+def start(job: Job, folder: Path) -> tuple[int, int]:
+    """Starts a job in a new process; returns its number and where it tells how far it got."""
+    reader, speaker = os.pipe()
+    child = os.fork()
+    if child:
+        os.close(speaker)
+        return child, reader
+    status = 1
+    try:
+        os.close(reader)
+        os.environ["TMPDIR"] = tempfile.tempdir = str(folder)
+        quiet = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(quiet, 1)
+        job.run(folder, lambda number: os.write(speaker, b"%d\n" % number))
+        status = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(status)
+    raise AssertionError("unreachable")
+
+
+def end(child: int, reader: int) -> tuple[bool, int]:
+    """Waits for a job: whether it succeeded, and how far it told that it got."""
+    with os.fdopen(reader, "rb") as file:
+        told = file.read().split()
+    status = os.waitpid(child, 0)[1]
+    return status == 0, max(map(int, told), default=0)
+
+
+def differences(job: Job, folder: Path, wanted: dict[str, Any], told: int, done: bool) -> list[str]:
+    """Returns what is wrong with what lies in a folder."""
+    try:
+        found = job.read(folder)
+    except Exception as error:
+        return [f"unreadable: {error!r}"]
+    wrong = []
+    for name, value in found.items():
+        part = wanted[name][: len(value)] if job.grows and not done else wanted[name]
+        if value != part:
+            wrong.append(f"{name} differs")
+    if job.grows and told > max(map(len, found.values()), default=0):
+        wrong.append(f"{told} were told to be safe")
+    if done and found.keys() != wanted.keys():
+        wrong.append(f"finished {sorted(found)}")
+    return wrong
+
+
+def temporaries(folder: Path) -> list[str]:
+    """Returns what is hidden, or named as a temporary, in a folder."""
+    names = [path.name for path in folder.rglob("*")]
+    return sorted(
+        name for name in names if name.startswith((".", "tmp", "torch_geometric_tactile_"))
+    )
+
+
+def kill_once(job: Job, seconds: float, wanted: dict[str, Any], draw: Any, two: bool) -> list[str]:
+    """Kills a job once and returns what was wrong afterwards."""
+    folder = Path(tempfile.mkdtemp(prefix="kills_"))
+    job.prepare(folder)
+    first = start(job, folder)
+    second = start(job, folder) if two else None
+    time.sleep(draw.uniform(0, seconds))
+    os.kill(first[0], signal.SIGKILL)
+    told = end(*first)[1]
+    wrong = []
+    if second is not None:
+        succeeded, also = end(*second)
+        told = max(told, also)
+        if not succeeded:
+            wrong.append("the second one failed")
+    wrong += differences(job, folder, wanted, told, done=second is not None)
+    for _ in range(1 + two):
+        if not end(*start(job, folder))[0]:
+            wrong.append("the next run failed")
+    wrong += differences(job, folder, wanted, told, done=True)
+    wrong += [f"left {name}" for name in temporaries(folder)]
+    rmtree(folder)
+    return wrong
+
+
+def undisturbed(job: Job) -> tuple[float, dict[str, Any]]:
+    """Runs a job twice: the time of the second, and what it made."""
+    for _ in range(2):
+        folder = Path(tempfile.mkdtemp(prefix="kills_"))
+        job.prepare(folder)
+        begin = time.perf_counter()
+        assert end(*start(job, folder))[0], job.name
+        seconds = time.perf_counter() - begin
+        made = job.read(folder)
+        assert made, job.name
+        assert temporaries(folder) == [], job.name
+        rmtree(folder)
+    return seconds, made
+
+
+def main() -> int:
+    """Prints a table, and what was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="*")
+    arguments = parser.parse_args()
+    logging.disable(logging.WARNING)
+    warnings.simplefilter("ignore")
+    chosen = [job for job in jobs() if not arguments.only or job.name in arguments.only]
+    share = arguments.kills / sum(job.weight for job in chosen)
+    wrong: list[str] = []
+    total = 0
+    for job in chosen:
+        draw = np.random.default_rng(arguments.seed)
+        seconds, wanted = undisturbed(job)
+        kills = max(1, round(share * job.weight))
+        kill = partial(kill_once, job, seconds, wanted, draw)
+        found = [f"{job.name}: {text}" for i in range(kills) for text in kill(two=i % 4 == 3)]
+        sys.stdout.write(f"{job.name:12} {kills:4} kills in {seconds:.3f} s  {len(found)} wrong\n")
+        sys.stdout.flush()
+        total += kills
+        wrong += found
+    sys.stdout.write("\n".join([*wrong, f"{total} kills, {len(wrong)} wrong\n"]))
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,243 @@
+r"""Killed at any batch and resumed from the newest checkpoint is the training that went through."""
+
+import random
+
+import numpy as np
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import lightning as L
+import torch
+import yaml
+from lightning.pytorch.callbacks import ModelCheckpoint
+from torch import nn
+from torch_geometric.transforms import BaseTransform, Compose
+from training_fixtures import LabelledDataset
+
+from torch_geometric_tactile.training import TactileDataModule, TactileModule
+from torch_geometric_tactile.training.lightning_cli import TactileCLI
+from torch_geometric_tactile.transforms import DropTaxels, ZScore
+
+EPOCHS, BATCHES = 3, 4
+STEP = {"every_n_train_steps": 1}
+
+
+class Dropping(nn.Module):
+    """A linear map with dropout and running statistics."""
+
+    def __init__(self):
+        super().__init__()
+        self.norm = nn.BatchNorm1d(8)
+        self.lin = nn.Linear(8, 3)
+
+    def forward(self, x, edge_index):
+        return self.lin(nn.functional.dropout(self.norm(x.flatten(1)), 0.3, self.training))
+
+
+class Noise(BaseTransform):
+    """Draws from all three global sources, for each sample."""
+
+    def forward(self, data):
+        by = random.gauss(0, 0.1) + np.random.normal(0, 0.1)  # noqa: NPY002
+        data.x = data.x + by + 0.1 * torch.randn(data.x.shape)
+        return data
+
+
+class KilledError(Exception):
+    pass
+
+
+class Kill(L.Callback):
+    """Ends a training before a batch of it."""
+
+    def __init__(self, batch):
+        self.batch = batch
+
+    def on_train_batch_start(self, trainer, *args):
+        if trainer.fit_loop.total_batch_idx == self.batch:
+            raise KilledError
+
+
+def data_of(**kwargs):
+    transform = Compose([Noise(), DropTaxels(0.2, generator=torch.Generator().manual_seed(5))])
+    kwargs = {"split": "frame", "val": 0.2, "train_transform": transform, **kwargs}
+    return TactileDataModule(
+        LabelledDataset("multiclass"), transform=ZScore(), batch_size=12, **kwargs
+    )
+
+
+def weights(folder, resume=None, *, seed=4, killed=None, workers=0, saved=None, **settings):
+    """The weights after a training whose checkpoints are in a folder."""
+    L.seed_everything(seed, verbose=False)
+    callbacks = [ModelCheckpoint(folder, "{step}", save_last=True, save_top_k=-1, **(saved or {}))]
+    if killed is not None:
+        callbacks.append(Kill(killed))
+    trainer = L.Trainer(
+        accelerator="cpu",
+        logger=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        callbacks=callbacks,
+        **{"max_epochs": EPOCHS, **settings},
+    )
+    module = TactileModule(
+        Dropping(), lr_scheduler=lambda optimizer: torch.optim.lr_scheduler.StepLR(optimizer, 1)
+    )
+    trainer.fit(module, datamodule=data_of(num_workers=workers), ckpt_path=resume)
+    return module.state_dict()
+
+
+def assert_same(found, expected):
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        assert found[name].equal(value), name
+
+
+@pytest.fixture(scope="module")
+def through(tmp_path_factory):
+    """The weights of trainings that were never stopped, and their checkpoints by their steps."""
+    found = {}
+    for name, saved in (("epoch", {}), ("step", STEP)):
+        folder = tmp_path_factory.mktemp(name)
+        found[name] = folder, weights(folder, saved=saved)
+    return found
+
+
+@pytest.mark.parametrize("step", [1, 3, 4, 5, 8, 11])
+def test_resumed_at_any_step(through, tmp_path, step):
+    folder, expected = through["step"]
+    found = weights(tmp_path, folder / f"step={step}.ckpt", seed=99, saved=STEP)
+    assert_same(found, expected)
+
+
+@pytest.mark.parametrize("epoch", [1, 2, 3])
+def test_resumed_after_an_epoch(through, tmp_path, epoch):
+    folder, expected = through["epoch"]
+    found = weights(tmp_path, folder / f"step={epoch * BATCHES}.ckpt", seed=99)
+    assert_same(found, expected)
+    assert_same(through["step"][1], expected)  # writing checkpoints draws no random number
+
+
+def test_killed_twice(through, tmp_path):
+    saved = {"every_n_train_steps": 2}
+    newest = None
+    for seed, killed in ((4, 3), (98, 9)):
+        with pytest.raises(KilledError):
+            weights(tmp_path, newest, seed=seed, killed=killed, saved=saved)
+        newest = tmp_path / "last.ckpt"
+    assert torch.load(newest, weights_only=True)["global_step"] == 8
+    assert_same(weights(tmp_path, newest, seed=99, saved=saved), through["step"][1])
+
+
+@pytest.mark.parametrize(("saved", "killed"), [({}, 5), (STEP, 6)])
+def test_resumed_with_a_worker_is_what_it_is_without(through, tmp_path, saved, killed):
+    with pytest.raises(KilledError):
+        weights(tmp_path, killed=killed, workers=1, saved=saved)
+    newest = tmp_path / "last.ckpt"
+    found = weights(tmp_path, newest, seed=99, workers=1, saved=saved)
+    assert_same(found, through["epoch"][1])
+
+
+@pytest.mark.parametrize(
+    ("settings", "saved", "steps"),
+    [
+        ({"max_epochs": -1, "max_steps": 11}, STEP, (3, 8)),
+        ({"max_epochs": -1, "max_steps": 11}, {}, (4,)),
+        ({"limit_train_batches": 3}, STEP, (2, 3)),
+        ({"val_check_interval": 0.5}, {}, (2, 4)),
+        ({"check_val_every_n_epoch": 2}, {}, (8,)),
+        ({"accumulate_grad_batches": 2}, STEP, (1, 2)),
+    ],
+)
+def test_resumed_under_other_settings_of_the_trainer(tmp_path, settings, saved, steps):
+    expected = weights(tmp_path, saved=saved, **settings)
+    for step in steps:
+        checkpoint = tmp_path / f"step={step}.ckpt"
+        found = weights(tmp_path / "again", checkpoint, seed=99, saved=saved, **settings)
+        assert_same(found, expected)
+
+
+def test_numbers_of_a_training_that_goes_through_are_those_before(tmp_path):
+    # From before checkpoints kept random states, without a transform that draws.
+    L.seed_everything(4, verbose=False)
+    trainer = L.Trainer(
+        accelerator="cpu",
+        max_epochs=2,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+    module = TactileModule(Dropping())
+    trainer.fit(module, datamodule=data_of(train_transform=None))
+    found = module.model.lin.weight.detach().flatten()[:4]
+    torch.testing.assert_close(
+        found, torch.tensor([0.046659, 0.041953, -0.282960, -0.206535]), rtol=0, atol=1e-6
+    )
+
+
+def test_checkpoint_without_random_states_is_resumed(through, tmp_path):
+    folder, expected = through["epoch"]
+    checkpoint = torch.load(folder / f"step={BATCHES}.ckpt", weights_only=True)
+    del checkpoint["random_states"]
+    torch.save(checkpoint, tmp_path / "old.ckpt")
+    found = weights(tmp_path, tmp_path / "old.ckpt", seed=99)
+    assert found.keys() == expected.keys()
+
+
+def test_validating_a_checkpoint_leaves_the_random_states_alone(through):
+    def drawn(checkpoint):
+        trainer = L.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)
+        module = TactileModule(Dropping())
+        torch.manual_seed(3)
+        trainer.validate(module, data_of(), ckpt_path=checkpoint, verbose=False)
+        return torch.rand(2)
+
+    assert drawn(through["epoch"][0] / "last.ckpt").equal(drawn(None))
+
+
+def test_command_line_goes_on_as_if_never_stopped(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    package = "torch_geometric_tactile"
+    neighbours = {"class_path": f"{package}.transforms.KNNGraph", "init_args": {"k": 2}}
+    config = {
+        "model": {"model": {"class_path": f"{package}.nn.models.GraspGCN"}},
+        "data": {
+            "dataset": {
+                "class_path": f"{package}.datasets.FakeTactileDataset",
+                "init_args": {"num_samples": 40, "pre_transform": neighbours},
+            },
+            "split": "frame",
+            "val": 0.2,
+            "batch_size": 16,
+            "transform": {"class_path": f"{package}.transforms.ZScore"},
+            "train_transform": {"class_path": f"{package}.transforms.DropTaxels"},
+        },
+        "trainer": {
+            "accelerator": "cpu",
+            "logger": False,
+            "enable_progress_bar": False,
+            "enable_model_summary": False,
+            "callbacks": [
+                {
+                    "class_path": "lightning.pytorch.callbacks.ModelCheckpoint",
+                    "init_args": {"filename": "{step}", "save_top_k": -1, **STEP},
+                }
+            ],
+        },
+    }
+    (tmp_path / "fit.yaml").write_text(yaml.safe_dump(config))
+
+    def fit(folder, *more):
+        args = ["fit", "--config", "fit.yaml", "--trainer.default_root_dir", folder]
+        TactileCLI([*args, "--trainer.max_epochs", "2", *more])
+        return tmp_path / folder / "checkpoints"
+
+    whole = fit("whole")
+    again = fit("again", "--seed_everything", "99", "--ckpt_path", str(whole / "step=3.ckpt"))
+    found, expected = (
+        torch.load(folder / "last.ckpt", weights_only=True)["state_dict"]
+        for folder in (again, whole)
+    )
+    assert_same(found, expected)

@@ -1,0 +1,115 @@
+r"""Arrays of a recording from what users have: masked arrays, dates, and what is no number."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+_NUMBERS = "biuf"
+# Powers of ten, and seconds, of the units that dates and time differences of numpy have.
+_PARTS_OF_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9, "ps": 10**12, "fs": 10**15, "as": 10**18}
+_SECONDS = {"W": 7 * 86400, "D": 86400, "h": 3600, "m": 60, "s": 1}
+
+
+def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
+    r"""Returns an array of floating-point numbers, NaN where a masked array is masked; without a
+    copy if the type fits.
+
+    Args:
+        name (str): Name of the argument, for messages.
+        value (array-like): The numbers.
+        dtype (data-type): The type of the result.
+
+    Raises:
+        ValueError: If they are no real numbers, or ragged.
+    """
+    array = _array(name, value)
+    if array.dtype.kind not in _NUMBERS:
+        raise ValueError(f"'{name}' must be an array of numbers (got {array.dtype})")
+    # A reading beyond float32 becomes infinite here and is reported as such by the caller.
+    with np.errstate(over="ignore"):
+        numbers: np.ndarray = array.astype(dtype, copy=False)
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        numbers = np.where(np.ma.getmaskarray(value), np.nan, numbers).astype(dtype, copy=False)
+    return numbers
+
+
+def checked_time(value: Any) -> np.ndarray:
+    r"""Returns times in seconds as float64: dates as seconds since 1970, and time differences as
+    they are.
+
+    Args:
+        value (array-like): Seconds as floating-point numbers, :class:`numpy.datetime64` or
+            :class:`numpy.timedelta64` :math:`(T,)`.
+
+    Raises:
+        ValueError: If they are integers, whose unit is not known, masked, missing or infinite, or
+            do not increase.
+    """
+    refuse_masked("time", value)
+    time = _array("time", value)
+    if time.ndim != 1:
+        raise ValueError(f"'time' must have shape (num_frames,) (got {time.shape})")
+    if time.dtype.kind in "mM":
+        time = _seconds(time)
+    elif time.dtype.kind != "f":
+        raise ValueError(
+            f"'time' must be an array of numbers (floats in seconds, got {time.dtype}): give "
+            "seconds as floats, milliseconds as time / 1e3, nanoseconds as time / 1e9, and dates "
+            "as numpy.datetime64"
+        )
+    time = time.astype(np.float64, copy=False)
+    wrong = np.flatnonzero(~np.isfinite(time))
+    if len(wrong):
+        raise ValueError(f"'time' must be finite (got {time[wrong[0]]} in frame {wrong[0]})")
+    wrong = np.flatnonzero(time[1:] <= time[:-1])
+    if len(wrong):
+        before, frame = wrong[0], wrong[0] + 1
+        raise ValueError(
+            f"'time' must increase (got {float(time[frame])} s in frame {frame} after "
+            f"{float(time[before])} s in frame {before})"
+        )
+    return time
+
+
+def refuse_masked(name: str, value: Any) -> None:
+    r"""Checks that nothing is masked.
+
+    Args:
+        name (str): Name of the argument, for the message.
+        value (array-like): What may be a masked array.
+
+    Raises:
+        ValueError: If something is masked.
+    """
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        row = int(np.argwhere(np.ma.getmaskarray(value))[0][0]) if value.ndim else 0
+        raise ValueError(f"'{name}' must not be masked (got a masked value in frame {row})")
+
+
+def _array(name: str, value: Any) -> np.ndarray:
+    try:
+        return np.asarray(value)
+    except (OverflowError, RuntimeError, TypeError, ValueError) as error:
+        raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
+
+
+def _seconds(time: np.ndarray) -> np.ndarray:
+    missing = np.flatnonzero(np.isnat(time))
+    if len(missing):
+        raise ValueError(f"'time' must be finite (got NaT in frame {missing[0]})")
+    kind, unit = time.dtype.kind, np.datetime_data(time.dtype)[0]
+    if kind == "M" and unit in ("Y", "M"):
+        unit = "D"  # a year or month begins on a day
+    if unit not in _SECONDS and unit not in _PARTS_OF_SECOND:
+        raise ValueError(
+            f"'time' must be in a unit of a fixed number of seconds (got {time.dtype}): convert "
+            "it with time.astype('timedelta64[s]')"
+        )
+    ticks = time.astype(f"{kind}8[{unit}]").astype(np.int64)
+    if unit in _SECONDS:
+        return ticks.astype(np.float64) * _SECONDS[unit]
+    # Nanoseconds since 1970 are more than float64 holds: whole seconds and the rest apart.
+    parts = _PARTS_OF_SECOND[unit]
+    rest = np.fmod(ticks, parts)
+    return (ticks - rest) // parts + rest / parts

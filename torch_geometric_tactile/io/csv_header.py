@@ -1,0 +1,124 @@
+r"""First lines of CSV files: whether they are names, and what the names say about units."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from torch_geometric_tactile.io.csv_table import is_number, shown
+
+_TIME = re.compile(r"(?:time|timestamp|t)(?:_(s|ms|us|ns))?", re.ASCII)
+_TIME_OF_ANOTHER_UNIT = re.compile(r"(?:time|timestamp)[\W_]+\w.*")
+_PLACES = {"s": 0, "ms": 3, "us": 6, "ns": 9}
+TIME_UNITS = tuple(_PLACES)
+_LATEST = 1e11  # seconds: the year 5138
+
+
+def has_names(row: Sequence[str]) -> bool:
+    r"""Tells whether a line is a header: if most of its cells are no numbers. One wrong cell does
+    not make a line of numbers a header.
+
+    Args:
+        row (sequence of str): The cells of the line.
+    """
+    return sum(not is_number(cell) for cell in row) > len(row) / 2
+
+
+def is_counted(row: Sequence[str]) -> bool:
+    r"""Tells whether a line is ``0,1,2,...``, as the header that pandas writes without names; also
+    after the empty cell above its index.
+
+    Args:
+        row (sequence of str): The cells of the line.
+    """
+    names = [cell.strip() for cell in row]
+    if len(names) > 1 and not names[0]:
+        names = names[1:]
+    return names == [str(i) for i in range(len(names))]
+
+
+def refuse_counted(path: Path, row: Sequence[str], options: str) -> None:
+    r"""Checks that a first line is no header of numbers.
+
+    Args:
+        path (Path): The file, for the message.
+        row (sequence of str): The cells of the line.
+        options (str): What to do if it is meant, for the message.
+
+    Raises:
+        ValueError: If it is.
+    """
+    if is_counted(row):
+        raise ValueError(
+            f"'{path}', line 1 must be names of columns or a frame (got 0, 1, 2, ..., which pandas "
+            f"writes for columns without names): name them, or write the file with "
+            f"to_csv(header=False, index=False); {options}"
+        )
+
+
+def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -> None:
+    r"""Checks that the first column is not the index that pandas writes in front of the columns.
+
+    Args:
+        path (Path): The file, for the message.
+        names (sequence of str): The names of the columns.
+        ignore (sequence of str): Columns that are not read.
+
+    Raises:
+        ValueError: If it is.
+    """
+    if len(names) < 2 or names[0] in ignore:
+        return
+    if not names[0] or re.fullmatch(r"Unnamed: [0-9]+", names[0]):
+        raise ValueError(
+            f"'{path}', line 1 must name its first column (got {shown(names[0])}, as above the "
+            "index of pandas): write the file with to_csv(index=False), or name the column"
+        )
+
+
+def time_unit(name: str) -> str | None:
+    r"""Returns the unit of a column of the time, which its name says; nothing for other columns.
+
+    Args:
+        name (str): Name of the column.
+
+    Examples:
+        >>> time_unit("Time"), time_unit("timestamp_ns"), time_unit("thumb")
+        ('s', 'ns', None)
+    """
+    match = _TIME.fullmatch(name.lower())
+    return None if match is None else match[1] or "s"
+
+
+def is_time_of_another_unit(name: str) -> bool:
+    r"""Tells whether a name begins as that of a time, but goes on with an unknown unit.
+
+    Args:
+        name (str): Name of the column.
+    """
+    name = name.lower()
+    return time_unit(name) is None and _TIME_OF_ANOTHER_UNIT.fullmatch(name) is not None
+
+
+def cell_to_seconds(path: Path, line: int, cell: str, unit: str) -> float:
+    r"""Returns the number of a cell in seconds, rounded once.
+
+    Args:
+        path (Path): The file, for the message.
+        line (int): Number of the line, for the message.
+        cell (str): The cell, a finite number.
+        unit (str): Its unit, one of :obj:`TIME_UNITS`.
+
+    Raises:
+        ValueError: If it is no plausible time in this unit.
+    """
+    cell = cell.strip()
+    if "e" in cell.lower():
+        seconds = float(cell) / 10 ** _PLACES[unit]
+    else:
+        seconds = float(f"{cell}e-{_PLACES[unit]}")
+    if abs(seconds) > _LATEST:
+        raise ValueError(
+            f"'{path}', line {line}: 'time' must be in {unit} (got {shown(cell)}, after the year "
+            "5000): name the column time_ms, time_us or time_ns if that is its unit"
+        )
+    return seconds

@@ -1,0 +1,175 @@
+r"""Arrays of npz files, whose sizes are known before memory is taken, and whose checksums are
+compared for every byte.
+"""
+
+import math
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+
+_MOST_BYTES = 2**30
+_MOST_TIMES = 200  # a hand that rests for long is packed to a hundredth
+_MOST_CHARACTER = 0x10FFFF
+_BLOCK = 2**24
+_SUFFIX = ".npy"
+_UTF8_NAME = 0x800
+_END = b"PK\x05\x06"
+_LONGEST_END = 22 + 2**16  # with a comment
+
+
+class _Header(NamedTuple):
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype
+    num_bytes: int
+
+
+class NpzArrays:
+    r"""The arrays of an npz file that is open.
+
+    Args:
+        path (Path): The file.
+        archive (zipfile.ZipFile): The same file, open.
+        allow_large (bool): Whether arrays may be however large for the size of the file.
+
+    Raises:
+        ValueError: If the file holds anything else than arrays of numbers and texts, an array has
+            another size than its header says, or all of them are absurdly large.
+    """
+
+    def __init__(self, path: Path, archive: zipfile.ZipFile, allow_large: bool = False) -> None:
+        self._archive = archive
+        self._entries: dict[str, zipfile.ZipInfo] = {}
+        for entry in archive.infolist():
+            name = entry.filename.removesuffix(_SUFFIX)
+            if not entry.filename.isascii() and not entry.flag_bits & _UTF8_NAME:
+                raise ValueError(f"the name {entry.filename!r} is in no known encoding")
+            if name == entry.filename or name in self._entries:
+                raise ValueError(f"its part {entry.filename!r} is no array, or is there twice")
+            self._entries[name] = entry
+        # A wrong length in the table of contents hides the entry behind it.
+        if len(self._entries) != _num_entries(path):
+            raise ValueError(f"it holds {_num_entries(path)} parts (got {len(self._entries)})")
+        total = sum(entry.file_size for entry in self._entries.values())
+        stored = path.stat().st_size
+        if not allow_large and total > _MOST_BYTES and total > _MOST_TIMES * stored:
+            raise ValueError(
+                f"its arrays would take {total / 2**30:.1f} GiB, {total // stored} times the file, "
+                "as in a file that is made to fill the memory: pass allow_large=True if it is right"
+            )
+        self._headers = {name: self._header(name) for name in self._entries}
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        r"""The shapes of the arrays by their names."""
+        return {name: header.shape for name, header in self._headers.items()}
+
+    def _header(self, name: str) -> _Header:
+        entry = self._entries[name]
+        with self._archive.open(entry) as file:
+            header, start = _read_header(file)
+        if start + header.num_bytes != entry.file_size:
+            raise ValueError(
+                f"its array '{name}' must take {start + header.num_bytes} bytes for the shape "
+                f"{header.shape} (got {entry.file_size})"
+            )
+        return header
+
+    def read(self, name: str) -> np.ndarray:
+        r"""Returns an array. All of its bytes are compared with its checksum.
+
+        Args:
+            name (str): Its name.
+
+        Raises:
+            ValueError: If it is not whole, or a text is none.
+        """
+        header = self._headers[name]
+        numbers = np.empty(math.prod(header.shape), dtype=header.dtype)
+        memory = numbers.view(np.uint8)
+        done = 0
+        with self._archive.open(self._entries[name]) as file:
+            _read_header(file)
+            while block := file.read(_BLOCK):  # to the end, where the checksum is compared
+                memory[done : done + len(block)] = np.frombuffer(block, dtype=np.uint8)
+                done += len(block)
+        if done != numbers.nbytes:
+            raise ValueError(f"its array '{name}' is not whole")
+        if header.dtype.kind == "U" and numbers.size and header.dtype.itemsize:
+            codes = numbers.view(header.dtype.str[0] + "u4")
+            if codes.max() > _MOST_CHARACTER:
+                raise ValueError(f"its array '{name}' holds no text")
+        numbers = numbers.astype(header.dtype.newbyteorder("="), copy=False)
+        return numbers.reshape(header.shape, order="F" if header.fortran_order else "C")
+
+
+def _num_entries(path: Path) -> int:
+    with path.open("rb") as file:
+        file.seek(-min(path.stat().st_size, _LONGEST_END), 2)
+        tail = file.read()
+    return int.from_bytes(tail[tail.rindex(_END) + 10 :][:2], "little")
+
+
+def _read_header(file: IO[bytes]) -> tuple[_Header, int]:
+    version = np.lib.format.read_magic(file)
+    if version == (1, 0):
+        shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
+    elif version == (2, 0):
+        shape, fortran_order, dtype = np.lib.format.read_array_header_2_0(file)
+    else:
+        raise ValueError(f"an array is in version {version} of numpy's format")
+    if dtype.kind not in "biufU" or not dtype.itemsize:
+        raise ValueError(f"an array is of type {dtype}, and only numbers and texts are read")
+    if any(size < 0 for size in shape):
+        raise ValueError(f"an array has the shape {shape}")
+    num_bytes = math.prod(shape) * dtype.itemsize
+    return _Header(shape, fortran_order, dtype, num_bytes), file.tell()
+
+
+@contextmanager
+def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
+    r"""Yields the arrays of an npz file, while it is open.
+
+    Args:
+        path (Path): The file.
+        allow_large (bool): Whether arrays may be however large for the size of the file.
+
+    Raises:
+        ValueError: If it is no npz file, cut or damaged, holds pickled objects, or would take
+            absurdly much memory. The message names the file.
+    """
+    if not zipfile.is_zipfile(path):
+        raise ValueError(f"'{path}' is no whole npz file (is it cut?): copy or write it again")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield NpzArrays(path, archive, allow_large)
+    except PermissionError:
+        raise
+    except (
+        AttributeError,  # what numpy's header parser raises for damaged or strange headers
+        EOFError,
+        LookupError,
+        MemoryError,
+        OSError,
+        OverflowError,
+        RecursionError,
+        RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
+        SyntaxError,
+        TypeError,
+        ValueError,
+        struct.error,
+        tokenize.TokenError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        reason = str(error) or type(error).__name__
+        raise ValueError(
+            f"'{path}' cannot be read as npz: {reason}; copy or write it again"
+        ) from error
