@@ -159,3 +159,16 @@ def test_last_index_tells_the_samples_of_a_batch():
             assert expected.x.equal(batch.x)
     single = StaticLoader(FakeTactileDataset(3), batch_size=None)
     assert [single.last_index for _ in single] == [[0], [1], [2]]
+
+
+@pytest.mark.parametrize(
+    ("state", "match"),
+    [
+        ({}, r"'num_batches' of the state of a loader must be a number from 0 \(got None\)"),
+        ({"num_batches": -1}, r"number from 0 \(got -1\)"),
+        ({"num_batches": 2}, r"the random states must be those of PyTorch.*got KeyError"),
+    ],
+)
+def test_state_that_is_something_else_is_an_error(state, match):
+    with pytest.raises(ValueError, match=match):
+        loader().load_state_dict(state)

@@ -28,6 +28,27 @@ def test_states_are_plain_data_and_draw_the_same_again(tmp_path):
     assert [drawn(), drawn()] == expected
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"torch": torch.zeros(7, dtype=torch.uint8)}, "RuntimeError"),
+        ({"torch": torch.zeros(7)}, "TypeError"),
+        ({"torch": 3}, "AttributeError"),
+        ({"numpy": None}, "TypeError"),
+        ({"numpy": {"key": torch.zeros(9)}}, "KeyError"),
+        ({"python": {"version": 3, "numbers": torch.zeros(5), "gauss": None}}, "ValueError"),
+        ({"python": {}}, "KeyError"),
+    ],
+)
+def test_states_that_were_changed_are_an_error(change, said):
+    before = RandomStates.now()
+    with pytest.raises(ValueError, match=rf"random states must be those of PyTorch.*got {said}"):
+        RandomStates.from_dict(before.to_dict() | change)
+    expected = drawn()
+    before.restore()
+    assert drawn() == expected
+
+
 def test_kept_states_are_those_before_also_after_an_error():
     with kept_rng():
         first = drawn(), drawn()

@@ -186,6 +186,15 @@ def test_checkpoint_without_random_states_is_resumed(through, tmp_path):
     assert found.keys() == expected.keys()
 
 
+def test_random_states_that_were_changed_are_an_error(through, tmp_path):
+    folder, _ = through["epoch"]
+    checkpoint = torch.load(folder / "last.ckpt", weights_only=True)
+    checkpoint["random_states"]["torch"] = torch.zeros(3, dtype=torch.uint8)
+    torch.save(checkpoint, tmp_path / "odd.ckpt")
+    with pytest.raises(ValueError, match=r"odd.ckpt' cannot be resumed: the random states must be"):
+        weights(tmp_path, tmp_path / "odd.ckpt")
+
+
 def test_validating_a_checkpoint_leaves_the_random_states_alone(through):
     def drawn(checkpoint):
         trainer = L.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)

@@ -111,13 +111,22 @@ class EpochOrder:
 
         Args:
             state_dict (Mapping): What :meth:`state_dict` returned.
+
+        Raises:
+            ValueError: If it is something else.
         """
-        self.skipped = int(state_dict["num_batches"])
-        ended = hasattr(self.sampler, "__len__") and self.skipped >= len(self)
+        num_batches = state_dict.get("num_batches")
+        if not isinstance(num_batches, int) or num_batches < 0:
+            raise ValueError(
+                "'num_batches' of the state of a loader must be a number from 0 (got "
+                f"{num_batches})"
+            )
+        ended = hasattr(self.sampler, "__len__") and num_batches >= len(self)
         self.ended = ended or bool(state_dict.get("ended"))
-        if self.skipped and not self.ended:
-            own = state_dict["generator"]
-            self._resumed = RandomStates.from_dict(state_dict["start"]), own
+        self.skipped = num_batches
+        if num_batches and not self.ended:
+            start = RandomStates.from_dict(state_dict.get("start", {}))
+            self._resumed = start, state_dict.get("generator")
 
 
 class CutBatches(Dataset):

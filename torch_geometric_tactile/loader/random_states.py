@@ -11,6 +11,8 @@ import torch
 from numpy.random.mtrand import get_bit_generator, set_bit_generator
 from torch import Tensor
 
+# What a state that was changed makes its source raise.
+_UNFIT = (AttributeError, IndexError, KeyError, OverflowError, RuntimeError, TypeError, ValueError)
 _SEEDED = np.random.MT19937(0)  # making one takes as long
 
 
@@ -60,19 +62,30 @@ class RandomStates(NamedTuple):
 
         Args:
             content (Mapping): What it returned.
+
+        Raises:
+            ValueError: If they cannot be the states.
         """
-        numpy, python = content["numpy"], content["python"]
-        key = np.asarray(numpy["key"]).astype(np.uint32)
-        return cls(
-            content["torch"].cpu(),
-            {
-                "bit_generator": "MT19937",
-                "state": {"key": key, "pos": numpy["pos"]},
-                "has_gauss": numpy["has_gauss"],
-                "gauss": numpy["gauss"],
-            },
-            (python["version"], tuple(python["numbers"].tolist()), python["gauss"]),
-        )
+        try:
+            numpy, python = content["numpy"], content["python"]
+            key = numpy["key"].cpu().numpy().astype(np.uint32)
+            states = cls(
+                content["torch"].cpu(),
+                {
+                    "bit_generator": "MT19937",
+                    "state": {"key": key, "pos": numpy["pos"]},
+                    "has_gauss": numpy["has_gauss"],
+                    "gauss": numpy["gauss"],
+                },
+                (python["version"], tuple(python["numbers"].tolist()), python["gauss"]),
+            )
+            with kept_rng():
+                states.restore()
+        except _UNFIT as error:
+            raise ValueError(
+                f"the random states must be those of PyTorch, NumPy and Python (got {error!r})"
+            ) from error
+        return states
 
 
 @contextmanager

@@ -31,11 +31,22 @@ class ResumableModule(L.LightningModule):
         checkpoint[_ENTRY] = states
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        r"""Takes the random states from the checkpoint, if it is one to go on from."""
+        r"""Takes the random states from the checkpoint, if it is one to go on from.
+
+        Raises:
+            ValueError: If they were changed.
+        """
         self._random_states = None
         if self._trainer is None or self.trainer.state.fn != "fit":
             return
         self._random_states = checkpoint.get(_ENTRY)
+        if self._random_states is not None:
+            try:
+                RandomStates.from_dict(self._random_states)
+            except ValueError as error:
+                raise ValueError(
+                    f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train anew"
+                ) from error
         _mark_ended(checkpoint.get("loops", {}).get("fit_loop", {}))
         if self.trainer.strategy.restore_checkpoint_after_setup:  # then training starts next
             self._restore_random_states()
