@@ -147,21 +147,6 @@ def test_name_that_is_no_text_is_printed_by_the_process(folder, monkeypatch):
     assert rb"gr\xf6\xdfe.npz: Recording(" in out.buffer.getvalue()
 
 
-class Broken(io.StringIO):
-    """An output whose reader is gone, or whose disk is full."""
-
-    def __init__(self, code):
-        super().__init__()
-        self.code = code
-        self.file = os.open(os.devnull, os.O_WRONLY)
-
-    def fileno(self):
-        return self.file
-
-    def flush(self):
-        raise OSError(self.code, os.strerror(self.code))
-
-
 @pytest.fixture
 def recording(folder):
     write_recording(Recording([0.0, 0.1], np.zeros((2, 4, 3))), "a.npz")
@@ -169,13 +154,23 @@ def recording(folder):
 
 
 def test_reader_of_the_output_that_has_what_it_wanted(recording, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "stdout", Broken(errno.EPIPE))
-    assert cli.main(recording) == 0
-    assert not capsys.readouterr().err
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as out:
+        monkeypatch.setattr(sys, "stdout", out)
+        assert cli.main(recording) == 0
+        assert not capsys.readouterr().err
+
+
+class Full(io.StringIO):
+    """An output to a full disk."""
+
+    def flush(self):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_output_on_a_full_disk(recording, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "stdout", Broken(errno.ENOSPC))
+    monkeypatch.setattr(sys, "stdout", Full())
     assert cli.main(recording) == 1
     assert "tactile: error: [Errno 28] No space left on device" in capsys.readouterr().err
 

@@ -71,6 +71,23 @@ def test_atomic_path_rights_follow_umask(tmp_path, umask, rights):
     assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == rights
 
 
+@pytest.mark.parametrize("kind", ["folder", "pipe", "device"])
+def test_atomic_path_replaces_files_only(kind, tmp_path):
+    target = tmp_path / "target"
+    if kind == "folder":
+        target.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(target)
+    else:
+        target.symlink_to("/dev/full")
+    before = target.lstat()
+    match = r"target' must be a file \(got a folder, pipe or device\)"
+    with pytest.raises(FileExistsError, match=match), atomic_path(target) as path:
+        path.write_text("a")
+    assert target.lstat().st_ino == before.st_ino
+    assert list(tmp_path.iterdir()) == [target]
+
+
 def test_atomic_path_takes_strings(tmp_path):
     with atomic_path(str(tmp_path / "a.txt")) as temporary:
         temporary.write_text("a")

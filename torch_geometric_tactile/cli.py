@@ -4,6 +4,7 @@ import argparse
 import io
 import logging
 import os
+import select
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -92,8 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()  # here, where an error can still be explained
         return status
     except (ImportError, MemoryError, OSError, ValueError) as error:
-        is_unread = _is_unread()
-        if isinstance(error, BrokenPipeError) and is_unread:
+        if isinstance(error, BrokenPipeError) and _is_unread():
             return 0  # the reader of the output, such as `head`, has what it wanted
         if os.environ.get("TACTILE_TRACEBACK"):
             raise
@@ -118,12 +118,16 @@ def _tell(text: str) -> None:
 
 
 def _is_unread() -> bool:
-    # Whether nothing can be written any more: what is left would fail again at the exit.
+    # Whether nobody reads the output any more. What is left of it would fail again at the exit.
     try:
         sys.stdout.flush()
-    except OSError as error:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        gone = any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+    except BrokenPipeError:
+        gone = True
+    except (AttributeError, OSError, ValueError):  # no output, a full disk, or no pipe (Windows)
+        gone = False
+    if gone:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return isinstance(error, BrokenPipeError)
-    except (AttributeError, ValueError):  # there is no output, or it is closed
-        return False
-    return False
+    return gone

@@ -36,7 +36,8 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
 
     Raises:
-        OSError: If the disk is full or the folder cannot be written to; it names :obj:`path`.
+        OSError: If the disk is full, the folder cannot be written to, or :obj:`path` is a folder,
+            pipe or device; it names :obj:`path`.
 
     Examples:
         >>> import tempfile
@@ -48,6 +49,8 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_file():  # renaming a file over a device would replace it
+        raise FileExistsError(f"'{path}' must be a file (got a folder, pipe or device)")
     remove_leftovers(path)
     temporary, handle = _new_temporary(path)
     try:

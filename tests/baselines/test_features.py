@@ -65,3 +65,13 @@ def test_statistical_features_scaling():
 def test_statistical_features_no_frame(size):
     with pytest.raises(ValueError, match="'signal' must hold at least one frame"):
         statistical_features(np.zeros(size))
+
+
+@pytest.mark.parametrize("size", [(6,), (4, 3, 6)])
+def test_statistical_features_missing_readings(size):
+    # A ratio of NaN to zero would be zero.
+    signal = np.ones(size)
+    signal[(2, *[0] * (len(size) - 1))] = np.nan
+    match = r"'signal' must hold finite readings only \(got 1 NaN .*, the first is 2\); fill .*Fill"
+    with pytest.raises(ValueError, match=match):
+        statistical_features(signal)

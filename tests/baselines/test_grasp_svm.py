@@ -95,11 +95,14 @@ def test_grasp_svm_bad_shape(size):
 
 
 def test_grasp_svm_bad_values():
-    for value in (np.nan, np.inf):
+    for value, found in ((np.nan, "1 NaN and 0 infinite"), (np.inf, "0 NaN and 1 infinite")):
         x = series()
         x[1, 2, 3] = value
-        with pytest.raises(ValueError, match="'x' must hold finite readings only"):
+        match = rf"'x' must hold finite .*got {found} in 1 of \d+ rows, the first is 1\).*Fill"
+        with pytest.raises(ValueError, match=match):
             GraspSVM().features(x)
+        with pytest.raises(ValueError, match=match):
+            GraspSVM().fit(x, np.arange(len(x)) % 2)
     for finger in (-1, 3):
         with pytest.raises(ValueError, match=rf"between 0 and 2 \(got {finger}\)"):
             GraspSVM(finger=finger).features(series())

@@ -132,3 +132,54 @@ def test_convert_explains_errors(recording, tmp_path, capsys):
     assert main(["convert", str(recording), str(tmp_path / "a.npz"), "--forces"]) == 1
     assert "'forces' must be an option of the format npz: allow_l" in capsys.readouterr().err
     assert not (tmp_path / "a.npz").exists()
+
+
+def converted(tmp_path, text, *options):
+    (tmp_path / "in.csv").write_text(text)
+    assert main(["convert", str(tmp_path / "in.csv"), str(tmp_path / "out.npz"), *options]) == 0
+    return read_npz(tmp_path / "out.npz")
+
+
+def test_convert_csv_with_names_of_its_own(tmp_path):
+    text = "stamp_ms,pad_b,pad_a,bend,wet,grasp\n9,1,2,0.5,0,mug\n"
+    options = ["--tactile", "pad_a", "--tactile", "pad_b", "--joint", "ben.", "--time", "stamp_ms"]
+    rec = converted(tmp_path, text, *options, "--label", "grasp", "--unit", "count")
+    assert rec.tactile.tolist() == [[[2], [1]]]
+    assert rec.joint.tolist() == [[0.5]]
+    assert (rec.time.tolist(), rec.label, rec.meta) == ([0.009], "mug", {"unit": "count"})
+    options = ["--tactile", "pad_.*", "--num-channels", "2", "--rate", "10"]
+    assert converted(tmp_path, text, *options).tactile.tolist() == [[[1, 2]]]
+    options = ["--ignore", "stamp_ms", "--ignore", "grasp", "--ignore", "wet", "--joint", "bend"]
+    assert converted(tmp_path, text, *options).tactile.tolist() == [[[1], [2]]]
+    rec = converted(tmp_path, "a,b\n9,1\n", "--time", "a", "--time-unit", "us")
+    assert rec.time.tolist() == [9e-6]
+
+
+def test_convert_csv_without_names(tmp_path):
+    options = ["--num-taxels", "1", "--num-channels", "2", "--num-joints", "1"]
+    rec = converted(tmp_path, "1,2,0.5\n3,4,0.5\n", *options, "--rate", "10")
+    assert rec.tactile.tolist() == [[[1, 2]], [[3, 4]]]
+    assert rec.time.tolist() == [0.0, 0.1]
+    rec = converted(tmp_path, "0,1,2\n", *options, "--no-header")
+    assert rec.joint.tolist() == [[2]]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "options", "message"),
+    [
+        ("a.csv", b"0,1,2\n5,6,7\n", ["--num-taxels", "1"], "pandas writes for columns"),
+        ("a.csv", b"x_0,taxel_0_x\n5,6\n", [], "(got 'x_0')"),
+        ("a.csv", b"a,b\n5," + b"9" * 5000 + b"\n", [], "must be finite"),
+        ("a.csv", b"Send time,Receive time\n", [], "at least one frame"),
+        ("a.npz", b"PK\x05\x06" + bytes(18), [], "a.npz'"),
+        ("a.json", b'{"a":' * 100_000, [], "line 1"),
+        ("a.json", b'{"message": ' + b"9" * 5000 + b"}", [], "line 1"),
+    ],
+)
+def test_convert_explains_bad_files(tmp_path, capsys, name, content, options, message):
+    (tmp_path / name).write_bytes(content)
+    assert main(["convert", str(tmp_path / name), str(tmp_path / "out.npz"), *options]) == 1
+    error = capsys.readouterr().err
+    assert f"tactile: error: '{tmp_path / name}'" in error
+    assert message in error
+    assert not (tmp_path / "out.npz").exists()

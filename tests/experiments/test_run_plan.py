@@ -94,12 +94,44 @@ def test_ctrl_c_tells_what_is_kept(grasps, tmp_path, trained, monkeypatch):
     assert len(files(tmp_path)) == 2
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"identity": 1}'])
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"identity": 1}', "[" * 100_000])
 def test_damaged_run_is_named(grasps, tmp_path, trained, content):
     run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
     (path,) = (tmp_path / "runs").iterdir()
     path.write_text(content)
     with pytest.raises(ValueError, match=rf"'{path}' is damaged: delete it to run it again"):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda result: result.update(num_train=result["num_train"] + 1),
+        lambda result: result.pop("machine"),
+        lambda result: result.clear(),
+    ],
+)
+def test_run_with_another_result_is_named(grasps, tmp_path, trained, damage):
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+    (path,) = (tmp_path / "runs").iterdir()
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content))  # other lines and spaces are no damage
+    assert run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"]).kept == 1
+    damage(content["result"])
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"is damaged.*its result differs from its checksum"):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+
+
+def test_run_of_an_earlier_version_is_kept(grasps, tmp_path, trained):
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+    (path,) = (tmp_path / "runs").iterdir()
+    content = json.loads(path.read_text())
+    del content["sha256"]
+    path.write_text(json.dumps(content))
+    assert run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"]).kept == 1
+    path.write_text(json.dumps({**content, "sha255": "0"}))
+    with pytest.raises(ValueError, match=r"is damaged"):
         run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
 
 

@@ -180,6 +180,7 @@ def model_config(path: Path) -> Any:
     """The model of a configuration, built."""
     from torch_geometric_tactile.training import classifier_from_config, load_config
 
+    torch.manual_seed(0)  # of the weights
     return state(classifier_from_config(load_config(str(path))["model"]))
 
 

@@ -48,9 +48,7 @@ def test_read_single_grasp(write):
     [
         {"end": "\r\n"},
         {"encoding": "utf-8-sig"},
-        {"last": False},
-        {"end": "\r\n", "last": False},
-        {"end": "\n\n"},
+        {"end": "\r"},
     ],
 )
 def test_read_is_the_same_in_every_style(write, style):
@@ -89,8 +87,12 @@ def test_read_missing_column(write, column):
 
 
 def test_read_empty_file(write):
-    with pytest.raises(ValueError, match=r"the column 'object' \(74 of 74 columns are missing\)"):
+    with pytest.raises(ValueError, match=r"line 1 must not be empty"):
         read_biotac_sp_csv(write([]))
+    with pytest.raises(ValueError, match=r"must hold at least one frame \(got an empty file\)"):
+        read_biotac_sp_csv(write([], last=False))
+    with pytest.raises(ValueError, match=r"the column 'object' \(74 of 74 columns are missing\)"):
+        read_biotac_sp_csv(write(["a", "b"]))
 
 
 def test_read_header_only(write):
@@ -114,6 +116,8 @@ def test_read_cut_line(write, cells):
         ("th_biotac_24", "", r"'th_biotac_24' must be a number \(got ''\)"),
         ("ff_biotac_1", "nan", r"'ff_biotac_1' must be finite \(got 'nan'\)"),
         ("ff_biotac_1", "-inf", r"'ff_biotac_1' must be finite \(got '-inf'\)"),
+        ("ff_biotac_1", "1e39", r"'ff_biotac_1' must be finite \(got '1e39'\)"),
+        ("ff_biotac_1", "3_000", r"'ff_biotac_1' must be a number \(got '3_000'\)"),
         ("slipped", "2", r"'slipped' must be 0 or 1 \(got '2'\)"),
         ("slipped", "0.5", r"'slipped' must be 0 or 1 \(got '0.5'\)"),
         ("slipped", "yes", r"'slipped' must be a number \(got 'yes'\)"),
@@ -124,9 +128,24 @@ def test_read_bad_cell_names_line_and_column(write, column, cell, message):
         read_biotac_sp_csv(write(HEADER, OTHER, changed(column, cell), OTHER))
 
 
-def test_read_line_number_counts_empty_lines(write):
-    with pytest.raises(ValueError, match="line 4: 'slipped' must be 0 or 1"):
-        read_biotac_sp_csv(write(HEADER, ROW, [], changed("slipped", "3")))
+def test_read_refuses_an_empty_line(write):
+    with pytest.raises(ValueError, match=r"grasps\.csv', line 3 must not be empty"):
+        read_biotac_sp_csv(write(HEADER, ROW, [], OTHER))
+    with pytest.raises(ValueError, match=r"grasps\.csv', line 3 must not be empty"):
+        read_biotac_sp_csv(write(HEADER, ROW, []))
+
+
+@pytest.mark.parametrize("cut", [1, 2, 3])
+def test_read_refuses_a_last_line_without_end(write, cut):
+    path = write(HEADER, ROW, [*OTHER[:-1], "2908"])
+    path.write_bytes(path.read_bytes()[:-cut])
+    with pytest.raises(ValueError, match=r"grasps\.csv', line 3 must end with a line break: is th"):
+        read_biotac_sp_csv(path)
+
+
+def test_read_column_twice(write):
+    with pytest.raises(ValueError, match=r"each column once \(got 'mf_biotac_7' twice\)"):
+        read_biotac_sp_csv(write([*HEADER, "mf_biotac_7"], [*ROW, "5"]))
 
 
 def test_read_what_is_no_text_names_the_file(write):

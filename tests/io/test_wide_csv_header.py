@@ -206,6 +206,7 @@ def test_a_frame_without_readings_is_missing(write):
     [
         (["taxel_0_x,time", "1,0.5", "", "1,0.75"], r"line 3 must not be empty: delete it, or wri"),
         (["taxel_0_x,time", "1,0.5", "  ", "", "1,0.75"], r"line 3 must not be empty"),
+        (["taxel_0_x,time", "1,0.5", ""], r"line 3 must not be empty"),
         (["", "taxel_0_x,time", "1,0.5"], r"line 1 must not be empty"),
         (["taxel_0_x,time", ",", "1,0.75"], r"line 2: 'time' must be a number \(got ''\)"),
         (["taxel_0_x,joint_0", "1,1_0"], r"column 2: 'joint_0' must be a number \(got '1_0'\)"),
@@ -234,3 +235,12 @@ def test_header_of_the_papers():
     header = wide_csv_header(384, 3, 16)
     assert len(header) == 1169
     assert (header[1152], header[1153]) == ("taxel_383_z", "joint_0")
+
+
+def test_many_names_are_quick_to_understand(write):
+    names = ["time", *(f"taxel_{i}_{i}" for i in range(30_000))]
+    with pytest.raises(ValueError, match=r"must have the column 'taxel_0_1'"):
+        read_wide_csv(write(",".join(names), "1"))
+    names = [f"note_{i}" for i in range(30_000)]
+    with pytest.raises(ValueError, match=r"must name the columns .*\(got 'note_0'\)"):
+        read_wide_csv(write(",".join(["taxel_0_x", *names]), "1"))

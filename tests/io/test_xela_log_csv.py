@@ -113,3 +113,31 @@ def test_read_refuses(write, text, forces, message):
 def test_read_real_log_cut_in_the_last_line(write, cut):
     with pytest.raises(ValueError, match=r"log.csv', line 4 must .*is the file cut"):
         read_xela_log_csv(write(REAL[:-cut]))
+
+
+def test_read_columns_that_count_from_zero(write):
+    header = "Receive time,Send time,Message number,0X,0Y,0Z,1X,1Y,1Z,Force 0X,Force 0Y,Force 0Z"
+    path = write(f"{header}\n0,1,1,7,8,9,10,11,12,0.5,0.25,0\n")
+    assert read_xela_log_csv(path).tactile.tolist() == [[[7, 8, 9], [10, 11, 12]]]
+    assert read_xela_log_csv(path, forces=True).tactile.tolist() == [[[0.5, 0.25, 0]]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"{HEADER},1X\n0,1,1,1,2,3,4\n", r"line 1 must name each column once \(got '1X' twice\)"),
+        (f"{HEADER},01x\n0,1,1,1,2,3,4\n", r"name each column once \(got '01x' twice\)"),
+        (f"{HEADER},Send time\n0,1,1,1,2,3,4\n", r"each column once \(got 'Send time' twice\)"),
+        (
+            f"{HEADER},99999999X\n0,1,1,1,2,3,4\n",
+            r"the column '2X', as it has taxel 99999999 \(got 4 of 299999997 columns",
+        ),
+        (f"{HEADER.replace('1X', '0X')}\n0,1,1,1,2,3\n", r"must have the column '0Y'"),
+        (f"{HEADER},\u0662X,2Y,2Z\n0,1,1,1,2,3,4,5,6\n", r"must have the column '2X'"),
+        (f"{HEADER}\n0,1,1,1,2,3\n\n0,2,2,2,2,3\n", r"log.csv', line 3 must not be empty"),
+        (f"{HEADER}\n0,1e39,1,1,2,3\n", r"column 2: 'Send time' must be finite"),
+    ],
+)
+def test_read_refuses_what_would_be_wrong_in_silence(write, text, message):
+    with pytest.raises(ValueError, match=message):
+        read_xela_log_csv(write(text))

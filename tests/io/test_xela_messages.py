@@ -156,6 +156,10 @@ def test_parse_refuses(changed, message_):
     [
         (sensor(calibrated=[1.0]), r"'calibrated' of sensor '1' .* shape \(6,\) \(got \(1,\)\)"),
         (sensor(calibrated=["a"] * 6), r"'calibrated' of sensor '1' .* must hold numbers"),
+        (sensor(calibrated=["1"] * 6), r"'calibrated' of sensor '1' .* must hold numbers or null"),
+        (sensor(calibrated=[1e39] * 6), r"'calibrated' of sensor '1' .* must hold finite numbers"),
+        (sensor(calibrated=[10**400] * 6), r"'calibrated' of sensor '1' .* must hold numbers \("),
+        (sensor(calibrated=3), r"'calibrated' of sensor '1' .* must hold numbers or null \(got 3"),
         ({"data": "1,2,3", "model": "USPA35"}, r"model 'USPA35', must have 'calibrated' .*counts"),
     ],
 )
@@ -197,6 +201,7 @@ def test_read_files_of_every_form(write, parts, indent):
         "handedness_reliable": False,
         "server_version": "1.8.0",
         "repeated_messages": 0,
+        "skipped_messages": 0,
     }
 
 
@@ -204,6 +209,14 @@ def test_read_drops_and_counts_repeated_numbers(write):
     rec = read_xela_messages(write(*(message(i) for i in (1, 1, 1, 2, 2, 4))))
     assert rec.time.tolist() == [0.1, 0.2, 0.4]
     assert rec.meta["repeated_messages"] == 3
+
+
+def test_read_counts_messages_whose_number_is_a_text(write):
+    rec = read_xela_messages(
+        write({"message": "Welcome"}, message(1), message(2, message="2"), message(3))
+    )
+    assert rec.time.tolist() == [0.1, 0.3]
+    assert rec.meta["skipped_messages"] == 1
 
 
 def test_read_forces(write):
@@ -222,13 +235,34 @@ def test_read_forces(write):
         ([LOG, LOG, '{"a": 1}\n'], r"xela.json', line 3: 'message' of a XELA message must be"),
         ([LOG, '{"message": 1,,}'], r"line 2: the message that begins here cannot be read as JSON"),
         (
-            [message(1), message(2, **{"1": {"data": "1,2,3"}})],
+            [message(1), message(2, **{"1": {"data": "1,2,3", "model": "uSPa22"}})],
             r"line 2: message 2 must have sensors of \[2\] taxels, as those before \(got \[1\]\)",
         ),
         (
             [message(2), message(1)],
             r"line 2: 'time' must increase \(got 0.1 s in message 1 after 0.2 s in message 2\)",
         ),
+        (
+            [message(1), message(2, **{"1": sensor(model="uSPa46")})],
+            r"line 2: message 2 must have sensors \['1'\] of models \['uSPa22'\], as those before "
+            r"\(got \['1'\] of models \['uSPa46'\]\)",
+        ),
+        (
+            [message(1), message(2, **{"1": ..., "2": sensor()})],
+            r"line 2: message 2 must have sensors \['1'\] .*\(got \['2'\] of models",
+        ),
+        (
+            ['{"message": 1, "time": 0, "1": {"data": "1,2,3", "data": "4,5,6"}}'],
+            r"line 1: the message .* JSON \(the key 'data' is there twice\)",
+        ),
+        (['{"message": 1, "time": %s}' % ("9" * 5000)], r"line 1: the message that begins here"),
+        (['{"message": 1, "time": %s}' % ("9" * 400)], r"'time' of XELA message 1 must be a numb"),
+        (
+            ['{"message": 1, "time": 1768398006957}'],
+            r"'time' of XELA message 1 must be a number of",
+        ),
+        (['{"message": %s, "time": 0}' % ("9" * 400)], r"'message' .* must be an integer \(got 99"),
+        ([message(1, **{"\u0661": sensor(), "sensors": 2})], r"must hold 2 sensors \(got \['1'\]"),
         (['{"a":' * 100_000], r"line 1: the message that begins here cannot be read as JSON"),
     ],
 )
@@ -344,6 +378,7 @@ def test_round_trip_gives_equal_counts_forces_and_metadata(assert_same, tmp_path
         "handedness_reliable": False,
         "server_version": "1.9",
         "repeated_messages": 0,
+        "skipped_messages": 0,
     }
     rec = counts(meta=meta)
     tactile = np.random.default_rng(1).normal(size=rec.tactile.shape).astype(np.float32)

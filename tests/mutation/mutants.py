@@ -61,7 +61,8 @@ def mutants(root: Path, file: str) -> list[Mutant]:
     """All mutants of a file, in its order.
 
     Left out are docstrings and other texts, the messages of errors and warnings, annotations,
-    what is only for type checkers, and ``__all__``.
+    what is only for type checkers, ``__all__``, and what cannot be noticed as long as the program
+    is right: assertions, and the ``strict`` of ``zip``.
     """
     text = (root / file).read_text(encoding="utf-8")
     finder = _Finder(file, text)
@@ -165,8 +166,16 @@ class _Finder(ast.NodeVisitor):
         pass
 
     def visit_Call(self, node: ast.Call) -> None:
-        if _name(node.func) not in _WORDS:
-            self.generic_visit(node)
+        if _name(node.func) in _WORDS:
+            return
+        for part in [node.func, *node.args]:
+            self.visit(part)
+        for keyword in node.keywords:
+            if keyword.arg != "strict":
+                self.visit(keyword.value)
+
+    def visit_Assert(self, node: ast.Assert) -> None:
+        pass
 
     def visit_arguments(self, node: ast.arguments) -> None:
         for default in [*node.defaults, *node.kw_defaults]:

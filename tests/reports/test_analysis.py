@@ -101,6 +101,16 @@ def test_page_says_what_was_learnt(only_tsne, tmp_path, task):
     assert not predictor.model.training
 
 
+def test_names_of_others_are_shown_and_are_nothing_else(no_pictures, tmp_path, monkeypatch):
+    predictor, samples = subject()
+    predictor.class_names = ("a|<b>\n`c`\x1b", "other")
+    facts = {"Data": "one\n# two"}
+    lines = analyze(predictor, samples, tmp_path, facts=facts, frames=20).read_text().split("\n")
+    assert all(map(str.isprintable, lines))
+    assert r"- Data: one\n# two" in lines
+    assert any(line.startswith(r"| a\|\<b\>\\n\`c\`\\x1b | ") for line in lines)
+
+
 def test_same_seed_writes_the_same_page(no_pictures, tmp_path):
     predictor, samples = subject()
     pages = [analyze(predictor, samples, tmp_path / str(i), frames=20) for i in range(2)]

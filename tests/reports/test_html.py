@@ -55,6 +55,13 @@ def test_report_escapes_its_texts(tmp_path):
     assert "&lt;script&gt;" in page
 
 
+def test_report_shows_what_a_screen_would_obey(tmp_path):
+    page = write(tmp_path / "r.html", title="a\u202eb\x1b\x9b", notice="Data: a\u2066b")
+    assert page.isascii() or not {*page} & {*"\u202e\u2066\x1b\x9b"}
+    assert r"<h1>a\u202eb\x1b\x9b</h1>" in page
+    assert r"Data: a\u2066b" in page
+
+
 def test_report_refuses_bad_input_and_keeps_the_old_page(tmp_path):
     path = tmp_path / "r.html"
     before = write(path)

@@ -181,6 +181,19 @@ def test_csv_by_hand(objects):
     assert (ours["section"], ours["row"]) == ("with joint angles", "II")
 
 
+def test_names_of_others_are_shown_and_are_nothing_else(objects):
+    evil = "=a|<b>\n`c`\x1b"
+    cells = [replace(cell, row=evil) for cell in objects.plan.table.cells]
+    table = replace(objects.plan.table, cells=tuple(cells), title="Of\n# others")
+    named = objects._replace(plan=replace(objects.plan, table=table))
+    page = markdown(named)
+    assert page.startswith("# Of\\n# others\n")
+    assert all(line.isprintable() for line in page.split("\n"))
+    assert r"| =a\|\<b\>\\n\`c\`\\x1b | published, " in page
+    rows = list(csv.DictReader(csv_text(named).split("\n")))
+    assert rows[0]["row"].startswith("'=a|<b>")
+
+
 def test_own_recordings_are_not_called_simulated(objects):
     data = replace(objects.plan.data, kind="measured", caption="Recordings of your own: 80 trials.")
     page = markdown(objects._replace(plan=replace(objects.plan, data=data)))

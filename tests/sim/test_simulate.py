@@ -14,7 +14,7 @@ pytest.importorskip("h5py", reason="needs the extra 'sim'")
 import joblib
 
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import stock_layout
 from torch_geometric_tactile.sim import (
     OBJECT_SETS,
@@ -197,6 +197,17 @@ def test_second_attempt_is_another_grasp(tmp_path, objects, hovering, monkeypatc
     assert report.attempts == 2
     assert read_recording(report.path).meta["attempt"] == 1
     assert not np.array_equal(seen[0].joint[:10], seen[1].joint[:10])
+
+
+@pytest.mark.parametrize("attempt", [None, "0", 1.5, True, -1])
+def test_finished_trial_without_its_attempt_is_named(tmp_path, objects, hovering, attempt):
+    name = objects("one", SPONGE)
+    (report,) = simulate(tmp_path, name, trials=1, preset="ci")
+    recording = read_recording(report.path)
+    meta = {**recording.meta, "attempt": attempt}
+    write_recording(replace(recording, meta=meta), report.path)
+    with pytest.raises(ValueError, match=r"sponge_000\.h5' must tell its 'attempt', a whole numb"):
+        list(simulate(tmp_path, name, trials=1, preset="ci"))
 
 
 def test_frames_before_contact_tell_the_trial_but_not_the_object(tmp_path, hovering):

@@ -139,15 +139,6 @@ def test_class_that_training_lacks_is_a_warning(labelled, task, y, match):
         fit(TactileModule(Linear(), task=task), data, limit_train_batches=1)
 
 
-def test_missing_readings_are_a_warning(labelled):
-    dataset = labelled("multiclass")
-    x = dataset._data.x.clone()
-    x[::2, 1] = torch.nan
-    data = TactileDataModule(changed(dataset, x=x))
-    with pytest.warns(UserWarning, match=r"readings 'x' of the train part .*add FillMissing\(\)"):
-        fit(TactileModule(Linear()), data, limit_train_batches=0)
-
-
 def test_good_data_gives_no_warning(labelled):
     module = TactileModule(Linear())
     with warnings.catch_warnings():

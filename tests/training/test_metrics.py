@@ -123,12 +123,18 @@ def test_nothing_to_rank_gives_nan():
     assert (none["accuracy"], none["label_accuracy"]) == (1.0, 1.0)
     assert math.isnan(none["f1"])
     assert math.isnan(none["auroc"])
-    score, y = draw("multiclass")
-    score[0, 0] = np.nan
-    assert math.isnan(classification_metrics(score, y)["auroc"])
     metrics = make_metrics(3)
     metrics.update(torch.eye(3)[[1, 1]], torch.tensor([1, 1]))
     assert math.isnan(read_metrics(metrics)["auroc"])
+
+
+@pytest.mark.parametrize("task", ["multiclass", "multilabel"])
+def test_nan_is_no_class(task):
+    score, y = draw(task)
+    score[[3, 7], 2] = np.nan
+    match = r"'score' must not be NaN \(got NaN for 2 of 200 samples, the first is 3\); .*FillMiss"
+    with pytest.raises(ValueError, match=match):
+        classification_metrics(score, y, task)
 
 
 def test_one_sample_and_large_probabilities():

@@ -158,3 +158,26 @@ def test_describe_no_frame_and_many_dead_taxels():
     assert lines[2] == "readings     none"
     lines = describe_recording(Recording([0.0], np.full((1, 15, 1), NAN))).splitlines()
     assert lines[4] == "dead taxels  15: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 3 more"
+
+
+def test_names_that_are_no_formula_can_be_drawn(tmp_path):
+    text = "$$\\frac{ \\$5$ a\0b\x1b\u202e\udcff two\nlines $"
+    rec = recording(
+        num_frames=3,
+        label=text,
+        joint=np.zeros((3, 1)),
+        meta={"joint_names": [text], "phase_names": [text], "object": text, "unit": "count"},
+        privileged={"phase": np.zeros(3, int)},
+    )
+    figure = plot_recording(rec)
+    save_figure(figure, tmp_path / "a.png")
+    assert all(line.isprintable() for line in figure.get_suptitle().split("\n"))
+
+
+def test_describe_shows_what_a_terminal_would_obey():
+    lines = describe_recording(recording(label="a\x1b[2J\n\u202eb", meta={"k\n": "\x9b"})).split(
+        "\n"
+    )
+    assert r"label        a\x1b[2J\n\u202eb" in lines
+    assert r"metadata     k\n = \x9b" in lines
+    assert len(lines) == 9

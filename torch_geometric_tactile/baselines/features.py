@@ -33,7 +33,7 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
         - **output:** features :math:`(..., 12)`
 
     Raises:
-        ValueError: If there is no frame.
+        ValueError: If there is no frame, or a reading is not finite.
 
     Examples:
         >>> statistical_features(np.array([3.0, -1.0])).round(3)[:8]
@@ -42,6 +42,7 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
     signal = np.asarray(signal, dtype=np.float64)
     if signal.ndim == 0 or signal.shape[-1] == 0:
         raise ValueError(f"'signal' must hold at least one frame (got shape {signal.shape})")
+    check_finite(signal, "signal")
     magnitude = np.abs(signal)
     peak = magnitude.max(-1)
     absolute_mean = magnitude.mean(-1)
@@ -63,6 +64,29 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
             _ratio(peak, square_mean_root),
         ],
         axis=-1,
+    )
+
+
+def check_finite(values: np.ndarray, name: str) -> None:
+    r"""Checks that no reading is missing or infinite.
+
+    Args:
+        values (numpy.ndarray): The readings :math:`(S, ...)`.
+        name (str): Their argument, for messages.
+
+    Raises:
+        ValueError: If one is.
+    """
+    finite = np.isfinite(values)
+    if finite.all():
+        return
+    missing = int(np.isnan(values).sum())
+    rows = np.flatnonzero(~finite.reshape(len(values), -1).all(axis=1))
+    infinite = int((~finite).sum()) - missing
+    raise ValueError(
+        f"'{name}' must hold finite readings only (got {missing} NaN and {infinite} infinite in "
+        f"{len(rows)} of {len(values)} rows, the first is {rows[0]}); fill missing ones with "
+        "FillMissing() before"
     )
 
 

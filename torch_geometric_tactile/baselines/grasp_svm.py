@@ -11,7 +11,7 @@ from sklearn.svm import SVC
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines.features import statistical_features
+from torch_geometric_tactile.baselines.features import check_finite, statistical_features
 
 
 class GraspSVM(ClassifierMixin, BaseEstimator):
@@ -76,8 +76,7 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
                 f"'x' must have shape (num_samples, num_taxels, {self.num_fingers} fingers x "
                 f"frames) (got {x.shape})"
             )
-        if not np.isfinite(x).all():
-            raise ValueError("'x' must hold finite readings only (got NaN or infinity)")
+        check_finite(x, "x")
         num_frames = x.shape[2] // self.num_fingers
         signal = x.reshape(*x.shape[:2], self.num_fingers, num_frames)
         if self.finger is not None:

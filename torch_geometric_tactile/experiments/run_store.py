@@ -1,5 +1,6 @@
 r"""Finished runs, kept on disk."""
 
+import hashlib
 import json
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -9,6 +10,8 @@ from typing import Any
 from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.files import atomic_path, remove_leftovers
 from torch_geometric_tactile.typing import PathLike
+
+_KEYS = {"experiment", "finished", "identity", "result"}
 
 
 class RunStore:
@@ -44,9 +47,12 @@ class RunStore:
             return None
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            same = content["identity"] == experiment.identity()
             result: dict[str, Any] = content["result"]
-        except (ValueError, KeyError, TypeError) as error:
+            # Runs of earlier versions have no checksum, and exactly these keys.
+            if content.keys() != _KEYS and content["sha256"] != _sha256(result):
+                raise ValueError("its result differs from its checksum")
+            same = content["identity"] == experiment.identity()
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"'{path}' is damaged: delete it to run it again ({error})") from error
         if not same:
             raise ValueError(f"'{path}' is not what its name says: delete it to run it again")
@@ -64,6 +70,7 @@ class RunStore:
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "identity": experiment.identity(),
             "result": result,
+            "sha256": _sha256(json.loads(json.dumps(result))),
         }
         with atomic_path(self.folder / experiment.file_name) as temporary:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -76,3 +83,8 @@ class RunStore:
         """
         for experiment in experiments:
             remove_leftovers(self.folder / experiment.file_name)
+
+
+def _sha256(result: Any) -> str:
+    # Of what the file holds, whatever its lines and spaces are.
+    return hashlib.sha256(json.dumps(result, sort_keys=True).encode()).hexdigest()

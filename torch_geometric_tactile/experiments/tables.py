@@ -14,7 +14,12 @@ import yaml
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.data_source import DataSource
-from torch_geometric_tactile.training.config import TEMPLATES, expand_template, load_config
+from torch_geometric_tactile.training.config import (
+    TEMPLATES,
+    expand_template,
+    load_config,
+    read_yaml,
+)
 
 _SHOWS = ("accuracy", "memory")
 _PUBLISHED = ("accuracy", "spread", "auc", "memory")
@@ -225,7 +230,7 @@ def load_table(name: str) -> Table:
         raise ValueError(
             f"'name' must be one of {table_names()}, or a file that ends with .yaml (got '{name}')"
         )
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content = read_yaml(path)
     if not isinstance(content, Mapping):
         raise ValueError(f"'{path}' must hold a table (got {type(content).__name__})")
     return _table(path.stem, dict(content), path.parent)
@@ -242,7 +247,7 @@ def _table(name: str, content: Mapping[str, Any], folder: Path) -> Table:
         return Table(name=name, data=source, protocols=protocols, cells=cells, **entries)
     except KeyError as error:
         raise ValueError(f"table '{name}' must have {error} (got none)") from error
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, ValueError) as error:
         raise ValueError(f"table '{name}' cannot be read: {error}") from error
 
 

@@ -16,13 +16,12 @@ from torch_geometric_tactile.io.recording_hdf5 import (
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
 from torch_geometric_tactile.io.wide_csv import read_wide_csv, write_wide_csv
 from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
-from torch_geometric_tactile.io.xela_messages import (
+from torch_geometric_tactile.io.xela_message import (
     XelaFrame,
     format_xela_message,
     parse_xela_message,
-    read_xela_messages,
-    write_xela_messages,
 )
+from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [
     "GraspTable",

@@ -1,11 +1,12 @@
 r"""The CSV files of the BioTac SP stability set: one grasp a row."""
 
-import csv
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile.io.csv_table import check_width, csv_rows, is_number, shown
 from torch_geometric_tactile.typing import PathLike
 
 FINGERS = ("ff", "mf", "th")
@@ -13,6 +14,7 @@ NUM_ELECTRODES = 24
 _READING_COLUMNS = tuple(
     f"{finger}_biotac_{i}" for finger in FINGERS for i in range(1, NUM_ELECTRODES + 1)
 )
+_HIGHEST = float(np.finfo(np.float32).max)
 _COLUMNS = ("object", "slipped", *_READING_COLUMNS)
 
 
@@ -38,8 +40,9 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing, or a cell is missing, not a number, not finite, or no
-            0/1 label. The message names file, line and column. Also if the file is no text.
+        ValueError: If a column is missing or named twice, a line is empty or has no end (a file
+            that was cut), or a cell is missing, not a number, not finite, or no 0/1 label. The
+            message names file, line and column. Also if the file is no text.
     """
     path = Path(path)
     if not path.is_file():
@@ -47,27 +50,28 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
             f"'{path}' does not exist; put the file of the BioTac SP stability set there"
         )
     reading, slipped, object_names = [], [], []
-    header, rows = _rows(path)
+    lines = csv_rows(path)
+    header = [name.strip() for _, row in islice(lines, 1) for name in row]
     missing = [name for name in _COLUMNS if name not in header]
     if missing:
         raise ValueError(
             f"'{path}' must have the column '{missing[0]}' ({len(missing)} of "
             f"{len(_COLUMNS)} columns are missing)"
         )
+    twice = [name for name in _COLUMNS if header.count(name) > 1]
+    if twice:
+        raise ValueError(f"'{path}' must name each column once (got '{twice[0]}' twice)")
     place = [header.index(name) for name in _COLUMNS]
-    for line, row in rows:
+    for line, row in lines:
         where = f"'{path}', line {line}"
-        if len(row) != len(header):
-            raise ValueError(
-                f"{where} must have {len(header)} cells (got {len(row)}): is the file cut?"
-            )
+        check_width(path, line, row, len(header))
         cells = [row[i] for i in place]
         object_names.append(cells[0].strip())
         numbers = [
             _number(cell, where, name) for cell, name in zip(cells[1:], _COLUMNS[1:], strict=True)
         ]
         if numbers[0] not in (0.0, 1.0):
-            raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got '{cells[1]}')")
+            raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got {shown(cells[1])})")
         slipped.append(int(numbers[0]))
         reading.append(numbers[1:])
     if not reading:
@@ -80,21 +84,10 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
     )
 
 
-def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = [name.strip() for name in next(reader, [])]
-            return header, [(reader.line_num, row) for row in reader if row]
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
-
-
 def _number(cell: str, where: str, column: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        raise ValueError(f"{where}: '{column}' must be a number (got '{cell}')") from None
-    if not np.isfinite(value):
-        raise ValueError(f"{where}: '{column}' must be finite (got '{cell}')")
+    if not cell.strip() or not is_number(cell):
+        raise ValueError(f"{where}: '{column}' must be a number (got {shown(cell)})")
+    value = float(cell)
+    if not abs(value) <= _HIGHEST:
+        raise ValueError(f"{where}: '{column}' must be finite (got {shown(cell)})")
     return value

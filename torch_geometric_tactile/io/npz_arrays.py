@@ -126,7 +126,7 @@ def _read_header(file: IO[bytes]) -> tuple[_Header, int]:
     else:
         raise ValueError(f"an array is in version {version} of numpy's format")
     if dtype.kind not in "biufU" or not dtype.itemsize:
-        raise ValueError(f"an array is of type {dtype}, which allow_pickle or numpy would read")
+        raise ValueError(f"an array is of type {dtype}, and only numbers and texts are read")
     if any(size < 0 for size in shape):
         raise ValueError(f"an array has the shape {shape}")
     num_bytes = math.prod(shape) * dtype.itemsize
@@ -169,6 +169,7 @@ def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
         zipfile.BadZipFile,
         zlib.error,
     ) as error:
+        reason = str(error) or type(error).__name__
         raise ValueError(
-            f"'{path}' cannot be read as npz: {error}; copy or write it again"
+            f"'{path}' cannot be read as npz: {reason}; copy or write it again"
         ) from error

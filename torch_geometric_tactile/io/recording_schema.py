@@ -77,7 +77,8 @@ def check_version(path: Path, version: Any) -> None:
     Raises:
         ValueError: If it cannot.
     """
-    if version != VERSION:
+    is_whole = isinstance(version, int | np.integer) and not isinstance(version, bool)
+    if not is_whole or version != VERSION:
         raise ValueError(
             f"'{path}' must be of format version {VERSION} (got {version}): read it with the "
             "version of torch-geometric-tactile that wrote it"

@@ -96,7 +96,8 @@ def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
     times = [i for i, key in enumerate(keys) if time_unit(key)]
     taxels = {i: match for i, key in enumerate(keys) if (match := _TAXEL.fullmatch(key))}
     joints = {i: match for i, key in enumerate(keys) if (match := _JOINT.fullmatch(key))}
-    unknown = [name for i, name in enumerate(names) if i not in {*times, *taxels, *joints}]
+    known = {*times, *taxels, *joints}
+    unknown = [name for i, name in enumerate(names) if i not in known]
     units = {match[3] for match in taxels.values()}
     if unknown or not taxels or not units <= {None, *_UNITS}:
         wrong = next((names[i] for i, m in taxels.items() if m[3] not in (None, *_UNITS)), names[0])
@@ -121,7 +122,8 @@ def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
             f"'{path}', line 1 must have the axes {', '.join(axes)} for taxels of {len(axes)} "
             f"channels (got {', '.join(sorted(found_axes)[:6])})"
         )
-    wanted = [(taxel, axis) for taxel in range(num_taxels) for axis in axes]
+    # Not as a list, which a header of wrong numbers would make too large.
+    wanted = ((taxel, axis) for taxel in range(num_taxels) for axis in axes)
     _refuse_gap(path, (f"taxel_{t}_{axis}" for t, axis in wanted if (t, axis) not in place))
     _refuse_gap(path, (f"joint_{joint}" for joint in range(num_joints) if joint not in angle))
     unit, per_unit = _UNITS.get(units.pop(), (None, 1.0))
@@ -131,7 +133,7 @@ def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
         sizes=(num_taxels, len(axes), num_joints),
         time=times[0] if times else None,
         time_unit=(time_unit(keys[times[0]]) if times else None) or "s",
-        tactile=[place[key] for key in wanted],
+        tactile=[place[taxel, axis] for taxel in range(num_taxels) for axis in axes],
         joint=joint,
         degrees=[i for i, column in enumerate(joint) if joints[column][2] == "deg"],
         unit=unit,

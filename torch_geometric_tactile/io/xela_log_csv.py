@@ -1,16 +1,17 @@
 r"""The CSV files of ``xela_log``, the logger of XELA's server: one message of one sensor a row."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
+from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, shown
 from torch_geometric_tactile.io.recording_schema import checked_file
 from torch_geometric_tactile.typing import PathLike
 
 _SEND_TIME, _NUMBER = "send time", "message number"
-_COLUMN = re.compile(r"(force )?(\d+)([xyz])")
+_COLUMN = re.compile(r"(force )?([0-9]{1,9})([xyz])")
 
 
 def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
@@ -22,7 +23,8 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     before, is left out, and counted as :obj:`"stale_rows"` in the metadata.
 
     Args:
-        path (str or PathLike): The file; the number of taxels is that of its header.
+        path (str or PathLike): The file; the number of taxels is that of its header, whose columns
+            may be in any order and count from 1 or from 0.
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Returns:
@@ -30,19 +32,20 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing (also those of the forces, if they are wanted), a line
-            is cut, a cell is no finite number, or the time does not increase. The message names the
-            line.
+        ValueError: If a column is missing (also those of the forces, if they are wanted) or named
+            twice, a line is empty or cut, a cell is no finite number, or the time does not
+            increase. The message names the line.
     """
     path = checked_file(path)
     lines = csv_rows(path)
     _, header = next(lines)
     names = [" ".join(name.lower().split()) for name in header]
+    _refuse_twice(path, names, header)
     for name in (_SEND_TIME, _NUMBER):
         if name not in names:
             raise ValueError(
                 f"'{path}' must have the column '{name.capitalize()}', as a log of xela_log (got "
-                f"{header[:3]})"
+                f"{', '.join(map(shown, header[:3]))})"
             )
     time_column, number_column = names.index(_SEND_TIME), names.index(_NUMBER)
     reading_columns = _reading_columns(path, names, force=False)
@@ -53,7 +56,9 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
             "read counts with forces=False"
         )
     if not reading_columns and not force_columns:
-        raise ValueError(f"'{path}' must have the column '1X' (got {header[:6]})")
+        raise ValueError(
+            f"'{path}' must have the column '1X' (got {', '.join(map(shown, header[:6]))})"
+        )
     measured = [*reading_columns, *force_columns]
     columns = force_columns if forces else reading_columns
     if not columns:
@@ -86,29 +91,46 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     if not rows:
         raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
     table = np.stack(rows)
-    return Recording(
-        time=table[:, time_column],
-        tactile=table[:, columns].reshape(len(table), -1, 3),
-        meta={
-            "sensor": "XELA uSkin",
-            "unit": "newton" if forces else "count",
-            "stale_rows": stale,
-        },
-    )
+    try:
+        return Recording(
+            time=table[:, time_column],
+            tactile=table[:, columns].reshape(len(table), -1, 3),
+            meta={
+                "sensor": "XELA uSkin",
+                "unit": "newton" if forces else "count",
+                "stale_rows": stale,
+            },
+        )
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from error
 
 
-def _reading_columns(path: object, names: list[str], force: bool) -> list[int]:
+def _refuse_twice(path: Path, names: list[str], header: list[str]) -> None:
+    keys: set[object] = set()
+    for name, cell in zip(names, header, strict=True):
+        match = _COLUMN.fullmatch(name)
+        key = name if match is None else (match[1], int(match[2]), match[3])
+        if key in keys:
+            raise ValueError(
+                f"'{path}', line 1 must name each column once (got {shown(cell)} twice)"
+            )
+        keys.add(key)
+
+
+def _reading_columns(path: Path, names: list[str], force: bool) -> list[int]:
     place = {}
     for column, name in enumerate(names):
         match = _COLUMN.fullmatch(name)
         if match and bool(match[1]) == force:
             place[int(match[2]), match[3]] = column
-    num_taxels = max((taxel for taxel, _ in place), default=0)
-    wanted = [(taxel, axis) for taxel in range(1, num_taxels + 1) for axis in "xyz"]
-    for taxel, axis in wanted:
-        if (taxel, axis) not in place:
-            raise ValueError(
-                f"'{path}' must have the column '{'Force ' if force else ''}{taxel}{axis.upper()}'"
-                f", as it has taxel {num_taxels} (got {len(place)} of {len(wanted)} columns)"
-            )
-    return [place[key] for key in wanted]
+    taxels = {taxel for taxel, _ in place}
+    first = 0 if 0 in taxels else 1
+    for taxel in range(first, first + len(taxels)):
+        for axis in "xyz":
+            if (taxel, axis) not in place:
+                raise ValueError(
+                    f"'{path}' must have the column '{'Force ' if force else ''}{taxel}"
+                    f"{axis.upper()}', as it has taxel {max(taxels)} (got {len(place)} of "
+                    f"{3 * (max(taxels) + 1 - first)} columns)"
+                )
+    return [place[taxel, axis] for taxel in sorted(taxels) for axis in "xyz"]

@@ -12,6 +12,7 @@ from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.predictor import Predictor, is_checkpoint
 from torch_geometric_tactile.reports.analysis_sections import Section, Subject
 from torch_geometric_tactile.reports.run_data import load_data, open_predictor, test_part
+from torch_geometric_tactile.texts import printable
 from torch_geometric_tactile.typing import PathLike
 
 
@@ -119,7 +120,10 @@ def _source(data: Any) -> str:
 
 
 def _markdown(facts: dict[str, str], sections: list[Section]) -> str:
-    parts = ["# What the model has learnt", *(f"- {key}: {text}" for key, text in facts.items())]
+    parts = [
+        "# What the model has learnt",
+        *(f"- {key}: {printable(text)}" for key, text in facts.items()),
+    ]
     blocks = ["\n".join([parts[0], "", *parts[1:]])]
     for section in sections:
         pictures = [f"![{section.title}: {name}]({name})" for name in section.pictures]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.texts import printable
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import DPI, INSTALL
 
@@ -78,7 +79,11 @@ def write_report(
     except ImportError as error:
         raise ImportError(f"reports need jinja2: {INSTALL}") from error
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        finalize=lambda value: printable(value) if isinstance(value, str) else value,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     template = files(__package__).joinpath("report.html").read_text(encoding="utf-8")
     page = environment.from_string(template).render(

@@ -11,7 +11,9 @@ from torch_geometric_tactile.experiments.numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.csv_table import safe_cell
 from torch_geometric_tactile.reports.table_caption import NOTHING, caption, cost_note
+from torch_geometric_tactile.texts import markdown_text, printable
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
 
@@ -59,9 +61,10 @@ def csv_text(run: PlanRun) -> str:
         published = number.source == OF_PAPER
         writer.writerow(
             [
-                *(cell.section, cell.row, cell.column, cell.experiment, number.source),
+                *map(safe_cell, (cell.section, cell.row, cell.column, cell.experiment)),
+                safe_cell(number.source),
                 "real hand, private" if published else run.plan.data.kind,
-                number.metric,
+                safe_cell(number.metric),
                 f"{number.mean:.6g}" if published else repr(number.mean),
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
                 "" if published else number.runs,
@@ -78,15 +81,20 @@ def markdown(run: PlanRun) -> str:
         run (PlanRun): What :func:`run_plan` returned.
     """
     table, index = run.plan.table, _index(run)
-    lines = [f"# {table.title}", "", caption(run), ""]
+    lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
     for heading, series in _groups(run):
         for section in table.sections:
             columns = table.columns(section)
-            lines += [f"## {heading}, {section}" if section else f"## {heading}", ""]
+            name = f"{heading}, {markdown_text(section)}" if section else heading
+            lines += [f"## {name}", ""]
             lines += _table_lines(
                 ["model", "", *columns],
                 [
-                    [row if i == 0 else "", name, *_row(run, index, section, row, source, metric)]
+                    [
+                        markdown_text(row) if i == 0 else "",
+                        markdown_text(name),
+                        *_row(run, index, section, row, source, metric),
+                    ]
                     for row in table.rows
                     if any(cell.row == row and cell.section == section for cell in table.cells)
                     for i, (source, metric, name) in enumerate(series)
@@ -98,7 +106,7 @@ def markdown(run: PlanRun) -> str:
         ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
         [
             [
-                f"`{_config_name(cell)}`",
+                f"`{printable(_config_name(cell)).replace('|', '')}`",
                 *(_shown(index.get((cell.experiment, ALL, metric))) for metric in metrics),
             ]
             for cell in table.cells
@@ -114,7 +122,8 @@ def _config_name(cell: Cell) -> str:
 
 
 def _table_lines(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    cells = [header, ["---"] * len(header), *rows]
+    names = [[markdown_text(name) for name in header], ["---"] * len(header)]
+    cells = [*names, *rows]
     return [*("| " + " | ".join(row) + " |" for row in cells), ""]
 
 

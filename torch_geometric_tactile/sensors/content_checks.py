@@ -5,7 +5,7 @@ from typing import Any
 
 MOST_TAXELS = 1_000_000
 _MOST_LETTERS = 60
-_LARGEST = 1e30  # of a number, far beyond any length or angle, and within float32
+LARGEST = 1e18  # of a number: far beyond any length or angle, and within float32
 
 
 def shown(value: Any) -> str:
@@ -139,7 +139,7 @@ def is_number(value: Any) -> bool:
         value (Any): The value.
     """
     is_kind = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_kind and abs(value) <= _LARGEST
+    return is_kind and abs(value) <= LARGEST
 
 
 def is_whole(value: Any) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.content_checks import need_text
+from torch_geometric_tactile.sensors.content_checks import LARGEST, need_text
 
 _MOST_JOINTS = 1000
 
@@ -53,7 +53,7 @@ class Joint:
             if isinstance(value, str) or any(isinstance(number, str | bool) for number in value):
                 raise ValueError(f"'{key}' of joint '{self.name}' must be numbers (got {value!r})")
             value = tuple(float(number) for number in value)
-            if len(value) != 3 or not all(map(math.isfinite, value)):
+            if len(value) != 3 or not all(abs(number) <= LARGEST for number in value):
                 raise ValueError(
                     f"'{key}' of joint '{self.name}' must be three finite numbers (got {value})"
                 )

@@ -202,7 +202,13 @@ def _kept(task: _Task) -> TrialReport:
                 f"'{task.path}' was made with another '{key}' ({meta.get(key)}, not {wanted}); "
                 "choose another folder or delete the file"
             )
-    return TrialReport(task.item.name, task.trial, int(meta["attempt"]) + 1, task.path, kept=True)
+    attempt = meta.get("attempt")
+    if type(attempt) is not int or attempt < 0:
+        raise ValueError(
+            f"'{task.path}' must tell its 'attempt', a whole number, in its metadata (got "
+            f"{attempt!r}); delete the file to simulate it again"
+        )
+    return TrialReport(task.item.name, task.trial, attempt + 1, task.path, kept=True)
 
 
 def _simulate_trial(task: _Task, parent: int) -> TrialReport:

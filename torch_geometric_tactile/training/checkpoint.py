@@ -111,7 +111,10 @@ def load_module(
         ValueError: If the file is damaged, is no checkpoint, or names a class that it must not.
     """
     checkpoint = read_checkpoint(path, "cpu" if map_location is None else map_location)
-    stored = dict(checkpoint.get("hyper_parameters") or {})
+    stored = checkpoint.get("hyper_parameters") or {}
+    if not isinstance(stored, Mapping):
+        raise ValueError(f"'{path}' must hold 'hyper_parameters' as a mapping (got {stored!r})")
+    stored = dict(stored)
     instantiator = stored.pop("_instantiator", INSTANTIATOR)
     if instantiator != INSTANTIATOR:
         raise ValueError(
@@ -120,13 +123,14 @@ def load_module(
         )
     stored = {key: value for key, value in stored.items() if key not in arguments}
     settings = {**safe_section("model", stored, path, allow), **arguments}
+    weights = checkpoint["state_dict"]
     try:
         module = instantiate_module(cls, settings)
-    except Exception as error:  # whatever a constructor makes of arguments that it cannot take
-        raise ValueError(f"no {cls.__name__} can be built from '{path}': {error}") from error
-    weights = checkpoint["state_dict"]
-    module.on_load_checkpoint(checkpoint)
-    module.load_state_dict(weights, strict=strict is not False)
+        module.on_load_checkpoint(checkpoint)
+        module.load_state_dict(weights, strict=strict is not False)
+    except Exception as error:  # whatever other contents lead to
+        told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        raise ValueError(f"no {cls.__name__} can be built from '{path}': {told}") from error
     tensors = (value for value in weights.values() if isinstance(value, torch.Tensor))
     return module.to(next(tensors, torch.empty(0)).device)
 

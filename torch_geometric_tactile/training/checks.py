@@ -10,9 +10,8 @@ from torch import Tensor
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.loader.random_states import kept_rng
 from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.finite import check_part
 from torch_geometric_tactile.training.metrics import Task
-
-_PEEK = 64  # samples in which missing readings are looked for
 
 
 def num_outputs(data: TactileDataModule, task: Task) -> int:
@@ -104,8 +103,8 @@ def _check_targets(y: Tensor, name: str) -> None:
 
 
 def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
-    r"""Checks the labels of the parts that a stage uses, and runs the model once on two samples,
-    without gradients and without using up random numbers.
+    r"""Checks the labels of the parts that a stage uses and that the model's inputs are finite, and
+    runs the model once on two samples, without gradients and without using up random numbers.
 
     Args:
         module (TactileModule): The module.
@@ -131,14 +130,9 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
         check_labels(y, module.task, name, module.num_classes)
         if name == "train":
             _warn_of_missing_classes(y, module.task, module.num_classes, data.class_names)
-    for name, part in list(parts.items())[:1]:
-        batch = data.peek(part, _PEEK)
-        if batch.x is not None and batch.x.isnan().any():
-            warnings.warn(
-                f"readings 'x' of the {name} part are missing (NaN) after all transforms, so that "
-                "the loss would be NaN: add FillMissing() to the transform",
-                stacklevel=2,
-            )
+    for name, part in parts.items() if stage != "predict" else ():
+        check_part(module.model, data, part, name)
+    for part in list(parts.values())[:1]:
         _check_outputs(module, data.peek(part, 2))
 
 

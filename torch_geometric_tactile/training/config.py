@@ -14,6 +14,10 @@ import yaml
 
 from torch_geometric_tactile.files import new_scratch_folder
 
+_MAX_BYTES = 2**21
+_MAX_VALUES = 100_000
+_MAX_DEPTH = 50
+
 # These files hold many experiments: `base`, and what each lays over it.
 TEMPLATES = ("p1_table2", "p1_table3", "p2_table2")
 
@@ -70,8 +74,59 @@ def load_config(name: str) -> dict[str, Any]:
     Args:
         name (str): Path of a file, or name of a shipped configuration.
     """
-    content: dict[str, Any] = yaml.safe_load(find_config(name).read_text(encoding="utf-8"))
+    path = find_config(name)
+    content = read_yaml(path)
+    if not isinstance(content, dict):
+        raise ValueError(f"configuration '{path}' must be a mapping (got {type(content).__name__})")
     return content
+
+
+def read_yaml(path: Path) -> Any:
+    r"""Reads a YAML file of plain values, whoever wrote it.
+
+    Args:
+        path (Path): The file.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If it is no YAML, or too large, also once its aliases are written out.
+    """
+    with path.open("rb") as file:
+        text = file.read(_MAX_BYTES + 1)
+    problem = f"more than {_MAX_BYTES} bytes" if len(text) > _MAX_BYTES else ""
+    content = None
+    if not problem:
+        try:
+            content = yaml.load(text.decode(), Loader=_Loader)
+        except Exception as error:  # of YAML, or of a number or date in it that cannot be
+            problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    if problem or not _is_small(content):
+        problem = problem or f"more than {_MAX_VALUES} values, or nested {_MAX_DEPTH} deep"
+        raise ValueError(f"'{path}' is no YAML that can be read here ({problem})")
+    return content
+
+
+class _Loader(yaml.SafeLoader):
+    # Its time grows with the square of the brackets that are open.
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:  # noqa: N803
+        if self.flow_level > _MAX_DEPTH:
+            raise ValueError(f"nested more than {_MAX_DEPTH} deep")
+        super().fetch_flow_collection_start(TokenClass)
+
+
+def _is_small(content: Any) -> bool:
+    # Counts what aliases share once for each, as all that copies or writes it does.
+    waiting, num_values = [(content, 0)], 0
+    while waiting:
+        value, depth = waiting.pop()
+        num_values += 1
+        if depth > _MAX_DEPTH or num_values > _MAX_VALUES:
+            return False
+        if isinstance(value, dict):
+            waiting.extend((item, depth + 1) for item in value.values())
+        elif isinstance(value, list | tuple | set):
+            waiting.extend((item, depth + 1) for item in value)
+    return True
 
 
 @cache

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import lightning as L
 import torch
+from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
@@ -169,17 +170,16 @@ class TactileDataModule(L.LightningDataModule):
         """
         return self.peek(self.dataset, count, scaled=False)
 
-    def peek(self, part: StaticDataset, count: int, *, scaled: bool = True) -> StaticData:
-        r"""Returns samples of a part as its batches have them, evenly spaced. No random number is
-        used up.
+    def peek(self, part: StaticDataset, count: int | Tensor, *, scaled: bool = True) -> StaticData:
+        r"""Returns samples of a part as its batches have them, but for :obj:`train_transform`. No
+        random number is used up.
 
         Args:
             part (StaticDataset): Of :meth:`part`.
-            count (int): Number of samples, at most.
+            count (int or torch.Tensor): Number of samples at most, evenly spaced; or their indices.
             scaled (bool): Whether to scale them, for which the transform must be fitted.
         """
-        count = min(count, len(part))
-        index = torch.linspace(0, len(part) - 1, count).long() if count else torch.empty(0).long()
+        index = count if isinstance(count, Tensor) else _spread(len(part), count)
         steps = [step for step in _steps(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
         with kept_rng():  # a copy, since a transform may have a generator of its own
@@ -280,6 +280,10 @@ def _steps(transform: BaseTransform | None) -> list[BaseTransform]:
     if isinstance(transform, Compose):
         return [step for inner in transform.transforms for step in _steps(inner)]
     return [] if transform is None else [transform]
+
+
+def _spread(size: int, count: int) -> Tensor:
+    return torch.linspace(0, max(size - 1, 0), min(size, count)).long()
 
 
 def _is_fitted(transform: BaseTransform) -> bool:

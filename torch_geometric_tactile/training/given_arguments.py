@@ -6,9 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-import yaml
-
-from torch_geometric_tactile.training.config import merged
+from torch_geometric_tactile.training.config import merged, read_yaml
 
 _SECTIONS = ("data", "model", "trainer")
 
@@ -106,18 +104,29 @@ def read_config(path: Path) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If it is not a mapping.
+        ValueError: If it is no YAML, or not a mapping.
     """
+    content = _mapping(path)
+    for section in _SECTIONS:  # a section may be a file of its own, beside this one
+        if isinstance(content.get(section), str):
+            content[section] = _mapping(path.parent / content[section])
+        value = content.get(section)
+        if value is not None and not isinstance(value, Mapping):
+            raise ValueError(
+                f"'{section}' of configuration '{path}' must be a mapping (got {value!r})"
+            )
+    return content
+
+
+def _mapping(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no configuration '{path}'")
-    content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    content = read_yaml(path)
+    if content is None:
+        return {}
     if not isinstance(content, Mapping):
         raise ValueError(
             f"configuration '{path}' must be a mapping with the keys {', '.join(_SECTIONS)} (got "
             f"{type(content).__name__})"
         )
-    content = dict(content)
-    for section in _SECTIONS:  # a section may be a file of its own, beside this one
-        if isinstance(content.get(section), str):
-            content[section] = read_config(path.parent / content[section])
-    return content
+    return dict(content)

@@ -1,8 +1,11 @@
 r"""The command line's ``fit``, ``validate`` and ``test``."""
 
 import sys
+import traceback
 import warnings
-from collections.abc import Sequence
+from argparse import ArgumentError
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -90,12 +93,13 @@ class TactileCLI(LightningCLI):
         r"""Builds the data, fills in the sizes of the model, and parses the arguments."""
         own_modules()
         args = sys.argv[1:] if args is None else args
-        if isinstance(args, list):
-            args = self._with_sizes(args)
-        super().parse_arguments(parser, args)
-        if self._data is not None:  # once more, for sizes given on the command line
-            config = self.config.get(str(self.config.get("subcommand")), self.config)
-            fill_sizes(config["model"].as_dict(), self._data)
+        with _explained("the configuration cannot be used"):
+            if isinstance(args, list):
+                args = self._with_sizes(args)
+            super().parse_arguments(parser, args)
+            if self._data is not None:  # once more, for sizes given on the command line
+                config = self.config.get(str(self.config.get("subcommand")), self.config)
+                fill_sizes(config["model"].as_dict(), self._data)
 
     def _with_sizes(self, args: list[str]) -> list[str]:
         given = GivenArguments.read(args)
@@ -129,16 +133,17 @@ class TactileCLI(LightningCLI):
 
     def instantiate_classes(self) -> None:
         r"""Builds the model and the trainer; the data is built already."""
-        config = self.config.clone()
-        section = config.get(str(self.subcommand), config)
-        if self._data is None:
-            self._data = instantiate_module(TactileDataModule, section["data"].as_dict())
-        del section["data"]
-        self.config_init = self.parser.instantiate_classes(config)
-        self.config_init.get(str(self.subcommand), self.config_init)["data"] = self._data
-        self.datamodule = self._data
-        self.model = self._get(self.config_init, "model")
-        self.trainer = self.instantiate_trainer()
+        with _explained("the configuration cannot be used"):
+            config = self.config.clone()
+            section = config.get(str(self.subcommand), config)
+            if self._data is None:
+                self._data = instantiate_module(TactileDataModule, section["data"].as_dict())
+            del section["data"]
+            self.config_init = self.parser.instantiate_classes(config)
+            self.config_init.get(str(self.subcommand), self.config_init)["data"] = self._data
+            self.datamodule = self._data
+            self.model = self._get(self.config_init, "model")
+            self.trainer = self.instantiate_trainer()
 
     def _parse_ckpt_path(self) -> None:
         # Lightning (since 2.6) would build what the checkpoint says in place of the configuration.
@@ -155,12 +160,41 @@ class TactileCLI(LightningCLI):
         if path and Path(path).is_file() and section.get("weights_only") is not False:
             compare_settings(config, path)
 
+    def _run_subcommand(self, subcommand: str) -> None:
+        # What is left to Lightning to find in a checkpoint ends in errors of all kinds.
+        try:
+            super()._run_subcommand(subcommand)
+        except Exception as error:
+            path = self._get(self.config, "ckpt_path")
+            frames = (
+                frame.f_code.co_filename for frame, _ in traceback.walk_tb(error.__traceback__)
+            )
+            in_checkpoint = any(Path(name).name == "checkpoint_connector.py" for name in frames)
+            if not path or not in_checkpoint or isinstance(error, OSError):
+                raise
+            raise ValueError(f"checkpoint '{path}' cannot be used here: {_told(error)}") from error
+
     def after_fit(self) -> None:
         r"""Prints what the training has come to."""
         folder = self.trainer.log_dir  # all processes ask, since they agree on it together
         if self.trainer.is_global_zero:
             sys.stdout.write(fit_summary(self.trainer, folder) + "\n")
             sys.stdout.flush()
+
+
+@contextmanager
+def _explained(what: str) -> Iterator[None]:
+    # Constructors raise all kinds of errors for arguments that they cannot take.
+    try:
+        yield
+    except (ImportError, OSError, ValueError):
+        raise
+    except Exception as error:
+        raise ValueError(f"{what}: {_told(error)}") from error
+
+
+def _told(error: Exception) -> str:
+    return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
 
 
 def _add_data(parser: ArgumentParser, instantiate: bool) -> None:
@@ -171,6 +205,8 @@ def _add_data(parser: ArgumentParser, instantiate: bool) -> None:
 
 def _build_data(given: GivenArguments) -> TactileDataModule:
     seed = given.last("seed_everything") or given.config.get("seed_everything", 0)
+    if not isinstance(seed, str | int):
+        raise ValueError(f"'seed_everything' must be a number (got {seed!r})")
     if str(seed).lower() not in ("true", "false"):
         L.seed_everything(int(seed), verbose=False)  # for data that is drawn
     parser = ArgumentParser(exit_on_error=False)
@@ -179,9 +215,11 @@ def _build_data(given: GivenArguments) -> TactileDataModule:
     path = scratch_folder() / "data.yaml"
     content = {"data": given.config.get("data") or {}}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    return parser.instantiate_classes(
-        parser.parse_args(["--config", str(path), *given.of("data")])
-    ).data
+    try:
+        parsed = parser.parse_args(["--config", str(path), *given.of("data")])
+    except ArgumentError as error:
+        raise ValueError(f"the section 'data' cannot be read: {error}") from error
+    return parser.instantiate_classes(parsed).data
 
 
 def main(args: Sequence[str]) -> None:

@@ -64,7 +64,7 @@ def classification_metrics(
       :obj:`y` nor predicted, as in scikit-learn;
     * :obj:`auroc`: the mean area under the ROC curve of each class against the rest, or of each
       label, without those that no sample or every sample has, since there is nothing to rank;
-      NaN if none is left, or a score is NaN.
+      NaN if none is left.
 
     Args:
         score (torch.Tensor or numpy.ndarray): Probabilities.
@@ -76,8 +76,8 @@ def classification_metrics(
         - **y:** :math:`(S,)`, or :math:`(S, C)` for :obj:`"multilabel"`
 
     Raises:
-        ValueError: If :obj:`task` is unknown, there is no sample, or the shapes or classes do not
-            fit together.
+        ValueError: If :obj:`task` is unknown, there is no sample, a score is NaN, or the shapes or
+            classes do not fit together.
 
     Examples:
         >>> score = torch.tensor([[0.9, 0.2], [0.4, 0.8], [0.3, 0.6]])
@@ -94,6 +94,13 @@ def classification_metrics(
         raise ValueError(
             f"'score' must have shape (num_samples, num_classes), both positive (got "
             f"{tuple(score.shape)})"
+        )
+    missing = score.isnan().any(dim=1).nonzero().view(-1)
+    if len(missing):  # the highest of a row with NaN would be class 0, or that of NaN
+        raise ValueError(
+            f"'score' must not be NaN (got NaN for {len(missing)} of {len(score)} samples, the "
+            f"first is {int(missing[0])}); leave them out, or fill missing readings with "
+            "FillMissing()"
         )
     num_classes = score.size(1)
     expected = score.shape if task == "multilabel" else score.shape[:1]

@@ -14,9 +14,11 @@ from torchmetrics.classification import MulticlassAccuracy, MultilabelExactMatch
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.predictor import checkpoint_entry
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training.bare_model import warn_of_scaling
 from torch_geometric_tactile.training.checkpoint import INSTANTIATOR, load_module
 from torch_geometric_tactile.training.checks import check_data, num_outputs
 from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.finite import BatchCheck
 from torch_geometric_tactile.training.losses import (
     ClassWeights,
     RegressionLoss,
@@ -207,21 +209,26 @@ class TactileModule(ResumableModule):
         return task_loss(logits, y, self.task, loss=self.regression_loss)
 
     def training_step(self, batch: Data, batch_idx: int) -> Tensor:
-        r"""Returns the training loss of a batch."""
+        r"""Returns the training loss of a batch, which must be finite."""
+        check = BatchCheck.of_step(self, "train", batch, batch_idx)
+        if self.device.type == "cpu":  # elsewhere each look would wait: the loss tells as well
+            check.inputs()
+        out = self(batch)
         loss = task_loss(
-            self(batch),
+            out,
             batch.y,
             self.task,
             loss=self.regression_loss,
             weights=self.class_weight,
             label_smoothing=self.label_smoothing,
         )
+        check.loss(loss, out)
         self.log("train/loss", loss, batch_size=len(batch.y), on_epoch=True, on_step=False)
         return loss
 
     def validation_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the validation part."""
-        self._measure("val", batch, self.val_metrics)
+        self._measure("val", batch, batch_idx, self.val_metrics)
 
     def on_validation_epoch_end(self) -> None:
         r"""Logs what was measured on the validation part."""
@@ -229,7 +236,7 @@ class TactileModule(ResumableModule):
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the test part, also by recording session."""
-        score, y = self._measure("test", batch, self.test_metrics)
+        score, y = self._measure("test", batch, batch_idx, self.test_metrics)
         if "session" in batch:
             for session, metric in zip(self.test_sessions, self.session_metrics, strict=True):
                 assert isinstance(metric, Metric)
@@ -237,8 +244,11 @@ class TactileModule(ResumableModule):
                 if of_session.any():
                     metric.update(score[of_session], y[of_session])
 
-    def _measure(self, stage: str, batch: Data, metrics: MetricCollection) -> tuple[Tensor, Tensor]:
+    def _measure(
+        self, stage: str, batch: Data, batch_idx: int, metrics: MetricCollection
+    ) -> tuple[Tensor, Tensor]:
         out = self(batch)
+        BatchCheck.of_step(self, stage, batch, batch_idx).scores(self.probability(out))
         loss = self.loss(out, batch.y)
         self.log(f"{stage}/loss", loss, batch_size=len(batch.y), sync_dist=True)
         score, y = self.probability(out), batch.y
@@ -264,7 +274,9 @@ class TactileModule(ResumableModule):
         r"""Returns the probabilities of the classes or of each label, or the predicted numbers
         :math:`(B, C)`.
         """
-        return self.probability(self(batch))
+        score = self.probability(self(batch))
+        BatchCheck.of_step(self, "predict", batch, batch_idx).warn(score)
+        return score
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         r"""Makes the optimizer and its scheduler."""
@@ -289,6 +301,8 @@ class TactileModule(ResumableModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Takes the layout from the checkpoint, or compares it with that of the data."""
         super().on_load_checkpoint(checkpoint)
+        if self._trainer is None:
+            warn_of_scaling(checkpoint)
         if "layout" not in checkpoint:
             return
         trained_on = TaxelLayout.from_dict(checkpoint["layout"])

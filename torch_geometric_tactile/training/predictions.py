@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
+from torch_geometric_tactile.training.finite import BatchCheck
 from torch_geometric_tactile.training.module import TactileClassifier
 
 
@@ -40,7 +41,8 @@ def collect_predictions(
             out.
 
     Raises:
-        ValueError: If there is no batch.
+        ValueError: If there is no batch, or a probability is NaN; the message names the input that
+            is NaN, or the samples.
     """
     device = classifier.device if device is None else torch.device(device)
     training = classifier.training
@@ -48,10 +50,12 @@ def collect_predictions(
     logits, probability, y = [], [], []
     try:
         with torch.inference_mode():
-            for batch in batches:
+            for i, batch in enumerate(batches):
                 out = classifier(batch.to(device))
+                score = classifier.probability(out)
+                BatchCheck(classifier.model, batch, f"batch {i}", batches).scores(score)
                 logits.append(out.cpu())
-                probability.append(classifier.probability(out).cpu())
+                probability.append(score.cpu())
                 y.append(batch.y.cpu())
     finally:
         classifier.train(training)

@@ -1,0 +1,232 @@
+r"""A single JSON message of XELA's server.
+
+A message is ``{"message": 2987, "time": ..., "sensors": 1, "type": "routine", "version": ..., "1":
+{...}, "sendtime": ...}`` with one key for each sensor, and in it ``data`` (three hexadecimal words
+for each taxel: x, y, z), ``integer`` (the same as numbers), on some models ``calibrated``
+(newtons), ``model``, ``taxels`` and ``handedness``, which says "right" in captures of left hands
+too.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.io.csv_table import shown
+
+_WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
+_HIGHEST = 0xFFFF
+_SENSOR = re.compile(r"[0-9]{1,9}")
+_HIGHEST_NUMBER = 2**63 - 1
+_LATEST = 1e11  # seconds: the year 5138
+_MOST_SHOWN = 60
+XELA_VERSION = "1.8.0"
+
+
+class XelaFrame(NamedTuple):
+    r"""One message.
+
+    :obj:`reading` are counts or newtons :math:`(N, 3)` of all sensors, one after another by their
+    number; :obj:`taxels`, :obj:`models` and :obj:`handedness` have one entry for each sensor;
+    :obj:`time` are seconds since 1970.
+    """
+
+    number: int
+    time: float
+    reading: np.ndarray
+    taxels: tuple[int, ...]
+    models: tuple[str, ...]
+    handedness: tuple[str, ...]
+    version: str
+
+
+def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> XelaFrame:
+    r"""Reads one message.
+
+    Args:
+        message (Mapping): The message, as :func:`json.loads` gives it; with
+            :obj:`strict=False`, because some servers break lines inside of texts.
+        forces (bool): Whether to read the forces in newtons instead of the counts.
+
+    Raises:
+        ValueError: If something is missing, ``data`` and ``integer`` differ, a number of taxels or
+            sensors is wrong, or a sensor has no forces and they are wanted.
+    """
+    if not isinstance(message, Mapping):
+        raise ValueError(f"a XELA message must be a JSON object (got {type(message).__name__})")
+    number, time = message.get("message"), message.get("time", message.get("sendtime"))
+    if isinstance(number, bool) or not isinstance(number, int) or abs(number) > _HIGHEST_NUMBER:
+        raise ValueError(f"'message' of a XELA message must be an integer (got {few(number)})")
+    where = f"XELA message {number}"
+    if not _is_number(time) or not abs(time) < _LATEST:
+        raise ValueError(f"'time' of {where} must be a number of seconds (got {few(time)})")
+    keys = sensor_keys(message)
+    count = message.get("sensors", len(keys))
+    if not keys or isinstance(count, bool) or count != len(keys):
+        raise ValueError(f"{where} must hold {few(count or 1)} sensors (got {keys or 'none'})")
+    readings = [_sensor_reading(f"sensor '{key}' of {where}", message[key], forces) for key in keys]
+    sensors = [message[key] for key in keys]
+    return XelaFrame(
+        number=number,
+        time=float(time),
+        reading=np.concatenate(readings),
+        taxels=tuple(len(reading) for reading in readings),
+        models=tuple(str(sensor.get("model", "")) for sensor in sensors),
+        handedness=tuple(str(sensor.get("handedness", "")) for sensor in sensors),
+        version=str(message.get("version", "")),
+    )
+
+
+def sensor_keys(message: Mapping[str, Any]) -> list[str]:
+    r"""Returns the keys of the sensors of a message, by their numbers.
+
+    Args:
+        message (Mapping): The message.
+    """
+    keys = [key for key in message if isinstance(key, str) and _SENSOR.fullmatch(key)]
+    return sorted(keys, key=int)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def few(value: Any) -> str:
+    r"""Returns what a value of a message looks like, for an error message: not too long.
+
+    Args:
+        value (Any): The value.
+    """
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # Python writes no integer of thousands of digits
+        text = f"one of type {type(value).__name__}"
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+
+
+def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
+    if not isinstance(sensor, Mapping):
+        raise ValueError(f"{where} must be a JSON object (got {few(sensor)})")
+    data = sensor.get("data")
+    if not isinstance(data, str):
+        raise ValueError(f"'data' of {where} must be a text of hexadecimal words (got {few(data)})")
+    words = [word for word in re.split(r"[,\s]+", data) if word]
+    for word in words:
+        if not _WORD.fullmatch(word):
+            raise ValueError(
+                f"'data' of {where} must hold hexadecimal words of up to four digits (got "
+                f"{shown(word)})"
+            )
+    taxels = sensor.get("taxels", max(1, len(words) // 3))
+    if isinstance(taxels, bool) or not isinstance(taxels, int) or taxels < 1:
+        raise ValueError(f"'taxels' of {where} must be a positive integer (got {few(taxels)})")
+    if taxels * 3 != len(words):
+        raise ValueError(
+            f"'data' of {where} must hold 3 words for each of {few(taxels)} taxels (got "
+            f"{len(words)})"
+        )
+    counts = [int(word, 16) for word in words]
+    integer = sensor.get("integer", counts)
+    if integer != counts:
+        raise ValueError(f"'integer' of {where} must say the same as 'data' (got other numbers)")
+    if not forces:
+        return np.asarray(counts, dtype=np.float32).reshape(-1, 3)
+    if "calibrated" not in sensor:
+        model = shown(str(sensor.get("model", "")))
+        raise ValueError(
+            f"{where}, model {model}, must have 'calibrated' for forces in newtons (got counts "
+            "only): read counts with forces=False"
+        )
+    values = sensor["calibrated"]
+    if not isinstance(values, list) or not all(v is None or _is_number(v) for v in values):
+        raise ValueError(f"'calibrated' of {where} must hold numbers or null (got {few(values)})")
+    try:
+        with np.errstate(over="ignore"):
+            calibrated = np.asarray(values, dtype=np.float32)  # null becomes NaN
+    except OverflowError as error:
+        raise ValueError(f"'calibrated' of {where} must hold numbers ({error})") from error
+    if np.isinf(calibrated).any():
+        raise ValueError(f"'calibrated' of {where} must hold finite numbers or null (got infinity)")
+    if calibrated.shape != (len(words),):
+        raise ValueError(
+            f"'calibrated' of {where} must have shape ({len(words)},) (got {calibrated.shape})"
+        )
+    return calibrated.reshape(-1, 3)
+
+
+def format_xela_message(
+    counts: np.ndarray,
+    number: int,
+    time: float,
+    *,
+    taxels: Sequence[int] | None = None,
+    models: Sequence[str] | None = None,
+    handedness: Sequence[str] | None = None,
+    forces: np.ndarray | None = None,
+    version: str = XELA_VERSION,
+) -> dict[str, Any]:
+    r"""Returns one message as XELA's server sends it, ready for :func:`json.dumps`.
+
+    Args:
+        counts (numpy.ndarray): Counts of all taxels :math:`(N, 3)`, whole numbers from 0 to 65535.
+        number (int): Number of the message.
+        time (float): Its time in seconds since 1970.
+        taxels (sequence of int, optional): Number of taxels of each sensor; one sensor if left out.
+        models (sequence of str, optional): Model of each sensor.
+        handedness (sequence of str, optional): What the server says about each sensor.
+        forces (numpy.ndarray, optional): Forces in newtons :math:`(N, 3)`.
+        version (str): Version of the server.
+
+    Raises:
+        ValueError: If an argument has another length or shape, or a count does not fit.
+    """
+    counts = np.asarray(counts)
+    if counts.ndim != 2 or counts.shape[1] != 3 or len(counts) == 0:
+        raise ValueError(f"'counts' must have shape (num_taxels, 3) (got {counts.shape})")
+    wrong = np.argwhere(~((counts >= 0) & (counts <= _HIGHEST) & (counts == np.floor(counts))))
+    if len(wrong):
+        taxel, axis = wrong[0].tolist()
+        raise ValueError(
+            f"'counts' must be whole numbers from 0 to {_HIGHEST} (got {counts[taxel, axis]} in "
+            f"taxel {taxel}, axis {'xyz'[axis]}); XELA messages cannot leave a taxel out"
+        )
+    if forces is not None and np.shape(forces) != counts.shape:
+        raise ValueError(f"'forces' must have shape {counts.shape} (got {np.shape(forces)})")
+    taxels = [len(counts)] if taxels is None else list(taxels)
+    if sum(taxels) != len(counts) or min(taxels, default=0) < 1:
+        raise ValueError(f"'taxels' must add up to {len(counts)} (got {taxels})")
+    models = [""] * len(taxels) if models is None else list(models)
+    handedness = ["right"] * len(taxels) if handedness is None else list(handedness)
+    for name, texts in (("models", models), ("handedness", handedness)):
+        if len(texts) != len(taxels):
+            raise ValueError(f"'{name}' must have {len(taxels)} entries (got {len(texts)})")
+    message: dict[str, Any] = {
+        "message": int(number),
+        "time": float(time),
+        "sensors": len(taxels),
+        "type": "routine",
+        "version": version,
+    }
+    stop = 0
+    for i, count in enumerate(taxels):
+        start, stop = stop, stop + count
+        integer = [int(value) for value in counts[start:stop].ravel()]
+        message[str(i + 1)] = {
+            "time": float(time),
+            "sensor": str(i + 1),
+            "data": ",".join(f"{value:04X}" for value in integer),
+            "model": models[i],
+            "taxels": count,
+            "integer": integer,
+            "handedness": handedness[i],
+        }
+        if forces is not None:
+            # JSON has no NaN.
+            message[str(i + 1)]["calibrated"] = [
+                None if math.isnan(value) else value
+                for value in np.asarray(forces)[start:stop].ravel().tolist()
+            ]
+    message["sendtime"] = float(time)
+    return message
