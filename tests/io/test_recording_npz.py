@@ -289,3 +289,19 @@ def test_npz_whose_version_is_no_integer(version, tmp_path):
     changed(tmp_path / "a.npz", version=np.array(version))
     with pytest.raises(ValueError, match=r"a.npz' must be of format version 1 \(got "):
         read_npz(tmp_path / "a.npz")
+
+
+def test_npz_behind_another_one(tmp_path):
+    write_npz(Recording([0.5], [[[7.0]]]), tmp_path / "a.npz")
+    write_npz(small(), tmp_path / "b.npz")
+    joined = (tmp_path / "a.npz").read_bytes() + (tmp_path / "b.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(joined)
+    with pytest.raises(ValueError, match=r"a.npz' .* something stands before its first part"):
+        read_npz(tmp_path / "a.npz")
+
+
+def test_npz_of_truth_values(tmp_path):
+    write_npz(small(), tmp_path / "a.npz")
+    changed(tmp_path / "a.npz", tactile=np.isnan(small().tactile))
+    with pytest.raises(ValueError, match=r"a.npz' must hold numbers in 'tactile' \(got truth"):
+        read_npz(tmp_path / "a.npz")

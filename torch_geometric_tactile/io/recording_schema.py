@@ -101,6 +101,9 @@ def recording_from_fields(
     for name in ("time", "tactile"):
         if name not in arrays:
             raise missing_field(path, name)
+    for name in ("time", "tactile", "joint"):
+        if name in arrays and arrays[name].dtype.kind == "b":
+            raise ValueError(f"'{path}' must hold numbers in '{name}' (got truth values)")
     values = {}
     for name in ("label", "meta"):
         if name not in texts:
