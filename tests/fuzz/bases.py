@@ -344,6 +344,11 @@ def config(folder: Path) -> None:
     (folder / "a.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
 
 
+def run_folder(folder: Path) -> None:
+    config(folder)
+    (folder / "a.yaml").rename(folder / "config.yaml")
+
+
 def table(folder: Path) -> None:
     content = {
         "title": "Small",

@@ -71,12 +71,15 @@ def wide_csv(data: bytes) -> Any:
         axes = AXES[:channels] if channels <= 3 else [str(i) for i in range(channels)]
         names = [f"taxel_{i}_{axis}" for i in range(taxels // channels) for axis in axes]
         names += [f"joint_{i}" for i in range(joints)]
-        if {*names, "time"} == set(head) and taxels:
-            found = numbers([[row[place[name]] for name in ["time", *names]] for row in rows])
+        if set(names) == set(head) - {"time"} and taxels:
+            found = numbers([[row[place[name]] for name in names] for row in rows])
+            time = np.arange(len(rows)) / 100.0
+            if "time" in head:
+                time = numbers([[row[place["time"]]] for row in rows])[:, 0]
             return reading(
-                found[:, 0],
-                found[:, 1 : 1 + taxels].reshape(len(rows), -1, channels),
-                found[:, 1 + taxels :] if joints else None,
+                time,
+                found[:, :taxels].reshape(len(rows), -1, channels),
+                found[:, taxels:] if joints else None,
             )
     raise Refused("header")
 
@@ -85,7 +88,7 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     """Columns by name; all but the time and the given ones if none are given."""
     head, rows = table(data)
     times = [name for name in head if name.lower() in ("time", "timestamp", "t")]
-    _need(len(times) == 1 or (tactile is None and not times))
+    _need(len(times) <= 1)
     used = {*times, *joint, label}
     all_given = tactile is not None
     tactile = [name for name in head if name not in used] if tactile is None else tactile
@@ -93,7 +96,10 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     # pandas' names of a table without any, and its index.
     _need(
         all_given
-        or not any(name == "" or name.isdecimal() or name.startswith("Unnamed") for name in head)
+        or not any(
+            name == "" or re.fullmatch("[0-9]+", name) or name.startswith("Unnamed")
+            for name in head
+        )
     )
 
     def columns(names: Any) -> np.ndarray:
@@ -104,7 +110,7 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     if label is not None:
         cells = [row[head.index(label)].strip() for row in rows]
         _need(all(cells))
-        whole = all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells)
+        whole = all(re.fullmatch("[+-]?[0-9]{1,18}", cell) for cell in cells)
         values = np.array([int(cell) for cell in cells]) if whole else np.array(cells)
         if len(set(values.tolist())) == 1:
             more["label"] = values[0].item()
@@ -173,7 +179,7 @@ def xela_messages(data: bytes) -> Any:
     except UnicodeDecodeError as error:
         raise Refused(str(error)) from error
     frames: list[dict[str, Any]] = []
-    repeated = 0
+    repeated = skipped = 0
     for line in text.split("\n"):
         if "{" not in line:
             _need(not set('"}') & set(line))
@@ -181,7 +187,8 @@ def xela_messages(data: bytes) -> Any:
         before, brace, rest = line.partition("{")
         _need(not set('"}') & set(before) and not set('"}{') & set(rest[rest.rfind("}") + 1 :]))
         message = strict_json(brace + rest[: rest.rfind("}") + 1])
-        if message == {"message": "Welcome"}:
+        if isinstance(message, dict) and isinstance(message.get("message"), str):
+            skipped += any(key.isdecimal() for key in message)
             continue
         frame = _xela_frame(message)
         if frames and frame["number"] == frames[-1]["number"]:
@@ -200,6 +207,7 @@ def xela_messages(data: bytes) -> Any:
         "handedness_reliable": False,
         "server_version": first["version"],
         "repeated_messages": repeated,
+        "skipped_messages": skipped,
     }
     return reading(
         [frame["time"] for frame in frames], [frame["counts"] for frame in frames], meta=meta

@@ -177,11 +177,15 @@ def config(path: Path) -> Any:
 
 
 def model_config(path: Path) -> Any:
-    """The model of a configuration, built."""
-    from torch_geometric_tactile.training import classifier_from_config, load_config
+    """The model of the configuration that a received checkpoint has beside it."""
+    from torch_geometric_tactile.reports.run_data import run_config
+    from torch_geometric_tactile.training import classifier_from_config
 
     torch.manual_seed(0)  # of the weights
-    return state(classifier_from_config(load_config(str(path))["model"]))
+    settings = run_config(path.parent / "checkpoints" / "a.ckpt") or {}
+    if "model" not in settings:
+        raise ValueError("the configuration must hold 'model'")
+    return state(classifier_from_config(settings["model"]))
 
 
 def table(path: Path) -> Any:

@@ -250,8 +250,8 @@ TARGETS: Sequence[Target] = (
         agrees=lambda tree, found: equal(readers.plain(tree or {}), found),
     ),
     Target(
-        "configuration: model",
-        bases.config,
+        "configuration of a run",
+        bases.run_folder,
         readers.model_config,
         _yaml,
         oracles.yaml_tree,

@@ -6,6 +6,7 @@ import os
 import resource
 import shutil
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -45,6 +46,7 @@ class Watch:
     def __init__(self) -> None:
         self.armed = False
         self.seen: list[str] = []
+        self._folder = tempfile.gettempdir()
         sys.addaudithook(self._hear)
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -53,8 +55,12 @@ class Watch:
         if event in self._CALLS:
             self.seen.append(f"{event}{arguments!r}"[:200])
         elif event == "open" and isinstance(arguments[2], int):
-            writes = arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
-            if writes and str(arguments[0]) != os.devnull:
+            path = str(arguments[0])
+            # Looking for the temporaries of others that have ended makes no file. PyG writes the
+            # code of a layer into the folder of temporary files.
+            makes = arguments[2] & (os.O_CREAT | os.O_TRUNC | os.O_TMPFILE & ~os.O_DIRECTORY)
+            own = path == self._folder or path.startswith(f"{self._folder}/torch_geometric")
+            if makes and path != os.devnull and not own:
                 self.seen.append(f"open{arguments!r}"[:200])
 
     @contextlib.contextmanager

@@ -122,8 +122,10 @@ def test_numbers_as_names_are_columns_when_they_are_given(write):
 
 def test_columns_without_meaning_may_be_ignored(write):
     path = write(",a,b,", "0,1,2,", "1,1,2,")
-    with pytest.raises(ValueError, match=r"must name its first column \(got '', .*index=False\)"):
+    with pytest.raises(ValueError, match=r"must name column 1 \(got '', .*index=False\)"):
         read_named_csv(path)
+    with pytest.raises(ValueError, match=r"must name column 2 \(got 'Unnamed: 0', "):
+        read_named_csv(write("a,Unnamed: 0", "1,0"))
     assert read_named_csv(write("Unnamed: 0,a", "0,1"), ignore=["Unnamed: 0"]).num_taxels == 1
     with pytest.raises(ValueError, match=r"line 1, column 3 must be the name of a column \(got ''"):
         read_named_csv(write("a,b,", "1,2,"))

@@ -160,9 +160,9 @@ def test_a_frame_that_counts_is_read_when_it_is_said_to_be_one(write):
 @pytest.mark.parametrize("first", ["", "Unnamed: 0"])
 def test_index_of_pandas_under_names(write, first):
     path = write(f"{first},{','.join(VALUES)}", f"0,{','.join(VALUES.values())}")
-    with pytest.raises(ValueError, match=r"must name its first column .* to_csv\(index=False\)"):
+    with pytest.raises(ValueError, match=r"must name column 1 .* to_csv\(index=False\)"):
         read_wide_csv(path)
-    with pytest.raises(ValueError, match=r"must name its first column .* to_csv\(index=False\)"):
+    with pytest.raises(ValueError, match=r"must name column 1 .* to_csv\(index=False\)"):
         read_recording(path)
 
 

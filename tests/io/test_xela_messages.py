@@ -266,6 +266,12 @@ def test_read_forces(write):
         ),
         (['{"message": %s, "time": 0}' % ("9" * 400)], r"'message' .* must be an integer \(got 99"),
         ([message(1, **{"\u0661": sensor(), "sensors": 2})], r"must hold 2 sensors \(got \['1'\]"),
+        (['"x": 3}}\n', message(1)], r"line 1: the end of a message must have its beginning"),
+        (
+            [message(1), json.dumps(message(2))[1:40]],
+            r"line 2: the end of a message must have its beginning",
+        ),
+        ([message(1), "}\n", message(2)], r"line 2: the end of a message must have its beginning"),
         (['{"a":' * 100_000], r"line 1: the message that begins here cannot be read as JSON"),
     ],
 )

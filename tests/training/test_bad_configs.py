@@ -25,6 +25,7 @@ BAD = {
     "unknown alias": b"a: *b",
     "cycle": b"data: &a\n  b: *a\n",
     "control character": b"a: \x01",
+    "key twice": b"a:\n  b: 1\n  c: 2\n  b: 1\n",
     "no text": b"data: \xff\xfe",
     "date": b"seed_everything: 2020-99-99",
     "long number": b"a: " + b"1" * 6000,
@@ -94,7 +95,7 @@ def test_table_shows_no_traceback_for_a_bad_file(tmp_path, monkeypatch, capsys, 
     monkeypatch.chdir(tmp_path)
     Path("bad.yaml").write_text(text)
     assert main(["table", "bad.yaml"]) == 1
-    assert "bad" in capsys.readouterr().err
+    assert "'bad.yaml'" in capsys.readouterr().err
 
 
 @pytest.fixture

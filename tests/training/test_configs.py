@@ -51,3 +51,17 @@ def test_names_on_the_command_line_become_paths():
     assert args == ["fit", f"--config={find_config('grasp_gcn_ff')}", "--model.num_classes", "2"]
     args, _ = resolve_config_names(["fit", "-c", "grasp_gcn_df"])
     assert args[2] == str(find_config("grasp_gcn_df"))
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        {"model": {"class_path": "torch.nn.Linear", "init_args": {"in_features": 2}}},
+        {"model": {"class_path": "torch.nn.Identity"}, "num_classes": [2]},
+        {"model": {"class_path": "logging.FileHandler"}},
+        {"model": 3},
+    ],
+)
+def test_a_configuration_of_no_module_is_one_kind_of_error(config):
+    with pytest.raises(ValueError, match="'config' must describe a TactileModule"):
+        classifier_from_config(config)

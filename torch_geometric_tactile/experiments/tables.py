@@ -233,7 +233,10 @@ def load_table(name: str) -> Table:
     content = read_yaml(path)
     if not isinstance(content, Mapping):
         raise ValueError(f"'{path}' must hold a table (got {type(content).__name__})")
-    return _table(path.stem, dict(content), path.parent)
+    try:
+        return _table(path.stem, dict(content), path.parent)
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from error
 
 
 def _table(name: str, content: Mapping[str, Any], folder: Path) -> Table:

@@ -56,7 +56,7 @@ def refuse_counted(path: Path, row: Sequence[str], options: str) -> None:
 
 
 def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -> None:
-    r"""Checks that the first column is not the index that pandas writes in front of the columns.
+    r"""Checks that no column is the index that pandas writes in front of the columns.
 
     Args:
         path (Path): The file, for the message.
@@ -66,13 +66,13 @@ def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -
     Raises:
         ValueError: If it is.
     """
-    if len(names) < 2 or names[0] in ignore:
-        return
-    if not names[0] or re.fullmatch(r"Unnamed: [0-9]+", names[0]):
-        raise ValueError(
-            f"'{path}', line 1 must name its first column (got {shown(names[0])}, as above the "
-            "index of pandas): write the file with to_csv(index=False), or name the column"
-        )
+    for column, name in enumerate(names, 1):
+        unnamed = (column == 1 and not name) or re.fullmatch(r"Unnamed: [0-9]+", name)
+        if unnamed and len(names) > 1 and name not in ignore:
+            raise ValueError(
+                f"'{path}', line 1 must name column {column} (got {shown(name)}, as above the "
+                "index of pandas): write the file with to_csv(index=False), or name the column"
+            )
 
 
 def time_unit(name: str) -> str | None:

@@ -110,6 +110,9 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
         raise ValueError(f"'{path}': {error}") from error
 
 
+_PART = re.compile(r'}|"\s*:')
+
+
 def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -118,8 +121,9 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     # Some servers send line breaks inside of texts, which strict JSON forbids.
     decoder = json.JSONDecoder(strict=False, object_pairs_hook=_no_key_twice)
     ends = [match.start() for match in re.finditer("\n", text)]
-    start = text.find("{")
+    start, passed = text.find("{"), 0
     while start >= 0:
+        _check_passed(path, text, passed, start)
         line = bisect_right(ends, start) + 1
         try:
             message, end = decoder.raw_decode(text, start)
@@ -129,7 +133,18 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
                 f"({error}): is the file cut? Delete what is left of it"
             ) from error
         yield line, message
-        start = text.find("{", end)
+        start, passed = text.find("{", end), end
+    _check_passed(path, text, passed, len(text))
+
+
+def _check_passed(path: Path, text: str, start: int, stop: int) -> None:
+    # Lines of a log may be between messages, but not what is left of a message.
+    part = _PART.search(text, start, stop)
+    if part is not None:
+        raise ValueError(
+            f"'{path}', line {text.count(chr(10), 0, part.start()) + 1}: the end of a message "
+            "must have its beginning (got none): is the file cut? Delete what is left of it"
+        )
 
 
 def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -113,6 +113,16 @@ class _Loader(yaml.SafeLoader):
             raise ValueError(f"nested more than {_MAX_DEPTH} deep")
         super().fetch_flow_collection_start(TokenClass)
 
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        # Of a key that is there twice, YAML's library takes the last without a word.
+        keys = [key.value for key, _ in getattr(node, "value", ()) if isinstance(key.value, str)]
+        twice = [key for i, key in enumerate(keys) if key in keys[:i]]
+        if twice:
+            line = node.start_mark.line + 1
+            raise ValueError(f"the key {twice[0]!r} is there twice in what begins at line {line}")
+        content: dict[Any, Any] = super().construct_mapping(node, deep)
+        return content
+
 
 def _is_small(content: Any) -> bool:
     # Counts what aliases share once for each, as all that copies or writes it does.

@@ -385,11 +385,18 @@ def classifier_from_config(
             so that loading one needs no data.
 
     Raises:
-        ValueError: If the configuration has a size that is not that of the data.
+        ValueError: If the configuration has a size that is not that of the data, or cannot be
+            built.
     """
     if data is not None:
         config = fill_sizes(config, data)
-    classifier: TactileModule = instantiate_module(TactileModule, dict(config))
+    try:
+        classifier: TactileModule = instantiate_module(TactileModule, dict(config))
+    except (ImportError, OSError, ValueError):
+        raise
+    except Exception as error:  # whatever other values lead to, in jsonargparse or a constructor
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"'config' must describe a TactileModule ({text})") from error
     keep_config(classifier, config)
     return classifier
 

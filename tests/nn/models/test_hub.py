@@ -113,7 +113,7 @@ def test_hub_arguments_on_loading(hub, tmp_path):
     model.save_pretrained(tmp_path)
     again = GraspGCN.from_pretrained(tmp_path, dropout=0.25, map_location="cpu")
     assert again.dropout.p == 0.25
-    with pytest.raises(RuntimeError, match="size mismatch"):
+    with pytest.raises(ValueError, match=r"is no GraspGCN that can be read: .*size mismatch"):
         GraspGCN.from_pretrained(tmp_path, hidden_channels=5)
 
 
@@ -121,7 +121,17 @@ def test_hub_strict(hub, tmp_path):
     model = GraspGCN(6, hidden_channels=4)
     model.save_pretrained(tmp_path)
     torch.save({"lin.bias": torch.zeros(2)}, tmp_path / "model.pth")
-    with pytest.raises(RuntimeError, match="Missing key"):
+    with pytest.raises(ValueError, match="Missing key"):
+        GraspGCN.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text", ["{", '{"in_channels": [1]}', '{"in_channels": 1e999}', "[" * 100000, "[]", "3"]
+)
+def test_hub_damaged_configuration(hub, tmp_path, text):
+    GraspGCN(6, hidden_channels=4).save_pretrained(tmp_path)
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(ValueError, match=f"'{tmp_path}' is no GraspGCN that can be read"):
         GraspGCN.from_pretrained(tmp_path)
 
 

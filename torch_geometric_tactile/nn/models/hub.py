@@ -104,15 +104,21 @@ class TactileHubMixin(PyGModelHubMixin):
         Raises:
             FileNotFoundError: If the folder has no model in it.
             ImportError: If :obj:`huggingface_hub` is missing.
-            RuntimeError: If the weights are not those of the model.
-            ValueError: If the weights are damaged or hold more than tensors, or there are
-                arguments that the model does not have, as in the folders of older versions of this
-                package.
+            ValueError: If the configuration cannot be read, the weights are damaged, hold more than
+                tensors or are not those of the model, or there are arguments that the model does
+                not have, as in the folders of older versions of this package.
         """
         _check_installed()
-        model: Self = super(PyGModelHubMixin, cls).from_pretrained(
-            str(pretrained_model_name_or_path), **kwargs
-        )
+        name = str(pretrained_model_name_or_path)
+        try:
+            model: Self = super(PyGModelHubMixin, cls).from_pretrained(name, **kwargs)
+        except (OSError, ImportError):
+            raise
+        # Whatever the constructor and PyTorch raise for a damaged or strange configuration.
+        except Exception as error:
+            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+            text = " ".join(f"{kind}{error}".split())
+            raise ValueError(f"'{name}' is no {cls.__name__} that can be read: {text}") from error
         return model
 
     def generate_model_card(self, *args: Any, **kwargs: Any) -> Any:
