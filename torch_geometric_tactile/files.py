@@ -72,8 +72,12 @@ def remove_leftovers(path: PathLike) -> None:
     Args:
         path (str or PathLike): The file that they were to become.
     """
+    start = _start(Path(path))
     for slot in range(_SLOTS):
-        temporary = _temporary(Path(path), slot)
+        name = f"{start}{slot}.tmp"
+        if not os.path.lexists(name):
+            continue
+        temporary = Path(name)
         with _abandoned(temporary) as abandoned:
             if abandoned:
                 with suppress(OSError):  # someone else's folder
@@ -94,18 +98,20 @@ def new_scratch_folder() -> Path:
             return folder
 
 
-def _temporary(path: Path, slot: int) -> Path:
+def _start(path: Path) -> str:
+    # What the paths of all temporaries of a file begin with.
     name = path.name
     if len(os.fsencode(name)) > _LONGEST:
         code = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
         # Cut between characters, since some file systems take whole ones only.
         name = os.fsencode(name)[:_LONGEST].decode("utf-8", "ignore") + f"~{code}"
-    return path.with_name(f".{name}.{slot}.tmp")
+    return str(path.with_name(f".{name}."))
 
 
 def _new_temporary(path: Path) -> tuple[Path, int]:
+    start = _start(path)
     for slot in itertools.count():
-        temporary = _temporary(path, slot)
+        temporary = Path(f"{start}{slot}.tmp")
         with _errors_about(path, temporary):
             handle = _create(temporary)
         if handle is not None:

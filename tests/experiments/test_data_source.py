@@ -3,14 +3,16 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import torch
 
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
 from torch_geometric_tactile.datasets import AllegroUSkin
+from torch_geometric_tactile.experiments import data_source
 from torch_geometric_tactile.experiments.building import build
-from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments.data_source import DataFacts, DataSource
 from torch_geometric_tactile.sensors import grid
 
 ALLEGRO = "torch_geometric_tactile.datasets.AllegroUSkin"
@@ -76,6 +78,16 @@ def test_caption_of_simulated_recordings(grasps, tmp_path):
     (tmp_path / "raw" / "sponge_003.npz").unlink()
     fewer, _ = DataSource(ALLEGRO, {"root": str(tmp_path), "split": None}).resolve()
     assert fewer.fingerprint != source.fingerprint
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"preset": 5}', "[" * 100_000])
+def test_damaged_summary_of_a_simulation_is_named(text, tmp_path):
+    (tmp_path / "simulation.json").write_text(text)
+    dataset = SimpleNamespace(root=tmp_path)
+    with pytest.raises(
+        ValueError, match=r"simulation\.json' is not what 'tactile simulate' writes"
+    ):
+        data_source._caption(dataset, "simulated", DataFacts(10, 2, 1, 1))
 
 
 def test_nothing_left_of_a_part():

@@ -123,6 +123,18 @@ def test_run_with_another_result_is_named(grasps, tmp_path, trained, damage):
         run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
 
 
+def test_run_of_an_earlier_version_is_kept(grasps, tmp_path, trained):
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+    (path,) = (tmp_path / "runs").iterdir()
+    content = json.loads(path.read_text())
+    del content["sha256"]
+    path.write_text(json.dumps(content))
+    assert run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"]).kept == 1
+    path.write_text(json.dumps({**content, "sha255": "0"}))
+    with pytest.raises(ValueError, match=r"is damaged"):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
+
+
 def test_renamed_run_is_not_taken_for_another(grasps, tmp_path, trained):
     run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"])
     (path,) = (tmp_path / "runs").iterdir()

@@ -309,7 +309,7 @@ def _is_joint(joint: dict[str, Any], own: dict[str, Any]) -> bool:
     axis, unit = joint.pop("axis", None), own.pop("axis", None)
     same = (axis is None) == (unit is None)
     if same and axis is not None:
-        same = np.allclose(np.array(axis) / np.linalg.norm(axis), unit)
+        same = np.allclose(np.array(axis, float) / np.linalg.norm(np.array(axis, float)), unit)
     return same and all(key in own and own[key] == joint[key] for key in joint)
 
 

@@ -160,6 +160,7 @@ def test_a_frame_without_readings_is_missing(write):
             r"column 2 must be a reading .*stamp",
         ),
         (["time [ms],a", "1,2"], {}, r"must be a reading or end in a unit .*\(got 'time \[ms\]'"),
+        (["timestamp.1,a", "1,2"], {"tactile": ["a"]}, r"column 1 must be .*got 'timestamp.1'\)"),
         (["time_hours,a", "1,2"], {}, r"unit of the time, one of \['s', 'ms', 'us', 'ns'\]"),
         (
             ["time_ms,a", "1,2"],

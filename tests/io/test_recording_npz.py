@@ -28,6 +28,7 @@ def test_npz_names_by_hand(tmp_path):
     assert content == {
         "format": "tactile recording",
         "version": 1,
+        "arrays": '["privileged/phase", "tactile", "time"]',
         "time": [0.5],
         "tactile": [[[7.0]]],
         "privileged/phase": [2],
@@ -79,7 +80,7 @@ def test_npz_with_pickled_objects_is_refused(full, tmp_path):
 @pytest.mark.parametrize("name", ["time", "tactile", "label", "meta"])
 def test_npz_missing_field(full, name, tmp_path):
     write_npz(full, tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", drop=[name])
+    changed(tmp_path / "a.npz", drop=[name, "arrays"])
     with pytest.raises(ValueError, match=rf"a.npz' must hold '{name}', as every recording"):
         read_npz(tmp_path / "a.npz")
 
@@ -149,7 +150,7 @@ def test_npz_whose_table_hides_an_array(tmp_path):
     entry = damaged.rindex(b"PK\x01\x02", 0, damaged.rindex(b"tactile.npy"))
     damaged[entry + 32] = 46 + len("joint.npy")  # a comment as long as the next entry
     (tmp_path / "a.npz").write_bytes(damaged)
-    with pytest.raises(ValueError, match=r"a.npz' cannot be read as npz: it holds 9 parts \(got 8"):
+    with pytest.raises(ValueError, match=r"a.npz' cannot be read .* it holds 10 parts \(got 9"):
         read_npz(tmp_path / "a.npz")
 
 
@@ -265,4 +266,42 @@ def test_npz_with_other_content(fields, message, tmp_path):
     write_npz(small(), tmp_path / "a.npz")
     changed(tmp_path / "a.npz", **fields)
     with pytest.raises(ValueError, match=message):
+        read_npz(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("name", ["joint", "privileged/phase"])
+def test_npz_that_lost_an_array(name, assert_same, tmp_path):
+    write_npz(small(), tmp_path / "a.npz")
+    changed(tmp_path / "a.npz", drop=[name])
+    with pytest.raises(ValueError, match=r"a.npz' .* must hold the arrays '\[\"joint\", \"priv"):
+        read_npz(tmp_path / "a.npz")
+
+
+def test_npz_of_an_earlier_version_lists_no_arrays(assert_same, tmp_path):
+    write_npz(small(), tmp_path / "a.npz")
+    changed(tmp_path / "a.npz", drop=["arrays"])
+    assert_same(read_npz(tmp_path / "a.npz"), small())
+
+
+@pytest.mark.parametrize("version", [True, 1.0, "1"])
+def test_npz_whose_version_is_no_integer(version, tmp_path):
+    write_npz(small(), tmp_path / "a.npz")
+    changed(tmp_path / "a.npz", version=np.array(version))
+    with pytest.raises(ValueError, match=r"a.npz' must be of format version 1 \(got "):
+        read_npz(tmp_path / "a.npz")
+
+
+def test_npz_behind_another_one(tmp_path):
+    write_npz(Recording([0.5], [[[7.0]]]), tmp_path / "a.npz")
+    write_npz(small(), tmp_path / "b.npz")
+    joined = (tmp_path / "a.npz").read_bytes() + (tmp_path / "b.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(joined)
+    with pytest.raises(ValueError, match=r"a.npz' .* something stands before its first part"):
+        read_npz(tmp_path / "a.npz")
+
+
+def test_npz_of_truth_values(tmp_path):
+    write_npz(small(), tmp_path / "a.npz")
+    changed(tmp_path / "a.npz", tactile=np.isnan(small().tactile))
+    with pytest.raises(ValueError, match=r"a.npz' must hold numbers in 'tactile' \(got truth"):
         read_npz(tmp_path / "a.npz")

@@ -43,7 +43,6 @@ def test_read_time_in_front(write):
         [HEADER.removeprefix("time,"), ROW],
         [f"0.0,{ROW}"],
         [ROW],
-        [HEADER, f"0,{ROW}", "", ""],
     ],
 )
 @pytest.mark.parametrize("style", [{}, {"end": "\r\n"}, {"end": "\r"}, {"encoding": "utf-8-sig"}])
@@ -128,7 +127,10 @@ def test_read_empty_file(tmp_path):
     with pytest.raises(ValueError, match=r"at least one frame \(got an empty file\)"):
         read_wide_csv(tmp_path / "a.csv")
     (tmp_path / "a.csv").write_bytes(b"\n\n")
-    with pytest.raises(ValueError, match=r"a.csv' must hold at least one frame"):
+    with pytest.raises(ValueError, match=r"a.csv', line 1 must not be empty"):
+        read_wide_csv(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf")
+    with pytest.raises(ValueError, match=r"a.csv' must hold at least one frame \(got no line\)"):
         read_wide_csv(tmp_path / "a.csv")
 
 

@@ -206,6 +206,7 @@ def test_a_frame_without_readings_is_missing(write):
     [
         (["taxel_0_x,time", "1,0.5", "", "1,0.75"], r"line 3 must not be empty: delete it, or wri"),
         (["taxel_0_x,time", "1,0.5", "  ", "", "1,0.75"], r"line 3 must not be empty"),
+        (["taxel_0_x,time", "1,0.5", ""], r"line 3 must not be empty"),
         (["", "taxel_0_x,time", "1,0.5"], r"line 1 must not be empty"),
         (["taxel_0_x,time", ",", "1,0.75"], r"line 2: 'time' must be a number \(got ''\)"),
         (["taxel_0_x,joint_0", "1,1_0"], r"column 2: 'joint_0' must be a number \(got '1_0'\)"),

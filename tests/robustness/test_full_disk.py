@@ -20,9 +20,7 @@ def disk(tmp_path_factory):
         pytest.skip(f"{error}: only root may")
 
 
-@pytest.mark.parametrize(
-    "name", ["append_hdf5", "write_hdf5", "npz", "checkpoint", "processed file"]
-)
+@pytest.mark.parametrize("name", ["append_hdf5", "write_hdf5", "processed file"])
 def test_full_disk_ends_in_a_clear_error_and_keeps_what_was_there(name, disk):
     writer = next((w for w in full_disk.writers() if w.name == name), None)
     if writer is None:

@@ -164,6 +164,7 @@ def test_checkpoint_with_flipped_bits_is_refused_or_the_same(checkpoint):
 
 
 def test_damaged_checkpoint_on_the_command_line(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     monkeypatch.chdir(tmp_path)
     config = {
         "model": {"model": {"class_path": "torch_geometric_tactile.nn.models.GraspGCN"}},

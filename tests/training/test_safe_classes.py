@@ -360,6 +360,7 @@ def attacked(run, folder, settings):
 
 
 def test_configuration_beside_a_checkpoint_runs_nothing(run, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     mark = tmp_path / "mark"
     for i, (name, section) in enumerate([("dataset", "data"), ("model", "model")]):
         folder = tmp_path / str(i)

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.experiments.building import build, check_arguments
 from torch_geometric_tactile.files import file_sha256
+from torch_geometric_tactile.texts import printable, read_json
 
 _SIMULATION = "simulation.json"
 
@@ -192,13 +193,19 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
         return f"{said}."
-    simulation = json.loads(found[0].read_text(encoding="utf-8"))
-    preset = simulation.get("preset", {})
-    return (
-        f"{said} of `tactile simulate` (objects `{simulation.get('object_set')}`, seed "
-        f"{simulation.get('seed')}, {preset.get('duration'):g} s at "
-        f"{preset.get('rate'):g} Hz, MuJoCo {simulation.get('mujoco')})."
-    )
+    try:
+        simulation = read_json(found[0])
+        preset = simulation["preset"]
+        made = (
+            f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
+            f"{preset['duration']:g} s at {preset['rate']:g} Hz, MuJoCo {simulation['mujoco']}"
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "
+            "command again"
+        ) from error
+    return f"{said} of `tactile simulate` ({printable(made)})."
 
 
 def _fingerprint(dataset: StaticDataset) -> str:

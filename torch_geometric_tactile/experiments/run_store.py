@@ -11,6 +11,8 @@ from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.files import atomic_path, remove_leftovers
 from torch_geometric_tactile.typing import PathLike
 
+_KEYS = {"experiment", "finished", "identity", "result"}
+
 
 class RunStore:
     r"""The finished runs of a folder, one JSON file each, whole or absent.
@@ -46,7 +48,8 @@ class RunStore:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             result: dict[str, Any] = content["result"]
-            if content["sha256"] != _sha256(result):
+            # Runs of earlier versions have no checksum, and exactly these keys.
+            if content.keys() != _KEYS and content["sha256"] != _sha256(result):
                 raise ValueError("its result differs from its checksum")
             same = content["identity"] == experiment.identity()
         except (ValueError, KeyError, TypeError, RecursionError) as error:

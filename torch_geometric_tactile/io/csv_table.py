@@ -43,16 +43,15 @@ def shown(text: str) -> str:
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    r"""Yields line number and cells of each line. Empty lines at the end of the file are no lines.
+    r"""Yields line number and cells of each line.
 
     Args:
         path (Path): The file.
 
     Raises:
         ValueError: If the file is no text, has no line or a single column whose cells are separated
-            by something else than commas, a line before the last one is empty, such that a frame
-            may be missing, a cell has a line break, or the last line has no end, as in a file that
-            was cut.
+            by something else than commas, a line is empty, such that a frame may be missing, a
+            cell has a line break, or the last line has no end, as in a file that was cut.
     """
     with path.open("rb") as file:
         if file.seek(0, 2):
@@ -60,7 +59,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             whole = file.read(1) in b"\r\n"
         else:
             raise ValueError(f"'{path}' must hold at least one frame (got an empty file)")
-    last = empty = 0
+    last = 0
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file, strict=True)
@@ -72,11 +71,8 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                         f"up to line {last}): is a quote missing?"
                     )
                 if not row or (len(row) == 1 and row[0].isspace()):
-                    empty = empty or last
-                    continue
-                if empty:
                     raise ValueError(
-                        f"'{path}', line {empty} must not be empty: delete it, or write the "
+                        f"'{path}', line {last} must not be empty: delete it, or write the "
                         "commas of a frame without readings if one is missing there"
                     )
                 if len(row) == 1 and not is_number(row[0]) and _SEPARATOR.search(row[0]):
@@ -87,8 +83,8 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                 yield last, row
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
-    if last == 0 or empty == 1:
-        raise ValueError(f"'{path}' must hold at least one frame (got empty lines)")
+    if last == 0:
+        raise ValueError(f"'{path}' must hold at least one frame (got no line)")
     if not whole:
         raise ValueError(
             f"'{path}', line {last} must end with a line break: is the file cut? Delete the line, "

@@ -31,16 +31,17 @@ def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
         ValueError: If one is missing, leads to another file, or is of a type or a compression that
             recordings do not have.
     """
-    names: list[str] = [name for name in ("time", "tactile", "joint") if name in _names(file)]
+    there = list(file)
+    names: list[str] = [name for name in ("time", "tactile", "joint") if name in there]
     for name in ("time", "tactile"):
         if name not in names:
             raise missing_field(path, name)
-    if PRIVILEGED[:-1] in _names(file):
+    if PRIVILEGED[:-1] in there:
         _check_hard_link(path, file, PRIVILEGED[:-1])
         group = file[PRIVILEGED[:-1]]
         if not isinstance(group, type(file["/"])):
             raise ValueError(f"'{path}' must hold a group in 'privileged' (got {group})")
-        names += [PRIVILEGED + name for name in _names(group)]
+        names += [PRIVILEGED + name for name in group]
     return {name: _checked_dataset(path, file, name) for name in names}
 
 
@@ -91,18 +92,18 @@ def check_sizes(
     return limit
 
 
-def text_attribute(path: Path, file: Any, name: str) -> str:
+def text_attribute(path: Path, attrs: Any, name: str) -> str:
     r"""Returns an attribute that is one text.
 
     Args:
         path (Path): The file, for messages.
-        file (h5py.File): The open file.
+        attrs (h5py.AttributeManager): The attributes of the file.
         name (str): The name of the attribute.
 
     Raises:
         ValueError: If it is missing or something else.
     """
-    attribute = _attribute(path, file, name)
+    attribute = _attribute(path, attrs, name)
     h5py = _h5py()
     found = attribute.get_type()
     if attribute.shape != () or found.get_class() != h5py.h5t.STRING:
@@ -112,24 +113,24 @@ def text_attribute(path: Path, file: Any, name: str) -> str:
         )
     if not found.is_variable_str() and found.get_size() > path.stat().st_size:
         raise ValueError(f"'{path}' must hold '{name}' in itself (got {found.get_size()} bytes)")
-    value = file.attrs[name]
+    value = attrs[name]
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def integer_attribute(path: Path, file: Any, name: str) -> int:
+def integer_attribute(path: Path, attrs: Any, name: str) -> int:
     r"""Returns an attribute that is one integer, not negative.
 
     Args:
         path (Path): The file, for messages.
-        file (h5py.File): The open file.
+        attrs (h5py.AttributeManager): The attributes of the file.
         name (str): The name of the attribute.
 
     Raises:
         ValueError: If it is missing or something else.
     """
-    attribute = _attribute(path, file, name)
+    attribute = _attribute(path, attrs, name)
     if attribute.shape == () and attribute.get_type().get_class() == _h5py().h5t.INTEGER:
-        value = file.attrs[name]
+        value = attrs[name]
     else:
         value = f"{attribute.dtype} of shape {attribute.shape}"
     if isinstance(value, str) or value < 0:
@@ -150,10 +151,11 @@ def check_format(path: Path, file: Any) -> None:
     Raises:
         ValueError: If it does not.
     """
-    if "format" not in file.attrs or text_attribute(path, file, "format") != FORMAT:
+    attrs = file.attrs
+    if "format" not in attrs or text_attribute(path, attrs, "format") != FORMAT:
         raise ValueError(
             f"'{path}' must be a recording, with the attribute 'format' = '{FORMAT}' "
-            f"(got an HDF5 file with {sorted(_names(file))[:5]})"
+            f"(got an HDF5 file with {sorted(file)[:5]})"
         )
 
 
@@ -182,14 +184,10 @@ def _h5py() -> Any:
     return h5py
 
 
-def _names(group: Any) -> list[str]:
-    return list(group)
-
-
-def _attribute(path: Path, file: Any, name: str) -> Any:
-    if name not in file.attrs:
+def _attribute(path: Path, attrs: Any, name: str) -> Any:
+    if name not in attrs:
         raise missing_field(path, name)
-    return file.attrs.get_id(name)
+    return attrs.get_id(name)
 
 
 def _check_hard_link(path: Path, file: Any, name: str) -> None:

@@ -204,6 +204,10 @@ def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None
             f"'{path}' must have one column of the time (got {_few([names[i] for i in times])}): "
             "give it as 'time', and the others as 'ignore'"
         )
+    if not times:
+        for name in (name for i, name in enumerate(names) if i not in used):
+            if is_time_of_another_unit(name):
+                raise _no_time(path, names.index(name), name)
     return times[0] if times else None
 
 
@@ -219,11 +223,14 @@ def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
         if is_number(name) or name.lower() in _MISSING:
             raise _no_name(path, column, name)
         if time_unit_of(name) or is_time_of_another_unit(name):
-            raise ValueError(
-                f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the "
-                f"time, one of {list(TIME_UNITS)} (got {shown(name)}): give it as 'time' or "
-                "'ignore', or give 'tactile'"
-            )
+            raise _no_time(path, column, name)
+
+
+def _no_time(path: Path, column: int, name: str) -> ValueError:
+    return ValueError(
+        f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the time, "
+        f"one of {list(TIME_UNITS)} (got {shown(name)}): give it as 'time' or 'ignore'"
+    )
 
 
 def _no_name(path: Path, column: int, name: str) -> ValueError:

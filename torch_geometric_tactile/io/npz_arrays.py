@@ -57,6 +57,8 @@ class NpzArrays:
         # A wrong length in the table of contents hides the entry behind it.
         if len(self._entries) != _num_entries(path):
             raise ValueError(f"it holds {_num_entries(path)} parts (got {len(self._entries)})")
+        if self._entries and min(entry.header_offset for entry in self._entries.values()):
+            raise ValueError("something stands before its first part, as if two files were joined")
         total = sum(entry.file_size for entry in self._entries.values())
         stored = path.stat().st_size
         if not allow_large and total > _MOST_BYTES and total > _MOST_TIMES * stored:

@@ -22,7 +22,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
     """
     path = hdf5_file(_h5py_needed(path))
     with _opened(path, "r") as file:
-        return _read(path, file, max_bytes)
+        return _read(path, _checked(path, file), max_bytes)
 
 
 def read_hdf5_head(path: PathLike) -> Recording:
@@ -113,7 +113,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
     """
     path = hdf5_file(_h5py_needed(path))
     with _opened(path, "r") as file:
-        return _checked(path, file)[0]
+        return _checked(path, file).head
 
 
 def append_hdf5(recording: Recording, path: PathLike) -> None:
@@ -144,10 +144,10 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
             _write(recording, path, growing=True, new=True)
             return
     with _opened(hdf5_file(path), "r+") as file:
-        head, datasets = _checked(path, file)
+        content = _checked(path, file)
+        datasets, start = content.datasets, content.num_frames
         stored = {n: as_stored(n, a) for n, a in recording_to_arrays(recording).items()}
-        start = integer_attribute(path, file, "num_frames")
-        _check_continues(path, start, datasets, recording, head)
+        _check_continues(path, content, recording)
         if recording.num_frames == 0:
             return
         grows = all(
@@ -158,16 +158,15 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
             for name, dataset in datasets.items()
         )
         if not grows:
-            before = _read(path, file, max_bytes=2**63)
+            before = _read(path, content, max_bytes=2**63)
             _write(_joined(before, recording), path, growing=True)
             return
         end = start + recording.num_frames
         for name, array in stored.items():
             datasets[name].resize(end, axis=0)
             datasets[name][start:end] = array.astype(datasets[name].dtype)
-        texts = {name: text_attribute(path, file, name) for name in ("label", "meta")}
         file.attrs.modify("num_frames", np.int64(end))
-        file.attrs.modify("checksum", _checksum(end, texts, datasets))
+        file.attrs.modify("checksum", _checksum(end, content.texts, datasets))
 
 
 def _h5py() -> Any:
@@ -301,19 +300,28 @@ def _locked(path: Path, exclusive: bool) -> int:
         os.close(handle)  # replaced by a new file meanwhile
 
 
-def _checked(path: Path, file: Any) -> tuple[Recording, dict[str, Any]]:
+class _Content(NamedTuple):
+    # What a file holds, before its frames are read.
+    head: Recording
+    datasets: dict[str, Any]
+    num_frames: int
+    texts: dict[str, str]
+
+
+def _checked(path: Path, file: Any) -> _Content:
     check_format(path, file)
-    version = integer_attribute(path, file, "version")
+    attrs = file.attrs
+    version = integer_attribute(path, attrs, "version")
     if version not in _READABLE:
         raise ValueError(
             f"'{path}' must be of format version {' or '.join(map(str, _READABLE))} (got "
             f"{version}): read it with the version of torch-geometric-tactile that wrote it"
         )
     datasets = checked_datasets(path, file)
-    num_frames = integer_attribute(path, file, "num_frames")
-    texts = {name: text_attribute(path, file, name) for name in ("label", "meta")}
+    num_frames = integer_attribute(path, attrs, "num_frames")
+    texts = {name: text_attribute(path, attrs, name) for name in ("label", "meta")}
     if version > 1:
-        if integer_attribute(path, file, "checksum") != _checksum(num_frames, texts, datasets):
+        if integer_attribute(path, attrs, "checksum") != _checksum(num_frames, texts, datasets):
             raise ValueError(
                 f"'{path}' must hold the label, metadata and arrays that its checksum is of (got "
                 "others): copy or record it again"
@@ -323,15 +331,14 @@ def _checked(path: Path, file: Any) -> tuple[Recording, dict[str, Any]]:
                 raise ValueError(f"'{path}' must have checksums in '{name}' (got none)")
     # Label and metadata only: reading no frame costs nothing.
     empty = {name: read_rows(dataset, 0, 0) for name, dataset in datasets.items()}
-    return recording_from_fields(path, empty, texts), datasets
+    return _Content(recording_from_fields(path, empty, texts), datasets, num_frames, texts)
 
 
-def _read(path: Path, file: Any, max_bytes: int | None) -> Recording:
-    head, datasets = _checked(path, file)
-    num_frames = integer_attribute(path, file, "num_frames")
+def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
+    num_frames, datasets = content.num_frames, content.datasets
     limit = check_sizes(path, datasets, num_frames, max_bytes)
     arrays = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
-    return recording_from_fields(path, arrays, recording_to_texts(head))
+    return recording_from_fields(path, arrays, content.texts)
 
 
 def _joined(before: Recording, after: Recording) -> Recording:
@@ -352,9 +359,8 @@ def _joined(before: Recording, after: Recording) -> Recording:
     )
 
 
-def _check_continues(
-    path: Path, num_frames: int, datasets: dict[str, Any], recording: Recording, head: Recording
-) -> None:
+def _check_continues(path: Path, content: _Content, recording: Recording) -> None:
+    head, datasets, num_frames, _ = content
     arrays = recording_to_arrays(recording)
     if arrays.keys() != datasets.keys():
         raise ValueError(

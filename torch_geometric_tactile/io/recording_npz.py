@@ -3,12 +3,14 @@ r"""Recordings as npz files, which need numpy only. Names as in
 pickled.
 """
 
+import json
 from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.csv_table import shown
 from torch_geometric_tactile.io.npz_arrays import opened_npz
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
@@ -22,7 +24,7 @@ from torch_geometric_tactile.io.recording_schema import (
 )
 from torch_geometric_tactile.typing import PathLike
 
-_TEXTS = ("format", "version", "label", "meta")
+_TEXTS = ("format", "version", "arrays", "label", "meta")
 
 
 def write_npz(recording: Recording, path: PathLike) -> None:
@@ -32,11 +34,13 @@ def write_npz(recording: Recording, path: PathLike) -> None:
         recording (Recording): The recording.
         path (str or PathLike): The file.
     """
+    arrays = recording_to_arrays(recording)
     content: dict[str, Any] = {
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
+        "arrays": np.array(json.dumps(sorted(arrays), ensure_ascii=False)),
         **{name: np.array(text) for name, text in recording_to_texts(recording).items()},
-        **recording_to_arrays(recording),
+        **arrays,
     }
     # An open file keeps numpy from adding '.npz' to the temporary name.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -77,7 +81,16 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
     check_version(path, texts.get("version"))
     if problem:
         raise ValueError(f"'{path}' holds no consistent recording: {problem}; write it anew")
-    texts |= {name: content.pop(name).item() for name in ("label", "meta") if name in content}
+    texts |= {
+        name: content.pop(name).item() for name in ("arrays", "label", "meta") if name in content
+    }
+    # Files of earlier versions have no such list.
+    listed = texts.pop("arrays", None)
+    if listed not in (None, json.dumps(sorted(content), ensure_ascii=False)):
+        raise ValueError(
+            f"'{path}' holds no consistent recording: it must hold the arrays {shown(str(listed))} "
+            f"(got {sorted(content)}); write it anew"
+        )
     return recording_from_fields(path, content, texts)
 
 

@@ -77,7 +77,8 @@ def check_version(path: Path, version: Any) -> None:
     Raises:
         ValueError: If it cannot.
     """
-    if version != VERSION:
+    is_whole = isinstance(version, int | np.integer) and not isinstance(version, bool)
+    if not is_whole or version != VERSION:
         raise ValueError(
             f"'{path}' must be of format version {VERSION} (got {version}): read it with the "
             "version of torch-geometric-tactile that wrote it"
@@ -100,6 +101,9 @@ def recording_from_fields(
     for name in ("time", "tactile"):
         if name not in arrays:
             raise missing_field(path, name)
+    for name in ("time", "tactile", "joint"):
+        if name in arrays and arrays[name].dtype.kind == "b":
+            raise ValueError(f"'{path}' must hold numbers in '{name}' (got truth values)")
     values = {}
     for name in ("label", "meta"):
         if name not in texts:

@@ -73,9 +73,9 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         time=float(time),
         reading=np.concatenate(readings),
         taxels=tuple(len(reading) for reading in readings),
-        models=tuple(str(sensor.get("model", "")) for sensor in sensors),
-        handedness=tuple(str(sensor.get("handedness", "")) for sensor in sensors),
-        version=str(message.get("version", "")),
+        models=tuple(_text(where, sensor, "model") for sensor in sensors),
+        handedness=tuple(_text(where, sensor, "handedness") for sensor in sensors),
+        version=_text(where, message, "version"),
     )
 
 
@@ -87,6 +87,13 @@ def sensor_keys(message: Mapping[str, Any]) -> list[str]:
     """
     keys = [key for key in message if isinstance(key, str) and _SENSOR.fullmatch(key)]
     return sorted(keys, key=int)
+
+
+def _text(where: str, content: Mapping[str, Any], key: str) -> str:
+    text = content.get(key, "")
+    if not isinstance(text, str):
+        raise ValueError(f"'{key}' of {where} must be a text (got {few(text)})")
+    return text
 
 
 def _is_number(value: Any) -> bool:
