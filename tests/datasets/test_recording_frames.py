@@ -1,4 +1,7 @@
+import errno
+import io
 import logging
+import tempfile
 
 import numpy as np
 import pytest
@@ -291,3 +294,14 @@ def test_names_of_phases_that_are_none():
     made = [recording(object="a", phase=[0, 1, 1], phase_names="ab")]
     with pytest.raises(ValueError, match="recording 0 must have different texts in 'phase_names'"):
         RecordingFrames(layout=GLOVE, recordings=made)
+
+
+def test_full_disk_while_frames_are_gathered_names_the_folder(tmp_path, monkeypatch):
+    class Full(io.BytesIO):
+        def write(self, data):
+            raise OSError(errno.ENOSPC, "full")
+
+    root = write_glove(tmp_path / "grasps")
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **kwargs: Full())
+    with pytest.raises(OSError, match=r"No space left on device: '.*grasps"):
+        RecordingFrames(root, layout=GLOVE, read_options=READ)

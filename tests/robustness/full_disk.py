@@ -210,7 +210,7 @@ def text_writers() -> Iterator[Writer]:
         "report",
         ".html",
         lambda title, path: write_report(
-            path, title=title, notice="", facts=[], tables=[], pictures=[]
+            path, title=title, notice="generated", facts=[], tables=[], pictures=[]
         ),
         lambda path: path.read_text(encoding="utf-8"),
         "short",

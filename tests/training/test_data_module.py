@@ -225,3 +225,8 @@ def test_bad_validation_parts_are_named(labelled):
         TactileDataModule(labelled(), val=0.1, val_dataset=labelled())
     with pytest.raises(ValueError, match=r"'val_dataset' must have the layout .*got 'biotac_sp'"):
         TactileDataModule(labelled(), val_dataset=fake())
+
+
+def test_split_of_nothing_is_refused():
+    with pytest.raises(ValueError, match=r"'split' must be one of .* \(got None\)"):
+        TactileDataModule(FakeTactileDataset(4), split=None)

@@ -1,6 +1,7 @@
 r"""Recordings one after the other, as frames and trials."""
 
 import logging
+import os
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -84,7 +85,7 @@ class FrameReader:
         trials: list[Trial] = []
         num_missing, num_channels = 0, self.num_channels
         # The readings are kept on disk, since they may be more than fits into memory.
-        with tempfile.TemporaryFile(dir=folder) as file:
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
             for where, name, recording in recordings:
                 trials.append(self._trial(where, name, recording))
                 num_channels = num_channels or recording.num_channels
@@ -93,7 +94,13 @@ class FrameReader:
                         f"{where} must have {num_channels} channels a taxel, as {trials[0].where} "
                         f"(got {recording.num_channels})"
                     )
-                np.ascontiguousarray(recording.tactile).tofile(file)
+                left = np.ascontiguousarray(recording.tactile).reshape(-1).view(np.uint8).data
+                try:
+                    while len(left):
+                        left = left[file.write(left) :]
+                except OSError as error:
+                    place = str(folder or tempfile.gettempdir())
+                    raise OSError(error.errno, os.strerror(error.errno or 0), place) from error
                 num_missing += int(recording.missing.sum())
             if not trials:
                 raise ValueError("'recordings' must hold at least one recording (got none)")

@@ -81,8 +81,8 @@ class TactileDataModule(L.LightningDataModule):
         fold: int = 0,
     ) -> None:
         super().__init__()
-        if isinstance(split, str) and split not in _SPLITS:
-            raise ValueError(f"'split' must be one of {list(_SPLITS)} (got '{split}')")
+        if split is None or (isinstance(split, str) and split not in _SPLITS):
+            raise ValueError(f"'split' must be one of {list(_SPLITS)} (got {split!r})")
         scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
         if scalers:
             raise ValueError(

@@ -227,3 +227,19 @@ def test_hub_layout_file(hub, tmp_path):
 def test_hub_layout_name(hub, tmp_path):
     TactileGCN("biotac_sp", **SMALL).save_pretrained(tmp_path)
     assert json.loads((tmp_path / "config.json").read_text())["layout"] == "biotac_sp"
+
+
+def test_weights_of_a_folder_stay_when_writing_new_ones_fails(tmp_path, monkeypatch):
+    pytest.importorskip("huggingface_hub")
+    GraspGCN().save_pretrained(tmp_path)
+    before = (tmp_path / "model.pth").read_bytes()
+
+    def full(content, file):
+        file.write(b"half")
+        raise OSError("full")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(OSError, match="full"):
+        GraspGCN().save_pretrained(tmp_path)
+    assert (tmp_path / "model.pth").read_bytes() == before
+    assert not list(tmp_path.glob(".*"))

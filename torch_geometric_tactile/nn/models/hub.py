@@ -12,7 +12,8 @@ from torch.nn import Module
 from torch_geometric.nn import model_hub
 from torch_geometric.nn.model_hub import PyGModelHubMixin
 
-from torch_geometric_tactile.data.torch_file import read_torch_file
+from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
+from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.nn.models.taxels import portable_layout
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
@@ -131,11 +132,13 @@ class TactileHubMixin(PyGModelHubMixin):
         )
 
     def _save_pretrained(self, save_directory: Path) -> None:
-        super()._save_pretrained(save_directory)
+        weights = self.state_dict()
+        write_torch_file(weights, save_directory / model_hub.MODEL_WEIGHTS_NAME)
         # Written here, because `huggingface_hub` would sort the keys: the order of the threads is
         # that of their features.
         text = json.dumps(_plain(self._hub_arguments), indent=2)
-        (save_directory / model_hub.CONFIG_NAME).write_text(text + "\n", encoding="utf-8")
+        with atomic_path(save_directory / model_hub.CONFIG_NAME) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
 
     @classmethod
     def _from_pretrained(
