@@ -1,2 +1,2 @@
 # Programs and their parts, which need extras: nothing in them is a test.
-collect_ignore_glob = ["[!t]*.py", "targets.py", "te[!s]*.py", "tr*.py"]
+collect_ignore_glob = ["[!t]*.py", "t[!e]*.py", "te[!s]*.py"]

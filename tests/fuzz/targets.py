@@ -10,10 +10,12 @@ from typing import Any
 
 import yaml
 from fuzz import bases, oracles, readers
-from fuzz.binary_mutations import harmful, mutate_hdf5, mutated_npz, mutated_torch, with_harm
 from fuzz.bytes_mutations import BYTES
+from fuzz.hdf5_mutations import mutate_hdf5
 from fuzz.laws import JUDGED, REFUSED, REWRITTEN, Refused, equal
+from fuzz.npz_mutations import mutated_npz
 from fuzz.text_mutations import TEXT, encoded
+from fuzz.torch_mutations import harmful, mutated_torch, with_harm
 from fuzz.tree_mutations import as_json, as_yaml, mutated_tree
 
 Mutate = Callable[[Path, bytes, Random, bytes], str]
