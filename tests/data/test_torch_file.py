@@ -1,6 +1,7 @@
 """Files of PyTorch that may be damaged, or anyone's."""
 
 import os
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -144,3 +145,17 @@ def test_files_that_are_none(tmp_path):
         read_torch_file(tmp_path / "a.pt")
     with pytest.raises((OSError, ValueError), match=tmp_path.name):
         read_torch_file(tmp_path)
+
+
+@pytest.mark.parametrize("mmap", [False, True])
+def test_part_that_is_shorter_than_its_tensor(tmp_path, mmap):
+    torch.save({"x": torch.arange(6.0)}, tmp_path / "whole.pt")
+    with (
+        zipfile.ZipFile(tmp_path / "whole.pt") as whole,
+        zipfile.ZipFile(tmp_path / "a.pt", "w") as short,
+    ):
+        for name in whole.namelist():
+            content = whole.read(name)
+            short.writestr(name, content[:-4] if "/data/" in name else content)
+    with pytest.raises(ValueError, match=r"a\.pt'"):
+        read_torch_file(tmp_path / "a.pt", mmap=mmap)

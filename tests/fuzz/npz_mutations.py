@@ -25,7 +25,7 @@ def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
         return _npz(content, draw), REWRITTEN if kept else JUDGED
     if kind == 1:
         del content[draw.choice(required)]
-        return _npz(content, draw), REFUSED
+        return _npz(content, draw), JUDGED
     if kind == 2:
         name = draw.choice(["time", "tactile", "joint"])
         if name in content:

@@ -180,7 +180,7 @@ def xela_messages(data: bytes) -> Any:
         raise Refused(str(error)) from error
     frames: list[dict[str, Any]] = []
     repeated = skipped = 0
-    for line in text.split("\n"):
+    for line in re.split(r"\r\n|[\r\n]", text):
         if "{" not in line:
             _need(not set('"}') & set(line))
             continue

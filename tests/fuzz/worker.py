@@ -32,6 +32,9 @@ class Result(NamedTuple):
     cause: str = ""
 
 
+_ASKS_FOR_PATHS = ["-c", "import sys, json; print(json.dumps(sys.path))"]
+
+
 class Watch:
     """Notes what a reader does to the machine, while it is armed."""
 
@@ -51,6 +54,9 @@ class Watch:
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         if not self.armed:
+            return
+        # jsonargparse asks Python where the types of its library are.
+        if event == "subprocess.Popen" and arguments[1][1:] == _ASKS_FOR_PATHS:
             return
         if event in self._CALLS:
             self.seen.append(f"{event}{arguments!r}"[:200])

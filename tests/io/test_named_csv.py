@@ -120,6 +120,11 @@ def test_numbers_as_names_are_columns_when_they_are_given(write):
         read_named_csv(path)
 
 
+def test_control_characters_are_no_blanks(write):
+    with pytest.raises(ValueError, match=r"line 2, column 2: 'a' must be a number"):
+        read_named_csv(write("time,a", "0,\x1c.5"))
+
+
 def test_columns_without_meaning_may_be_ignored(write):
     path = write(",a,b,", "0,1,2,", "1,1,2,")
     with pytest.raises(ValueError, match=r"must name column 1 \(got '', .*index=False\)"):

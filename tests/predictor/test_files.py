@@ -11,6 +11,7 @@ from torch.nn import Linear, Module
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import TactileFNN
+from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, ZScore
@@ -303,3 +304,13 @@ def test_a_state_that_is_no_tensor_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"'model' must have tensors only .*_extra_state"):
         predictor(Extra()).save(tmp_path / "a")
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1])
+def test_a_header_with_other_than_numbers_of_channels(path, number):
+    parts = content.load(path)
+    header, tensors = content.describe(parts)
+    weights = parts.model.state_dict()
+    content.build(header, tensors, weights)
+    with pytest.raises(ValueError, match="its 'num_channels' must be a number or null"):
+        content.build({**header, "num_channels": number}, tensors, weights)

@@ -5,6 +5,7 @@ import json
 import os
 import pickle
 import time
+import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +87,9 @@ def read_torch_file(
         raise ValueError(f"'{path}' must hold plain data and tensors only") from error
     except Exception as error:  # torch raises many kinds
         raise ValueError(f"'{path}' cannot be read: {type(error).__name__}: {error}") from error
-    _check_sizes(content, path)
+    with zipfile.ZipFile(path) as archive:
+        stored = sum(e.file_size for e in archive.infolist() if "/data/" in e.filename)
+    _check_sizes(content, path, stored)
     return content
 
 
@@ -131,9 +134,11 @@ def mark_path(path: PathLike) -> Path:
     return Path(f"{path}.checked")
 
 
-def _check_sizes(content: Any, path: PathLike) -> None:
-    # A view of few numbers may claim to be large, and takes the memory where it is copied.
+def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
+    # A view of few numbers may claim to be large, and takes the memory where it is copied. A part
+    # of the file that is shorter than its tensors would be read on beyond its end.
     waiting, num_values = [content], 0
+    storages: dict[int, int] = {}
     while waiting:
         value = waiting.pop()
         num_values += 1
@@ -146,8 +151,13 @@ def _check_sizes(content: Any, path: PathLike) -> None:
         elif isinstance(value, Tensor) and value.layout == torch.strided:
             size = value.numel() * value.element_size()
             held = 0 if value.is_meta else value.untyped_storage().nbytes()
+            if held:
+                storages[value.untyped_storage().data_ptr()] = held
             if size > held:
                 raise ValueError(
                     f"'{path}' must hold the {size} bytes of its tensor of shape "
                     f"{tuple(value.shape)} (got {held})"
                 )
+    held = sum(storages.values())
+    if held > stored:
+        raise ValueError(f"'{path}' must hold the {held} bytes of its tensors (got {stored})")

@@ -158,11 +158,10 @@ def is_number(cell: str) -> bool:
     Args:
         cell (str): The cell.
     """
-    cell = cell.strip()
     if not cell.isascii() or "_" in cell:
         return False
     try:
-        float(cell or "nan")
+        float(cell if cell.strip() else "nan")
     except ValueError:
         return False
     return True

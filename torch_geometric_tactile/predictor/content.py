@@ -128,6 +128,10 @@ def build(
         for key in ("pre_transform", "transform")
     ]
     num_channels, num_joints = header["num_channels"], header["num_joints"]
+    for key in ("num_channels", "num_joints"):
+        number = header[key]
+        if number is not None and (type(number) is not int or number < 0):
+            raise ValueError(f"its '{key}' must be a number or null (got {str(number)[:80]})")
     preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
     preparation.session = header["session"]
     built = builder.model(header["model"], model)
