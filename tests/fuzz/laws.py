@@ -27,7 +27,7 @@ Everything else is a failure:
 ``crash``, ``hang``
     The process died, or did not answer within five seconds of its own time.
 ``memory``
-    Memory for more than a quarter of a gigabyte was taken, or asked for and not explained.
+    Memory for more than half a gigabyte was taken, or asked for and not explained.
 ``ran code``
     A file was made, removed or renamed, or a process was started, by reading.
 """

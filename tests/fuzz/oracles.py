@@ -43,7 +43,8 @@ def table(data: bytes) -> tuple[list[str], list[list[str]]]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise Refused(str(error)) from error
     _need(text.endswith(("\n", "\r")) and len(rows) > 1)
-    _need(all(any(cell.strip() for cell in row) for row in rows))
+    # A line of commas is a frame without readings, and an empty one is none.
+    _need(all(len(row) > 1 or any(cell.strip() for cell in row) for row in rows))
     head = [name.strip() for name in rows[0]]
     _need(len(set(head)) == len(head) and all(len(row) == len(head) for row in rows))
     return head, rows[1:]
@@ -64,6 +65,7 @@ def numbers(rows: Sequence[Sequence[str]]) -> np.ndarray:
 def wide_csv(data: bytes) -> Any:
     """Columns by name; every taxel with every axis."""
     head, rows = table(data)
+    head = [name.lower() for name in head]
     place = {name: i for i, name in enumerate(head)}
     taxels = sum(bool(re.fullmatch(r"taxel_[0-9]+_[a-z0-9]+", name)) for name in head)
     joints = sum(name.startswith("joint_") for name in head)

@@ -52,7 +52,7 @@ def complaint(text, kind=ValueError):
 
 
 def grow(path):
-    return len(bytearray(b"1") * 2**29)
+    return len(bytearray(b"1") * (3 * 2**28))
 
 
 def ask_for_too_much(path):
