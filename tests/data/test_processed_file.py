@@ -286,3 +286,9 @@ def test_full_disk_is_an_error_about_the_file_and_not_one_of_torch(tmp_path, mon
     monkeypatch.undo()
     assert path.read_bytes() == before
     assert files(tmp_path) == ["a.pt"]
+
+
+def test_a_format_that_is_no_number(tmp_path):
+    torch.save({"format": torch.tensor([3, 3])}, tmp_path / "a.pt")
+    with pytest.raises(OtherFormatError, match=r"a\.pt' is not in format"):
+        read_processed(tmp_path / "a.pt")

@@ -95,7 +95,7 @@ def read_processed(path: PathLike) -> ProcessedFile:
         content = read_torch_file(path, mmap=True, once=True)
     except ValueError as error:
         raise ValueError(f"processed file '{path}' cannot be read; {_MEND} ({error})") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    if not isinstance(content, dict) or repr(content.get("format")) != repr(FORMAT):
         raise OtherFormatError(f"processed file '{path}' is not in format {FORMAT}; {_MEND}")
     try:
         return _from_content(content)
