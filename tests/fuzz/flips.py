@@ -11,6 +11,8 @@ from collections import Counter
 from pathlib import Path
 from random import Random
 
+import torch
+
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[i]) for i in (1, 2)]
 
@@ -102,4 +104,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)  # threads do not survive a fork
     sys.exit(main())

@@ -29,6 +29,7 @@ if __name__ == "__main__":
     if not any(path and (Path(path) / "torch_geometric_tactile").is_dir() for path in paths):
         sys.path.insert(0, str(TESTS.parent))  # the package beside, not an installed one
 
+import torch  # noqa: E402
 from fuzz.laws import ALLOWED, FAILURES, OUTCOMES  # noqa: E402
 from fuzz.targets import Target, schedule  # noqa: E402
 from fuzz.worker import Result, Runner, draw_case, serve, wait_for  # noqa: E402
@@ -106,6 +107,11 @@ def make_whole(targets: list[Target], folder: Path) -> None:
                 shutil.rmtree(path)
 
 
+def _make_in_child(targets: list[Target], folder: Path) -> None:
+    torch.set_num_threads(1)  # threads do not survive a fork
+    make_whole(targets, folder)
+
+
 def preload() -> None:
     """Imports what the workers need, before they are forked."""
     import h5py  # noqa: F401
@@ -138,7 +144,7 @@ def attack(
         once = list(
             {targets[i % len(targets)].name: targets[i % len(targets)] for i in cases}.values()
         )
-        maker = FORK.Process(target=make_whole, args=(once, whole))
+        maker = FORK.Process(target=_make_in_child, args=(once, whole))
         maker.start()
         maker.join()
         if maker.exitcode:

@@ -16,6 +16,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple
 
+import torch
 from fuzz.laws import difference
 from fuzz.targets import Target
 
@@ -234,6 +235,7 @@ def serve(
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
         faulthandler.enable(file)
+        torch.set_num_threads(1)  # threads do not survive a fork
         runner = runner_of()
         limit_memory(growth)
         while True:

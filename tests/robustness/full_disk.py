@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 PAGE = 4096
 DISK = 8 * 2**20
@@ -99,8 +100,6 @@ def recording_writers() -> Iterator[Writer]:
 
 def torch_writers() -> Iterator[Writer]:
     """Yields the writers of samples, weights and predictors."""
-    import torch
-
     from torch_geometric_tactile import Predictor
     from torch_geometric_tactile.data import StaticData
     from torch_geometric_tactile.data.processed_file import load_static, save_static
@@ -310,11 +309,14 @@ def main() -> int:
     logging.disable(logging.WARNING)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", type=int, default=8)
+    parser.add_argument("--only", nargs="*", metavar="WRITER")
     arguments = parser.parse_args()
     wrong: list[str] = []
     folder = Path(tempfile.mkdtemp())  # not TemporaryDirectory, which the children would remove
     with small_disk(folder) as disk:
         for writer in writers():
+            if arguments.only and writer.name not in arguments.only:
+                continue
             ended, found = check_writer(writer, disk, arguments.sizes)
             wrong += found
             sys.stdout.write(f"{writer.name:16} {dict(ended)} {len(found)} wrong\n")
@@ -324,4 +326,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)  # threads do not survive a fork
     sys.exit(main())

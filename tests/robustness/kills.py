@@ -23,6 +23,7 @@ from shutil import rmtree
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 FRAMES = 300
 
@@ -182,7 +183,6 @@ def store() -> Job:
 def fit() -> Job:
     """Trains for three epochs with a checkpoint after each."""
     import lightning as L
-    import torch
     from lightning.pytorch.callbacks import ModelCheckpoint
 
     from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -228,8 +228,6 @@ def fit() -> Job:
 
 def demo() -> Job:
     """Writes the pages of a report as the demo does, without its training."""
-    import torch
-
     from torch_geometric_tactile import Predictor
     from torch_geometric_tactile.nn import TactileFNN
     from torch_geometric_tactile.reports.html import write_report
@@ -382,8 +380,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="*")
+    parser.add_argument("--only", nargs="*", metavar="JOB")
+    parser.add_argument("--frames", type=int, default=FRAMES, help="of a recording")
     arguments = parser.parse_args()
+    globals()["FRAMES"] = arguments.frames
     logging.disable(logging.WARNING)
     warnings.simplefilter("ignore")
     chosen = [job for job in jobs() if not arguments.only or job.name in arguments.only]
@@ -405,4 +405,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)  # threads do not survive a fork
     sys.exit(main())
