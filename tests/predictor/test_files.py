@@ -12,6 +12,7 @@ from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor.builder import load_weights
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, ZScore
@@ -93,6 +94,14 @@ def test_precision_of_the_weights_is_kept(tmp_path):
     assert again(X).equal(double(X))
 
 
+@pytest.mark.parametrize("dtype", [torch.complex64, torch.int32])
+def test_weights_of_another_kind_are_refused(dtype):
+    model = predictor().model
+    weights = {name: value.to(dtype) for name, value in model.state_dict().items()}
+    with pytest.raises(ValueError, match=rf"must hold real numbers, as the model \(got {dtype}\)"):
+        load_weights(model, weights)
+
+
 class Mine(Module):
     def __init__(self, width=2):
         super().__init__()
@@ -153,6 +162,10 @@ HOSTILE = {
     "a transform by path": (
         lambda h, p: p["transform"].update({"class": "builtins.exec"}),
         "there is no transform 'builtins.exec'",
+    ),
+    "a number for a transform": (
+        lambda h, p: p.update(transform={"class": "Compose", "arguments": {"transforms": [3.0]}}),
+        r"'transforms' must hold transforms \(got 3.0\)",
     ),
     "arguments": (
         lambda h, p: p["model"]["arguments"].update(spam=1),

@@ -116,6 +116,16 @@ def checkpoint(tmp_path):
     return write
 
 
+def test_size_beyond_the_weights_takes_no_memory(checkpoint):
+    large = {
+        "class_path": "torch.nn.Linear",
+        "init_args": {"in_features": 2, "out_features": 10**9},
+    }
+    path = checkpoint({"model": large})
+    with pytest.raises(ValueError, match="the model must not be larger than its weights in the"):
+        TactileModule.load_from_checkpoint(path)
+
+
 def test_what_the_attack_does(tmp_path):
     reduce = sys.modules["torch.fx.graph_module"].reduce_graph_module
     arguments = payload(tmp_path / "mark")["init_args"]

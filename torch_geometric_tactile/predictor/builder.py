@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch.nn import Module
-from torch.overrides import TorchFunctionMode
 
+from torch_geometric_tactile.data.allocation_limit import AllocationLimit
 from torch_geometric_tactile.predictor.classes import (
     describe_own,
     flat,
@@ -17,8 +17,6 @@ from torch_geometric_tactile.predictor.classes import (
 )
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform
-
-_ROOM = 2**28  # bytes that building a model may ask for beside its own
 
 
 class MissingOwnError(ValueError):
@@ -66,6 +64,9 @@ class Builder:
         else:
             classes = transform_classes()
             transform = self._object(described, classes, "transform")
+            for part in flat(transform):
+                if not callable(part):
+                    raise ValueError(f"'transforms' must hold transforms (got {part!r:.100})")
         if state is not None:
             if isinstance(transform, FittedTransform):
                 _check_state(transform, state)
@@ -94,8 +95,7 @@ class Builder:
                 "is not built by name",
                 "model",
             )
-        held = sum(value.numel() * value.element_size() for value in self.tensors.values())
-        with torch.random.fork_rng(devices=[]), _AllocationLimit(_ROOM + 4 * held):
+        with torch.random.fork_rng(devices=[]), AllocationLimit(self.tensors.values()):
             model: Module = self._object(described, model_classes(), "model")
         return model
 
@@ -173,6 +173,7 @@ def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
         ValueError: If a name or a shape differs; the message says which.
     """
     own = {name: tuple(value.shape) for name, value in model.state_dict().items()}
+    kinds = {name: _kind(value) for name, value in model.state_dict().items()}
     for name in [*weights, *own]:
         if name not in own or name not in weights:
             where = "file" if name in weights else "model"
@@ -182,8 +183,18 @@ def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
             raise ValueError(
                 f"'model' must have '{name}' of shape {shape}, as the file (got {own[name]})"
             )
+        if kinds[name] != _kind(weights[name]):
+            raise ValueError(
+                f"'{name}' must hold {kinds[name]}, as the model (got {weights[name].dtype})"
+            )
     # Takes over the numbers in the precision in which they were saved.
     model.load_state_dict(dict(weights), assign=True)
+
+
+def _kind(tensor: Tensor) -> str:
+    if tensor.is_complex():
+        return "complex numbers"
+    return "real numbers" if tensor.is_floating_point() else "integers"
 
 
 def _check_state(transform: FittedTransform, state: Any) -> None:
@@ -199,34 +210,3 @@ def _check_state(transform: FittedTransform, state: Any) -> None:
         or not (center.is_floating_point() and scale.is_floating_point())
     ):
         raise ValueError(f"the state of {transform!r} must be a centre and a scale for each key")
-
-
-class _AllocationLimit(TorchFunctionMode):
-    # Tensors are allocated before they are filled, so that a size beyond all measure in a damaged
-    # or hostile file is found before it takes the memory.
-    def __init__(self, most: int) -> None:
-        super().__init__()
-        self.most = most
-        self.used = 0
-
-    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        out = func(*args, **(kwargs or {}))
-        if isinstance(out, Tensor) and func in _FACTORIES:
-            self.used += out.numel() * out.element_size()
-            if self.used > self.most:
-                raise ValueError(
-                    f"the model must not be larger than its weights in the file (got more than "
-                    f"{self.most} bytes)"
-                )
-        return out
-
-
-_FACTORIES = (
-    torch.empty,
-    torch.zeros,
-    torch.ones,
-    torch.rand,
-    torch.randn,
-    torch.full,
-    torch.arange,
-)

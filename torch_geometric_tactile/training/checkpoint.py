@@ -10,6 +10,7 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.cli import instantiate_module
 
+from torch_geometric_tactile.data.allocation_limit import AllocationLimit
 from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
 from torch_geometric_tactile.files import check_zip
 from torch_geometric_tactile.training.safe_classes import safe_section
@@ -125,7 +126,8 @@ def load_module(
     settings = {**safe_section("model", stored, path, allow), **arguments}
     weights = checkpoint["state_dict"]
     try:
-        module = instantiate_module(cls, settings)
+        with AllocationLimit(weights.values()):
+            module = instantiate_module(cls, settings)
         module.on_load_checkpoint(checkpoint)
         module.load_state_dict(weights, strict=strict is not False)
     except Exception as error:  # whatever other contents lead to

@@ -135,6 +135,14 @@ def test_hub_damaged_configuration(hub, tmp_path, text):
         GraspGCN.from_pretrained(tmp_path)
 
 
+def test_hub_size_beyond_the_weights_takes_no_memory(hub, tmp_path):
+    GraspGCN(6, hidden_channels=4).save_pretrained(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    (tmp_path / "config.json").write_text(json.dumps({**config, "out_channels": 10**7}))
+    with pytest.raises(ValueError, match="the model must not be larger than its weights in the"):
+        GraspGCN.from_pretrained(tmp_path)
+
+
 def test_hub_loads_weights_only(hub, tmp_path):
     GraspGCN(6, hidden_channels=4).save_pretrained(tmp_path)
     torch.save({"lin": Linear(1, 1)}, tmp_path / "model.pth")

@@ -12,6 +12,7 @@ from torch.nn import Module
 from torch_geometric.nn import model_hub
 from torch_geometric.nn.model_hub import PyGModelHubMixin
 
+from torch_geometric_tactile.data.allocation_limit import AllocationLimit
 from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.nn.models.taxels import portable_layout
@@ -179,9 +180,11 @@ class TactileHubMixin(PyGModelHubMixin):
             )
         if isinstance(arguments.get("layout"), dict):
             arguments["layout"] = TaxelLayout.from_dict(arguments["layout"])
-        model: Any = cls(**arguments)
         device = torch.device(map_location)
-        model.load_state_dict(read_torch_file(path, device))
+        weights = read_torch_file(path, device)
+        with AllocationLimit(weights.values() if isinstance(weights, Mapping) else ()):
+            model: Any = cls(**arguments)
+        model.load_state_dict(weights)
         model.to(device).eval()
         return model
 
