@@ -135,6 +135,14 @@ def test_hub_damaged_configuration(hub, tmp_path, text):
         GraspGCN.from_pretrained(tmp_path)
 
 
+def test_hub_configuration_that_names_a_missing_file(hub, tmp_path):
+    TactileGCN(LAYOUT, segments="patch").save_pretrained(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    (tmp_path / "config.json").write_text(json.dumps({**config, "layout": "gone/away.json"}))
+    with pytest.raises(ValueError, match=rf"'{tmp_path}' is no TactileGCN .*gone/away\.json"):
+        TactileGCN.from_pretrained(tmp_path)
+
+
 def test_hub_size_beyond_the_weights_takes_no_memory(hub, tmp_path):
     GraspGCN(6, hidden_channels=4).save_pretrained(tmp_path)
     config = json.loads((tmp_path / "config.json").read_text())

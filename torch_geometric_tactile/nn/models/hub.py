@@ -114,8 +114,13 @@ class TactileHubMixin(PyGModelHubMixin):
         name = str(pretrained_model_name_or_path)
         try:
             model: Self = super(PyGModelHubMixin, cls).from_pretrained(name, **kwargs)
-        except (OSError, ImportError):
+        except ImportError:
             raise
+        except OSError as error:
+            # Of the folder itself, or of the network; otherwise of a file that it names.
+            if not Path(name).is_dir() or name in str(error):
+                raise
+            raise ValueError(f"'{name}' is no {cls.__name__} that can be read: {error}") from error
         # Whatever the constructor and PyTorch raise for a damaged or strange configuration.
         except Exception as error:
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
