@@ -243,10 +243,9 @@ class TactileModule(CheckpointedModule):
         self, stage: str, batch: Data, batch_idx: int, metrics: MetricCollection
     ) -> tuple[Tensor, Tensor]:
         out = self(batch)
-        BatchCheck.of_step(self, stage, batch, batch_idx).scores(self.probability(out))
-        loss = self.loss(out, batch.y)
-        self.log(f"{stage}/loss", loss, batch_size=len(batch.y), sync_dist=True)
         score, y = self.probability(out), batch.y
+        BatchCheck.of_step(self, stage, batch, batch_idx).scores(score)
+        self.log(f"{stage}/loss", self.loss(out, y), batch_size=len(y), sync_dist=True)
         if self.task == "regression":  # in double: large numbers may vary little
             score, y = score.double(), numbers_like(y, out).double()
         elif self.task == "multilabel":
