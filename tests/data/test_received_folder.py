@@ -2,10 +2,10 @@
 
 import inspect
 from functools import partial
-from pathlib import Path
 
 import pytest
 import torch
+from hostile_pickle import Touch
 from torch_geometric.data import Dataset
 
 from torch_geometric_tactile import datasets
@@ -18,14 +18,6 @@ from torch_geometric_tactile.transforms import KNNGraph
 
 LAYOUT = TaxelLayout("glove", [[0.0, 0.0], [0.01, 0.0], [0.02, 0.0]])
 CLASSES = [getattr(datasets, name) for name in datasets.__all__]
-
-
-class Touch:
-    def __init__(self, mark):
-        self.mark = mark
-
-    def __reduce__(self):
-        return Path.touch, (Path(self.mark),)
 
 
 @pytest.fixture

@@ -2,21 +2,13 @@
 
 import os
 import zipfile
-from pathlib import Path
 
 import pytest
 import torch
+from hostile_pickle import Touch
 
 from torch_geometric_tactile.data import torch_file
 from torch_geometric_tactile.data.torch_file import check_once, mark_path, read_torch_file
-
-
-class Touch:
-    def __init__(self, mark):
-        self.mark = mark
-
-    def __reduce__(self):
-        return Path.touch, (Path(self.mark),)
 
 
 @pytest.fixture
