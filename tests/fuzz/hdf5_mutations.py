@@ -17,7 +17,7 @@ def mutate_hdf5(path: Path, draw: Random) -> str:
 
 
 def _arrays(file: Any) -> list[str]:
-    names = [name for name in ("time", "tactile", "joint") if name in file]
+    names = [name for name in ("time", "tactile", "joint", "checksums") if name in file]
     return names + [f"privileged/{name}" for name in file.get("privileged", ())]
 
 

@@ -2,6 +2,7 @@
 reader must return, or raise ``Refused``."""
 
 import csv
+import decimal
 import io
 import json
 import re
@@ -62,10 +63,31 @@ def numbers(rows: Sequence[Sequence[str]]) -> np.ndarray:
     return np.array([[number(cell) for cell in row] for row in rows])
 
 
+_TIME = re.compile("(?:time|timestamp|t)(?:_(s|ms|us|ns))?")
+_PLACES = {None: 0, "s": 0, "ms": 3, "us": 6, "ns": 9}
+
+
+def seconds(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str | None, np.ndarray]:
+    """The column of the time, if there is one, and the time, rounded once."""
+    found = [(name, match) for name in head if (match := _TIME.fullmatch(name.lower()))]
+    _need(len(found) <= 1)
+    if not found:
+        return None, np.arange(len(rows)) / 100.0
+    name, match = found[0]
+    cells = [row[head.index(name)].strip() for row in rows]
+    _need(not np.isnan([number(cell) for cell in cells]).any())
+    try:
+        exact = [decimal.Decimal(cell).scaleb(-_PLACES[match[1]]) for cell in cells]
+    except decimal.InvalidOperation as error:
+        raise Refused(str(error)) from error
+    return name, np.array([float(value) for value in exact])
+
+
 def wide_csv(data: bytes) -> Any:
     """Columns by name; every taxel with every axis."""
     head, rows = table(data)
     head = [name.lower() for name in head]
+    timed, time = seconds(head, rows)
     place = {name: i for i, name in enumerate(head)}
     taxels = sum(bool(re.fullmatch(r"taxel_[0-9]+_[a-z0-9]+", name)) for name in head)
     joints = sum(name.startswith("joint_") for name in head)
@@ -73,11 +95,8 @@ def wide_csv(data: bytes) -> Any:
         axes = AXES[:channels] if channels <= 3 else [str(i) for i in range(channels)]
         names = [f"taxel_{i}_{axis}" for i in range(taxels // channels) for axis in axes]
         names += [f"joint_{i}" for i in range(joints)]
-        if set(names) == set(head) - {"time"} and taxels:
+        if set(names) == set(head) - {timed} and taxels:
             found = numbers([[row[place[name]] for name in names] for row in rows])
-            time = np.arange(len(rows)) / 100.0
-            if "time" in head:
-                time = numbers([[row[place["time"]]] for row in rows])[:, 0]
             return reading(
                 time,
                 found[:, :taxels].reshape(len(rows), -1, channels),
@@ -89,9 +108,8 @@ def wide_csv(data: bytes) -> Any:
 def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | None = None) -> Any:
     """Columns by name; all but the time and the given ones if none are given."""
     head, rows = table(data)
-    times = [name for name in head if name.lower() in ("time", "timestamp", "t")]
-    _need(len(times) <= 1)
-    used = {*times, *joint, label}
+    timed, time = seconds(head, rows)
+    used = {timed, *joint, label}
     all_given = tactile is not None
     tactile = [name for name in head if name not in used] if tactile is None else tactile
     _need({*tactile, *joint} <= set(head) and (label is None or label in head) and bool(tactile))
@@ -107,7 +125,6 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     def columns(names: Any) -> np.ndarray:
         return numbers([[row[head.index(name)] for name in names] for row in rows])
 
-    time = columns(times)[:, 0] if times else np.arange(len(rows)) / 100.0
     more: dict[str, Any] = {}
     if label is not None:
         cells = [row[head.index(label)].strip() for row in rows]
@@ -174,8 +191,11 @@ def biotac_csv(data: bytes) -> Any:
     return [values.astype(np.float32), found[:, 0].astype(np.int64), objects]
 
 
+_LEFT = re.compile(r'}|"\s*:')
+
+
 def xela_messages(data: bytes) -> Any:
-    """One message a line; other lines are those of a log, without a brace or a quotation mark."""
+    """One message a line; other lines are those of a log, without what is left of a message."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -184,10 +204,11 @@ def xela_messages(data: bytes) -> Any:
     repeated = skipped = 0
     for line in re.split(r"\r\n|[\r\n]", text):
         if "{" not in line:
-            _need(not set('"}') & set(line))
+            _need(not _LEFT.search(line))
             continue
         before, brace, rest = line.partition("{")
-        _need(not set('"}') & set(before) and not set('"}{') & set(rest[rest.rfind("}") + 1 :]))
+        after = rest[rest.rfind("}") + 1 :]
+        _need(not _LEFT.search(before) and not _LEFT.search(after) and "{" not in after)
         message = strict_json(brace + rest[: rest.rfind("}") + 1])
         if isinstance(message, dict) and isinstance(message.get("message"), str):
             skipped += any(key.isdecimal() for key in message)

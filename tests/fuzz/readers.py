@@ -131,8 +131,11 @@ def predictor(path: Path) -> Any:
     from torch_geometric_tactile.reports.run_data import open_predictor
 
     found = open_predictor(path)
+    joint = torch.tensor([[0.1, -0.2, 0.3]])
+    if found.preparation.num_joints:  # of another hand, if it was mutated
+        joint = joint.repeat(1, found.preparation.num_joints)[:, : found.preparation.num_joints]
     frame = torch.arange(8.0).view(1, 4, 2) / 7
-    answer = found(frame, torch.tensor([[0.1, -0.2, 0.3]]))
+    answer = found(frame, joint)
     return {
         "answer": plain(answer),
         "text": repr(found),

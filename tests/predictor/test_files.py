@@ -325,5 +325,12 @@ def test_a_header_with_other_than_numbers_of_channels(path, number):
     header, tensors = content.describe(parts)
     weights = parts.model.state_dict()
     content.build(header, tensors, weights)
-    with pytest.raises(ValueError, match="its 'num_channels' must be a number or null"):
+    with pytest.raises(
+        ValueError, match="its 'num_channels' must be a number up to 100000 or null"
+    ):
         content.build({**header, "num_channels": number}, tensors, weights)
+
+
+def test_a_scaler_that_was_never_fitted_is_no_part_of_a_predictor():
+    with pytest.raises(ValueError, match=r"'ZScore\(\)' must be fitted before it is part"):
+        Predictor(Linear(4, 2), grid(2, 2, 0.01), ZScore())

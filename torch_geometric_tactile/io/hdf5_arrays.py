@@ -4,6 +4,10 @@ from typing import Any
 
 import numpy as np
 
+_VALUES_PER_CHUNK = 2**15
+_MOST_FRAMES_PER_CHUNK = 512
+_GZIP_LEVEL = 1  # counts shrink about as much as at 9, several times faster
+_SHORTEST_TEXT = 32  # bytes of a text in a file that grows
 _ELEMENTS = 64  # texts of version 1 that are read at once: each may be as long as the file
 
 
@@ -28,8 +32,49 @@ def as_stored(name: str, array: np.ndarray) -> np.ndarray:
     return array
 
 
+def with_room(array: np.ndarray) -> np.ndarray:
+    r"""Returns texts with room for longer ones in frames to come, and other arrays as they are.
+
+    Args:
+        array (numpy.ndarray): As :func:`as_stored` returns it.
+    """
+    if array.dtype.kind != "S":
+        return array
+    return array.astype(f"S{max(_SHORTEST_TEXT, 2 * array.itemsize)}")
+
+
+def create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> Any:
+    r"""Writes an array as a data set whose first dimension is resizable.
+
+    Args:
+        file (h5py.File): The open file.
+        name (str): The name of the data set.
+        array (numpy.ndarray): As :func:`as_stored` returns it.
+        growing (bool): With a block for each frame, and not compressed.
+
+    Returns:
+        h5py.Dataset: The data set.
+    """
+    import h5py
+
+    texts = array.dtype.kind == "S"
+    frames = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
+    frames = 1 if growing else min(frames, _MOST_FRAMES_PER_CHUNK)
+    return file.create_dataset(
+        name,
+        data=array.astype(h5py.string_dtype("utf-8", array.itemsize)) if texts else array,
+        maxshape=(None, *array.shape[1:]),
+        chunks=(frames, *(max(1, size) for size in array.shape[1:])),
+        fillvalue=np.nan if array.dtype.kind == "f" else None,
+        fletcher32=True,
+        shuffle=not growing,
+        compression=None if growing else "gzip",
+        compression_opts=None if growing else _GZIP_LEVEL,
+    )
+
+
 def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
-    r"""Reads the first rows of a data set.
+    r"""Reads the first rows of a data set. Texts of a fixed length stay as they are stored.
 
     Args:
         dataset (h5py.Dataset): The data set.
@@ -37,13 +82,24 @@ def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
         max_bytes (int): The most that its texts may take in memory.
 
     Raises:
-        ValueError: If they take more, or are no UTF-8.
+        ValueError: If they take more.
     """
-    kind = dataset.dtype.kind
-    if kind == "O":
+    if dataset.dtype.kind == "O":
         return _long_texts(dataset, num_frames, max_bytes)
     array: np.ndarray = dataset[:num_frames]
-    return np.char.decode(array, "utf-8") if kind == "S" else array
+    return array
+
+
+def as_texts(array: np.ndarray) -> np.ndarray:
+    r"""Returns texts for UTF-8 of a fixed length, and other arrays as they are.
+
+    Args:
+        array (numpy.ndarray): As :func:`read_rows` returns it.
+
+    Raises:
+        ValueError: If it holds no UTF-8.
+    """
+    return np.char.decode(array, "utf-8") if array.dtype.kind == "S" else array
 
 
 def _long_texts(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:

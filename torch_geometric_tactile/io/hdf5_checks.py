@@ -42,7 +42,53 @@ def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
         if not isinstance(group, type(file["/"])):
             raise ValueError(f"'{path}' must hold a group in 'privileged' (got {group})")
         names += [PRIVILEGED + name for name in group]
-    return {name: _checked_dataset(path, file, name) for name in names}
+    return {name: checked_dataset(path, file, name) for name in names}
+
+
+def checked_dataset(path: Path, file: Any, name: str) -> Any:
+    r"""Returns a data set after a look at what it is.
+
+    Args:
+        path (Path): The file, for messages.
+        file (h5py.File): The open file.
+        name (str): The name of the data set.
+
+    Raises:
+        ValueError: As :func:`checked_datasets`.
+    """
+    if name not in file:
+        raise missing_field(path, name)
+    h5py = _h5py()
+    _check_hard_link(path, file, name)
+    dataset = file[name]
+    if not isinstance(dataset, h5py.Dataset) or dataset.ndim == 0 or dataset.shape is None:
+        raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
+    created = dataset.id.get_create_plist()
+    if created.get_layout() == h5py.h5d.VIRTUAL or created.get_external_count():
+        raise ValueError(
+            f"'{path}' must hold '{name}' itself (got a virtual or external array, whose numbers "
+            "are in other files): copy the data into the file"
+        )
+    block = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
+    if block > max(MAX_BYTES, path.stat().st_size):
+        raise ValueError(f"'{path}' must have blocks of at most {MAX_BYTES} bytes (got {block})")
+    for index in range(created.get_nfilters()):
+        code = created.get_filter(index)[0]
+        if code not in _FILTERS:
+            raise ValueError(
+                f"'{path}' must be compressed by gzip or not at all (got the filter {code} in "
+                f"'{name}'): write it again without"
+            )
+    found = dataset.id.get_type()
+    plain = found.get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) and found.get_size() <= 8
+    text = found.get_class() == h5py.h5t.STRING
+    truth = found.get_class() == h5py.h5t.ENUM and dataset.dtype == np.dtype(bool)
+    if found.committed() or not (plain or text or truth):
+        raise ValueError(
+            f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
+            f"{'a named type' if found.committed() else dataset.dtype})"
+        )
+    return dataset
 
 
 def check_sizes(
@@ -198,37 +244,3 @@ def _check_hard_link(path: Path, file: Any, name: str) -> None:
             f"'{path}' must hold '{name}' itself (got a {type(link).__name__}, which may lead to "
             "another file): copy the data into the file"
         )
-
-
-def _checked_dataset(path: Path, file: Any, name: str) -> Any:
-    h5py = _h5py()
-    _check_hard_link(path, file, name)
-    dataset = file[name]
-    if not isinstance(dataset, h5py.Dataset) or dataset.ndim == 0 or dataset.shape is None:
-        raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
-    created = dataset.id.get_create_plist()
-    if created.get_layout() == h5py.h5d.VIRTUAL or created.get_external_count():
-        raise ValueError(
-            f"'{path}' must hold '{name}' itself (got a virtual or external array, whose numbers "
-            "are in other files): copy the data into the file"
-        )
-    block = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
-    if block > max(MAX_BYTES, path.stat().st_size):
-        raise ValueError(f"'{path}' must have blocks of at most {MAX_BYTES} bytes (got {block})")
-    for index in range(created.get_nfilters()):
-        code = created.get_filter(index)[0]
-        if code not in _FILTERS:
-            raise ValueError(
-                f"'{path}' must be compressed by gzip or not at all (got the filter {code} in "
-                f"'{name}'): write it again without"
-            )
-    found = dataset.id.get_type()
-    plain = found.get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) and found.get_size() <= 8
-    text = found.get_class() == h5py.h5t.STRING
-    truth = found.get_class() == h5py.h5t.ENUM and dataset.dtype == np.dtype(bool)
-    if found.committed() or not (plain or text or truth):
-        raise ValueError(
-            f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
-            f"{'a named type' if found.committed() else dataset.dtype})"
-        )
-    return dataset

@@ -4,21 +4,20 @@ is called.
 Names as in :mod:`~torch_geometric_tactile.io.recording_schema`: arrays are data sets whose first
 dimension is resizable, and ``privileged`` is a group; ``format``, ``version``, ``num_frames``,
 ``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names, types and shapes of
-the arrays) are attributes of the file.
+the arrays) are attributes of the file; ``checksums`` is the CRC-32 of each frame, uint32
+:math:`(T,)`.
 
 Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
-those of HDF5 1.10 for its own structures, and that of the attributes, whose texts have a fixed
-length. A file in which a bit was flipped is refused or reads as before. Version 1, which is still
-read, has none of this: a flipped bit may read as another number.
+the CRC-32 of each frame, those of HDF5 1.10 for its own structures, and that of the attributes,
+whose texts have a fixed length. A damaged file is refused or reads as before. Version 1, which is
+still read, has none of this: a flipped bit may read as another number.
 
 Nothing that a file refers to outside of itself is read, and only the filters of HDF5 itself are
 used.
 """
 
 import io
-import json
 import os
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,14 +27,27 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.files import atomic_path, remove_leftovers, share
-from torch_geometric_tactile.io.hdf5_arrays import as_stored, read_rows
+from torch_geometric_tactile.io.hdf5_arrays import (
+    as_stored,
+    as_texts,
+    create_dataset,
+    read_rows,
+    with_room,
+)
 from torch_geometric_tactile.io.hdf5_checks import (
     check_format,
     check_sizes,
+    checked_dataset,
     checked_datasets,
     hdf5_file,
     integer_attribute,
     text_attribute,
+)
+from torch_geometric_tactile.io.hdf5_checksums import (
+    FRAMES,
+    check_frames,
+    frame_checksums,
+    head_checksum,
 )
 from torch_geometric_tactile.io.hdf5_journal import PatchedFile, ends_in_journal
 from torch_geometric_tactile.io.recording_schema import (
@@ -49,11 +61,8 @@ from torch_geometric_tactile.typing import PathLike
 VERSION = 2
 _READABLE = (1, 2)
 _INSTALL = 'pip install "torch-geometric-tactile[io]"'
-_VALUES_PER_CHUNK = 2**15
-_MOST_FRAMES_PER_CHUNK = 512
-_GZIP_LEVEL = 1  # counts shrink about as much as at 9, several times faster
+_CHECKSUMS_PER_CHUNK = 1024
 _CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
-_SHORTEST_TEXT = 32  # bytes of a text in a file that grows
 
 try:
     import fcntl
@@ -162,11 +171,14 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
             _write(_joined(before, recording), path, growing=True)
             return
         end = start + recording.num_frames
-        for name, array in stored.items():
-            datasets[name].resize(end, axis=0)
-            datasets[name][start:end] = array.astype(datasets[name].dtype)
+        stored = {name: array.astype(datasets[name].dtype) for name, array in stored.items()}
+        sums = frame_checksums(stored)
+        for name, array in [*stored.items(), (FRAMES, sums)]:
+            file[name].resize(end, axis=0)
+            file[name][start:end] = array
         file.attrs.modify("num_frames", np.int64(end))
-        file.attrs.modify("checksum", _checksum(end, content.texts, datasets))
+        checksum = head_checksum(VERSION, end, content.texts, datasets)
+        file.attrs.modify("checksum", checksum)
 
 
 def _h5py() -> Any:
@@ -182,28 +194,25 @@ def _h5py_needed(path: PathLike) -> Path:
     return Path(path)
 
 
-def _checksum(num_frames: int, texts: dict[str, str], datasets: dict[str, Any]) -> np.uint32:
-    fields = [[name, d.dtype.str, *d.shape[1:]] for name, d in sorted(datasets.items())]
-    content = [FORMAT, VERSION, num_frames, texts["label"], texts["meta"], fields]
-    return np.uint32(zlib.crc32(json.dumps(content).encode()))
-
-
 def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -> None:
     h5py = _h5py()
     # In memory, since HDF5 ends the process if the disk is full when it closes a file.
     image = io.BytesIO()
     with h5py.File(image, "w", libver=_CHECKSUMMED) as file:
-        datasets = {
-            name: _create_dataset(file, name, as_stored(name, array), growing)
+        stored = {
+            name: with_room(as_stored(name, array)) if growing else as_stored(name, array)
             for name, array in recording_to_arrays(recording).items()
         }
+        datasets = {n: create_dataset(file, n, array, growing) for n, array in stored.items()}
+        sums = frame_checksums(stored)
+        file.create_dataset(FRAMES, data=sums, maxshape=(None,), chunks=(_CHECKSUMS_PER_CHUNK,))
         texts = recording_to_texts(recording)
         file.attrs["format"] = _fixed(FORMAT)
         file.attrs["version"] = np.int64(VERSION)
         file.attrs["num_frames"] = np.int64(recording.num_frames)
         for name, text in texts.items():
             file.attrs[name] = _fixed(text)
-        file.attrs["checksum"] = _checksum(recording.num_frames, texts, datasets)
+        file.attrs["checksum"] = head_checksum(VERSION, recording.num_frames, texts, datasets)
     with atomic_path(path) as temporary:
         temporary.write_bytes(image.getbuffer())
         if new:
@@ -214,27 +223,6 @@ def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -
                 raise
             except OSError:
                 pass  # a file system without links
-
-
-def _create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> Any:
-    h5py = _h5py()
-    frames = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
-    frames = 1 if growing else min(frames, _MOST_FRAMES_PER_CHUNK)
-    dtype: Any = array.dtype
-    if dtype.kind == "S":
-        width = max(_SHORTEST_TEXT, 2 * dtype.itemsize) if growing else dtype.itemsize
-        dtype = h5py.string_dtype("utf-8", width)
-    return file.create_dataset(
-        name,
-        data=array.astype(dtype),
-        maxshape=(None, *array.shape[1:]),
-        chunks=(frames, *(max(1, size) for size in array.shape[1:])),
-        fillvalue=np.nan if dtype.kind == "f" else None,
-        fletcher32=True,
-        shuffle=not growing,
-        compression=None if growing else "gzip",
-        compression_opts=None if growing else _GZIP_LEVEL,
-    )
 
 
 def _fixed(text: str) -> np.ndarray:
@@ -304,6 +292,7 @@ class _Content(NamedTuple):
     # What a file holds, before its frames are read.
     head: Recording
     datasets: dict[str, Any]
+    checksums: Any | None  # of frames; none in version 1
     num_frames: int
     texts: dict[str, str]
 
@@ -320,8 +309,10 @@ def _checked(path: Path, file: Any) -> _Content:
     datasets = checked_datasets(path, file)
     num_frames = integer_attribute(path, attrs, "num_frames")
     texts = {name: text_attribute(path, attrs, name) for name in ("label", "meta")}
+    checksums = None
     if version > 1:
-        if integer_attribute(path, attrs, "checksum") != _checksum(num_frames, texts, datasets):
+        checksum = head_checksum(version, num_frames, texts, datasets)
+        if integer_attribute(path, attrs, "checksum") != checksum:
             raise ValueError(
                 f"'{path}' must hold the label, metadata and arrays that its checksum is of (got "
                 "others): copy or record it again"
@@ -329,15 +320,26 @@ def _checked(path: Path, file: Any) -> _Content:
         for name, dataset in datasets.items():
             if not dataset.fletcher32:
                 raise ValueError(f"'{path}' must have checksums in '{name}' (got none)")
+        checksums = checked_dataset(path, file, FRAMES)
+        if checksums.ndim != 1 or checksums.dtype.kind != "u" or checksums.dtype.itemsize != 4:
+            raise ValueError(
+                f"'{path}' must hold an unsigned integer of 4 bytes for each frame in '{FRAMES}' "
+                f"(got {checksums.dtype} of shape {checksums.shape})"
+            )
     # Label and metadata only: reading no frame costs nothing.
-    empty = {name: read_rows(dataset, 0, 0) for name, dataset in datasets.items()}
-    return _Content(recording_from_fields(path, empty, texts), datasets, num_frames, texts)
+    empty = {name: as_texts(read_rows(dataset, 0, 0)) for name, dataset in datasets.items()}
+    head = recording_from_fields(path, empty, texts)
+    return _Content(head, datasets, checksums, num_frames, texts)
 
 
 def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
-    num_frames, datasets = content.num_frames, content.datasets
-    limit = check_sizes(path, datasets, num_frames, max_bytes)
-    arrays = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
+    num_frames, datasets, checksums = content.num_frames, content.datasets, content.checksums
+    sized = datasets if checksums is None else {**datasets, FRAMES: checksums}
+    limit = check_sizes(path, sized, num_frames, max_bytes)
+    stored = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
+    if checksums is not None:
+        check_frames(path, stored, checksums[:num_frames])
+    arrays = {name: as_texts(array) for name, array in stored.items()}
     return recording_from_fields(path, arrays, content.texts)
 
 
@@ -360,7 +362,7 @@ def _joined(before: Recording, after: Recording) -> Recording:
 
 
 def _check_continues(path: Path, content: _Content, recording: Recording) -> None:
-    head, datasets, num_frames, _ = content
+    head, datasets, num_frames = content.head, content.datasets, content.num_frames
     arrays = recording_to_arrays(recording)
     if arrays.keys() != datasets.keys():
         raise ValueError(

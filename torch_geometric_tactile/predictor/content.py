@@ -23,6 +23,7 @@ from torch_geometric_tactile.typing import PathLike, Transform
 TASKS = ("multiclass", "multilabel", "regression")
 _FORMAT = 2  # since 2, a file has a checksum
 _OLD_FORMAT = 1
+_MOST = 10**5  # channels of a taxel, joints of a hand
 _KEY = "torch_geometric_tactile.predictor"
 _WEIGHT = "model."
 _logger = logging.getLogger(__name__)
@@ -130,8 +131,10 @@ def build(
     num_channels, num_joints = header["num_channels"], header["num_joints"]
     for key in ("num_channels", "num_joints"):
         number = header[key]
-        if number is not None and (type(number) is not int or number < 0):
-            raise ValueError(f"its '{key}' must be a number or null (got {str(number)[:80]})")
+        if number is not None and (type(number) is not int or not 0 <= number <= _MOST):
+            raise ValueError(
+                f"its '{key}' must be a number up to {_MOST} or null (got {str(number)[:80]})"
+            )
     preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
     preparation.session = header["session"]
     built = builder.model(header["model"], model)

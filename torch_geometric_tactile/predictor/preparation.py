@@ -81,6 +81,12 @@ class Preparation:
         self.session: int | None = None
         parts = [*flat(self.pre_transform), *flat(self.transform)]
         self.fitted = fitted_parts(Compose(parts))
+        for part in self.fitted:
+            if part.center is None and part.key is None:  # one with a key can be adapted
+                raise ValueError(
+                    f"'{part}' must be fitted before it is part of a predictor (got none of its "
+                    "numbers): call its fit, or train with TactileDataModule"
+                )
         self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
         reads = {name for part in parts for name in _access(part)[0] or ()}
         self.needs_joint = "joint" in reads
