@@ -134,6 +134,10 @@ def test_positions_of_several_links_are_left_out():
     dataset = StaticDataset.from_arrays(torch.zeros(2, 384, 3), layout=allegro_uskin())
     assert "pos" not in dataset[0]
     pos = torch.rand(5, 6, 3)
+    two = TaxelLayout(name="two", pos=LAYOUT.pos, link=[0, 0, 0, 1, 1, 1], link_names=("a", "b"))
+    assert "pos" not in arrays(layout=two)[0]
+    one = TaxelLayout(name="one", pos=LAYOUT.pos, link=[0] * 6)
+    assert arrays(layout=one)[0].pos.equal(LAYOUT.pos)
     own = arrays(pos=pos)
     assert own[3].pos.equal(pos[3])
     assert "normal" not in own[3]
