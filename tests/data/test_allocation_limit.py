@@ -1,0 +1,27 @@
+import pytest
+import torch
+
+from torch_geometric_tactile.data import allocation_limit
+from torch_geometric_tactile.data.allocation_limit import AllocationLimit
+
+
+@pytest.fixture(autouse=True)
+def little_room(monkeypatch):
+    monkeypatch.setattr(allocation_limit, "_ROOM", 1000)
+
+
+def test_a_model_may_take_four_times_its_weights_and_some_room():
+    weights = [torch.zeros(50, 10), torch.zeros(500), "no tensor"]  # 4000 bytes
+    with AllocationLimit(weights):
+        torch.zeros(4000)  # 16,000 of 17,000 bytes
+        torch.ones(250)
+        with pytest.raises(ValueError, match=r"\(got more than 17000 bytes\)"):
+            torch.empty(1)
+
+
+def test_without_weights_there_is_the_room_only():
+    with AllocationLimit([]):
+        torch.full((125,), 1.0, dtype=torch.double)
+        with pytest.raises(ValueError, match=r"\(got more than 1000 bytes\)"):
+            torch.arange(1)
+    torch.zeros(1000)
