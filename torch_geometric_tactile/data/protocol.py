@@ -43,9 +43,9 @@ class Protocol:
       an attribute of the samples or a property of the data set, is 0 for training, 1 for
       validation and 2 for the test.
 
-    With :obj:`unseen`, such as ``Protocol("group", folds=5, unseen="session")``, each fold is tested
-    on session by session, trained without any sample of that session: what is tested on is of other
-    objects *and* another session. Every sample is still tested on once.
+    With :obj:`unseen`, such as ``Protocol("group", folds=5, unseen="session")``, each fold is
+    tested on session by session, trained without any sample of that session: what is tested on is
+    of other objects *and* another session. Every sample is still tested on once.
 
     With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, every part
     has its share of every class:
