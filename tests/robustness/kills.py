@@ -267,7 +267,7 @@ def demo() -> Job:
     from torch_geometric_tactile.experiments import grasp_table
 
     grasp_table._GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
-    given = "--generated --seeds 1 --folds 2 --epochs 1 --jobs 1".split()
+    given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)
 
