@@ -75,6 +75,10 @@ OURS = {
     ],
     "KNNGraph": [lambda: transforms.KNNGraph(2), lambda: transforms.KNNGraph(1, symmetric=False)],
     "Normalize": [lambda: transforms.Normalize(0.0, 2.0, attr="joint")],
+    "SectorGraph": [
+        lambda: transforms.SectorGraph(LAYOUT),
+        lambda: transforms.SectorGraph(LAYOUT, 4, radius=0.2, within="link"),
+    ],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
         lambda: transforms.SessionZScore("trial", attr="joint"),

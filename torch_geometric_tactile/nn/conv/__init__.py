@@ -6,6 +6,7 @@ from torch_geometric_tactile.nn.conv.edge_message_encoder import (
     EdgeMessageEncoder,
     EdgePatchEncoder,
 )
+from torch_geometric_tactile.nn.conv.sector_conv import SectorConv
 from torch_geometric_tactile.nn.conv.segmented_gcn_conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
@@ -14,6 +15,7 @@ __all__ = [
     "EdgeFeatureEncoder",
     "EdgeMessageEncoder",
     "EdgePatchEncoder",
+    "SectorConv",
     "SegmentedGCNConv",
     "StaticGCNConv",
 ]
