@@ -8,6 +8,7 @@ from torch_geometric_tactile.nn.conv.edge_message_encoder import (
 )
 from torch_geometric_tactile.nn.conv.sector_conv import SectorConv
 from torch_geometric_tactile.nn.conv.segmented_gcn_conv import SegmentedGCNConv
+from torch_geometric_tactile.nn.conv.self_gcn_conv import SelfGCNConv
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 __all__ = [
@@ -17,5 +18,6 @@ __all__ = [
     "EdgePatchEncoder",
     "SectorConv",
     "SegmentedGCNConv",
+    "SelfGCNConv",
     "StaticGCNConv",
 ]
