@@ -13,7 +13,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models import GraspGCN
+from torch_geometric_tactile.nn.models import GraspGCN, TaxelNet
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.describer import Describer
@@ -44,8 +44,10 @@ OTHER = TaxelLayout("other", pos=LAYOUT.pos + 1, patch=LAYOUT.patch, patch_names
 def samples():
     draw = torch.Generator().manual_seed(1)
     return StaticData(
-        x=torch.randn(8, 6, 2, generator=draw) + 3,
+        x=torch.randn(8, 6, 3, generator=draw) + 3,
         pos=LAYOUT.pos,
+        normal=LAYOUT.normal,
+        tangent=LAYOUT.axes()[:, :2],
         edge_index=LAYOUT.edge_index("ring"),
         edge_attr=torch.rand(6, 2, generator=draw),
         joint=torch.randn(8, 2, generator=draw),
@@ -59,6 +61,11 @@ OURS = {
     "AbsoluteMorphology": [
         lambda: transforms.AbsoluteMorphology(),
         lambda: transforms.AbsoluteMorphology((0.1, 0.2, 0.3), cat=True),
+    ],
+    "CommonMode": [
+        lambda: transforms.CommonMode(),
+        lambda: transforms.CommonMode("patch", LAYOUT),
+        lambda: transforms.CommonMode([4, 4, 7, 7, 7, 9]),
     ],
     "DropPatches": [
         lambda: transforms.DropPatches(LAYOUT, patches=["right"], value=float("nan")),
@@ -75,25 +82,42 @@ OURS = {
         lambda: transforms.GeometricEdgeAttr(norm=True, max_value=0.3, cat=False),
     ],
     "KNNGraph": [lambda: transforms.KNNGraph(2), lambda: transforms.KNNGraph(1, symmetric=False)],
-    "Normalize": [lambda: transforms.Normalize(0.0, 2.0, attr="joint")],
+    "Normalize": [
+        lambda: transforms.Normalize(0.0, 2.0, attr="joint"),
+        lambda: transforms.Normalize(per="channel"),
+    ],
+    "SectorGraph": [
+        lambda: transforms.SectorGraph(LAYOUT),
+        lambda: transforms.SectorGraph(LAYOUT, 4, radius=0.2, within="link"),
+    ],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
         lambda: transforms.SessionZScore("trial", attr="joint"),
+        lambda: transforms.SessionZScore(per="channel"),
     ],
     "Tare": [
         lambda: transforms.Tare("trial", first=1),
         lambda: transforms.Tare(seconds=0.15),
     ],
+    "TaxelForce": [
+        lambda: transforms.TaxelForce(),
+        lambda: transforms.TaxelForce("force"),
+    ],
     "TaxelPose": [
         lambda: transforms.TaxelPose(LAYOUT, HAND),
         lambda: transforms.TaxelPose(LAYOUT, HAND, normal=False),
+        lambda: transforms.TaxelPose(LAYOUT, HAND, tangent=True),
     ],
     "TopologicalSegmentation": [
         lambda: transforms.TopologicalSegmentation("patch", LAYOUT),
         lambda: transforms.TopologicalSegmentation("digit", LAYOUT, drop=False),
         lambda: transforms.TopologicalSegmentation([4, 4, 7, 7, 7, 9]),
     ],
-    "ZScore": [lambda: transforms.ZScore(), lambda: transforms.ZScore(attr="joint")],
+    "ZScore": [
+        lambda: transforms.ZScore(),
+        lambda: transforms.ZScore(attr="joint"),
+        lambda: transforms.ZScore(per="channel"),
+    ],
 }
 PYG = {
     "AddRemainingSelfLoops": lambda: pyg.AddRemainingSelfLoops("edge_attr", 2.0),
@@ -205,6 +229,8 @@ PARTS = {"CNNThread", "GCNThread", "PooledMLP", "SegmentedThread", "TactileModel
 MODELS = {
     **small_models.MODELS,
     "grasp": lambda: GraspGCN(11, 3, in_channels=1, hidden_channels=5, num_fingers=3),
+    "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
+    "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
 OWN = {"gcn_patch"}  # with an encoder that is given as a module

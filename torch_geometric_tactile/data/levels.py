@@ -28,6 +28,7 @@ KNOWN_ATTRIBUTES: Mapping[str, Known] = {
     "x": Known("node", (2,)),
     "pos": Known("node", (2,)),
     "normal": Known("node", (2,)),
+    "tangent": Known("node", (3,)),
     "norm": Known("node", (2,)),  # PyG's name of the normals
     "absolute": Known("node", (2,)),
     "dropped": Known("node", (1,)),
@@ -41,6 +42,7 @@ KNOWN_ATTRIBUTES: Mapping[str, Known] = {
     "edge_attr": Known("edge", (1, 2)),
     "edge_weight": Known("edge", (1,)),
     "edge_type": Known("edge", (1,)),
+    "edge_sector": Known("edge", (1,)),
     "edge_is_within": Known("edge", (1,)),
     "y": Known("sample"),
     "joint": Known("sample"),

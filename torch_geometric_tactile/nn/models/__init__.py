@@ -1,4 +1,4 @@
-r"""The models of the papers."""
+r"""The models of the papers, and those to begin with."""
 
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
@@ -11,6 +11,7 @@ from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
 
 __all__ = [
@@ -25,5 +26,6 @@ __all__ = [
     "TactileFNN",
     "TactileGCN",
     "TactileModel",
+    "TaxelNet",
     "Thread",
 ]
