@@ -3,7 +3,15 @@ r"""Frames of your own recordings, published data sets, and a generated one."""
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
+from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 
-__all__ = ["AllegroUSkin", "BioTacSP", "FakeTactileDataset", "RecordingFrames", "default_root"]
+__all__ = [
+    "AllegroUSkin",
+    "BioTacSP",
+    "FakeTactileDataset",
+    "ICubGrasp",
+    "RecordingFrames",
+    "default_root",
+]
