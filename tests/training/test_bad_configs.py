@@ -11,6 +11,7 @@ import torch
 import yaml
 
 from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.training import config
 from torch_geometric_tactile.training import TactileModule
 from torch_geometric_tactile.training.config import load_config, read_yaml
 
@@ -197,3 +198,19 @@ def test_damaged_checkpoint_on_the_command_line(tmp_path, monkeypatch, capsys):
     torch.save({"state_dict": {}, "hyper_parameters": {}}, "other.ckpt")
     assert main(["test", "--config", "a.yaml", "--ckpt_path", "other.ckpt"]) == 1
     assert "checkpoint 'other.ckpt' cannot be used here" in capsys.readouterr().err
+
+
+def test_limits_of_a_yaml_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.yaml"
+    monkeypatch.setattr(config, "_MAX_VALUES", 6)
+    monkeypatch.setattr(config, "_MAX_DEPTH", 2)
+    path.write_text("a: [1, 2]\nb: 3\n")  # the mapping, the list and three numbers
+    assert config.read_yaml(path) == {"a": [1, 2], "b": 3}
+    path.write_text("a: [1, 2]\nb: 3\nc: 4\n")
+    assert config.read_yaml(path) == {"a": [1, 2], "b": 3, "c": 4}
+    path.write_text("a: [1, 2]\nb: 3\nc: 4\nd: 5\n")
+    with pytest.raises(ValueError, match="more than 6 values, or nested 2 deep"):
+        config.read_yaml(path)
+    path.write_text("a: [[1]]\n")
+    with pytest.raises(ValueError, match="more than 6 values, or nested 2 deep"):
+        config.read_yaml(path)
