@@ -11,8 +11,7 @@ import torch
 import yaml
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.training import config
-from torch_geometric_tactile.training import TactileModule
+from torch_geometric_tactile.training import TactileModule, config
 from torch_geometric_tactile.training.config import load_config, read_yaml
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
