@@ -3,17 +3,34 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.experiments.tables import load_table
+from torch_geometric_tactile.nn.models import TaxelNet
 from torch_geometric_tactile.training import classifier_from_config
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.lightning_cli import resolve_config_names
 
 
+GCN = [name for name in config_names() if name.startswith("grasp_gcn_")]
+
+
 def test_names_of_the_models_are_shipped():
     used = {cell.config for cell in load_table("bts3").cells if cell.config is not None}
-    assert used == set(config_names())
+    one_finger = {f"grasp_gcn_{finger}" for finger in ("index", "middle", "thumb")}
+    assert used | one_finger == set(config_names())
+    assert not used & one_finger
 
 
-@pytest.mark.parametrize("name", config_names())
+def test_taxel_nets_differ_in_their_readings_only():
+    raw, common = (load_config(name) for name in ("grasp_taxel_net", "grasp_common_mode"))
+    transform = common["data"].pop("transform")["init_args"]["transforms"]
+    names = [part["class_path"].rpartition(".")[2] for part in transform]
+    assert names == ["CommonMode", "SelectChannels", "ZScore"]
+    assert raw["data"].pop("transform")["class_path"].endswith("SessionZScore")
+    assert common == raw
+    assert raw["model"]["lr_scheduler"]["init_args"]["T_max"] == raw["trainer"]["max_epochs"]
+    assert isinstance(classifier_from_config(raw["model"]).model, TaxelNet)
+
+
+@pytest.mark.parametrize("name", GCN)
 def test_shipped_configuration_builds_its_model(name):
     model = classifier_from_config(load_config(name)["model"]).model
     expected = {
@@ -27,7 +44,7 @@ def test_shipped_configuration_builds_its_model(name):
 
 
 def test_shipped_configurations_differ_in_their_model_only():
-    first, *others = (load_config(name) for name in config_names())
+    first, *others = (load_config(name) for name in GCN)
     for other in others:
         assert other["data"] == first["data"]
         assert other["trainer"] == first["trainer"]
