@@ -37,6 +37,11 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.FillMissing: (("x", "missing"), ("x", "missing")),
     T.GeometricEdgeAttr: _GEOMETRY,
     T.KNNGraph: (("pos", *_EDGES), _EDGES),
+    T.RandomGain: (("x",), ("x",)),
+    T.RandomMirror: (("x",), ("x",)),
+    T.RandomNoise: (("x",), ("x",)),
+    T.RandomOffset: (("x",), ("x",)),
+    T.RandomShift: (("x",), ("x",)),
     T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),
