@@ -119,6 +119,14 @@ def test_noise_has_its_deviation_and_is_normal():
     assert out.isfinite().all()
 
 
+def test_noise_of_the_rarest_draws_is_finite_and_symmetric(monkeypatch):
+    ends = torch.tensor([0.0, 1 - 2.0**-24])
+    monkeypatch.setattr(torch, "rand", lambda *args, **kwargs: ends)
+    low, high = RandomNoise(1.0)(Data(x=torch.zeros(2, 1))).x.view(-1).tolist()
+    assert low == pytest.approx(-high)
+    assert 5 < high < 5.6
+
+
 def test_gains_and_offsets_are_those_of_segments_samples_and_channels():
     data = samples(200)
     gain = seeded(RandomGain(0.3, HALVES), data) / data.x
