@@ -17,7 +17,7 @@ from torch_geometric_tactile.nn.models import GraspGCN, TaxelNet
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.describer import Describer
-from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout
+from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 
 HAND = HandKinematics(
     [
@@ -38,6 +38,7 @@ LAYOUT = TaxelLayout(
     digit_names=("one", "two"),
     adjacency={"ring": torch.tensor([[0, 1, 2, 3, 4, 5], [1, 2, 3, 4, 5, 0]])},
 )
+GRID = grid(2, 3, 0.01)
 OTHER = TaxelLayout("other", pos=LAYOUT.pos + 1, patch=LAYOUT.patch, patch_names=("a", "b"))
 
 
@@ -90,6 +91,18 @@ OURS = {
         lambda: transforms.SectorGraph(LAYOUT),
         lambda: transforms.SectorGraph(LAYOUT, 4, radius=0.2, within="link"),
     ],
+    "RandomGain": [
+        lambda: transforms.RandomGain(0.0),
+        lambda: transforms.RandomGain(0.0, "patch", LAYOUT),
+    ],
+    "RandomMirror": [
+        lambda: transforms.RandomMirror(GRID, p=1.0, negate=0),
+        lambda: transforms.RandomMirror(GRID, p=0.0, along="rows"),
+    "RandomNoise": [lambda: transforms.RandomNoise(0.0)],
+    "RandomOffset": [
+        lambda: transforms.RandomOffset(0.0),
+        lambda: transforms.RandomOffset(0.0, [4, 4, 7, 7, 7, 9]),
+    "RandomShift": [lambda: transforms.RandomShift(GRID, 0, 0, value=7.0)],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
         lambda: transforms.SessionZScore("trial", attr="joint"),

@@ -8,7 +8,6 @@ from torch_geometric_tactile.training import classifier_from_config
 from torch_geometric_tactile.training.config import config_names, find_config, load_config
 from torch_geometric_tactile.training.lightning_cli import resolve_config_names
 
-
 GCN = [name for name in config_names() if name.startswith("grasp_gcn_")]
 
 

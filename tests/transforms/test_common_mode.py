@@ -122,7 +122,7 @@ def test_bad_segments(arguments, message):
 
 
 def test_bad_samples():
-    with pytest.raises(ValueError, match=r"must have 3 taxels, as the common mode has \(got 2\)"):
+    with pytest.raises(ValueError, match=r"must have 3 taxels, as its segments have \(got 2\)"):
         CommonMode([0, 0, 1])(Data(x=torch.zeros(2, 1)))
     with pytest.raises(ValueError, match=r"CommonMode needs 'x' \(got none\)"):
         CommonMode()(Data(pos=torch.zeros(2, 3)))

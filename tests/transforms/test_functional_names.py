@@ -5,9 +5,10 @@ from torch_geometric.data import Data
 from torch_geometric.data.datapipes import DatasetAdapter
 
 from torch_geometric_tactile import transforms
-from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin, grid
 
 LAYOUT = allegro_uskin()
+GRID = grid(16, 24, 0.004)
 NAMES = {
     "absolute_morphology": ("AbsoluteMorphology", ()),
     "common_mode": ("CommonMode", ()),
@@ -18,6 +19,11 @@ NAMES = {
     "geometric_edge_attr": ("GeometricEdgeAttr", ()),
     "normalize_range": ("Normalize", ()),
     "sector_graph": ("SectorGraph", (LAYOUT,)),
+    "random_gain": ("RandomGain", (0.5, "digit", LAYOUT)),
+    "random_mirror": ("RandomMirror", (GRID,)),
+    "random_noise": ("RandomNoise", ()),
+    "random_offset": ("RandomOffset", ()),
+    "random_shift": ("RandomShift", (GRID,)),
     "session_z_score": ("SessionZScore", ()),
     "tare": ("Tare", ()),
     "taxel_force": ("TaxelForce", ()),

@@ -218,7 +218,8 @@ def test_taxel_pose_tangents_laws(num_samples):
 def test_taxel_pose_tangents_of_shared_angles_and_batches():
     shared = StaticData(x=torch.zeros(3, 384, 3), joint=angles(1)[0], shared=["joint"])
     transform = TaxelPose(LAYOUT, HAND, tangent=True)
-    assert transform(shared).tangent.shape == (384, 2, 3)
-    assert shared.is_shared("tangent")
+    posed = transform(shared)
+    assert posed.tangent.shape == (384, 2, 3)
+    assert posed.is_shared("tangent")
     batch = Batch.from_data_list(recording().to_data_list())
     assert transform(batch).tangent.shape == (3 * 384, 2, 3)

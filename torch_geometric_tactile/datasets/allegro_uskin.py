@@ -117,6 +117,10 @@ class AllegroUSkin(RecordingFrames):
             :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
         phases (sequence of str, optional): Only the frames in these phases of the grasp.
         stride (int): Only every :obj:`stride`-th frame of each trial.
+        tare (float or str, optional): The frames at rest of each trial, whose mean reading is
+            subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
+            :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
+            where :obj:`phases`, :obj:`stride` or :obj:`split` leave them out.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved (for each
             :obj:`task` and :obj:`adjacency`).
@@ -161,6 +165,7 @@ class AllegroUSkin(RecordingFrames):
         layout: TaxelLayout | None = None,
         phases: Sequence[str] | None = None,
         stride: int = 1,
+        tare: float | str | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
@@ -185,6 +190,7 @@ class AllegroUSkin(RecordingFrames):
             adjacency=adjacency,
             phases=phases,
             stride=stride,
+            tare=tare,
             unit="count",
             transform=transform,
             pre_transform=pre_transform,

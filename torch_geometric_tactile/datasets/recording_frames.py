@@ -38,6 +38,7 @@ _SELECTION_ARGS = (
     "fold",
     "phases",
     "stride",
+    "tare",
 )
 _logger = logging.getLogger(__name__)
 
@@ -93,6 +94,10 @@ class RecordingFrames(SelectedFrames):
             :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns.
         unit (str, optional): The unit of recordings whose metadata name none, :obj:`"count"` or
             :obj:`"newton"`. Without it, all recordings name one, or none does.
+        tare (float or str, optional): The frames at rest of each trial, whose mean reading is
+            subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
+            :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
+            where :obj:`phases`, :obj:`stride` or :obj:`split` leave them out.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Tells whether a sample is kept.
@@ -140,6 +145,7 @@ class RecordingFrames(SelectedFrames):
         adjacency: str | None = None,
         phases: Sequence[str] | None = None,
         stride: int = 1,
+        tare: float | str | None = None,
         pattern: str = _PATTERN,
         read_options: Mapping[str, Any] | None = None,
         unit: Literal["count", "newton"] | None = None,
@@ -170,6 +176,7 @@ class RecordingFrames(SelectedFrames):
         self.adjacency = adjacency
         self.phases = (phases,) if isinstance(phases, str) else phases and tuple(phases)
         self.stride = stride
+        self.tare = tare
         self.pattern = checked_pattern(pattern)
         self.read_options = dict(read_options or {})
         self.unit = unit
@@ -188,6 +195,7 @@ class RecordingFrames(SelectedFrames):
                 self.root,
                 self.group_names[0],
             )
+        self._tare()
         self._select()
 
     @property

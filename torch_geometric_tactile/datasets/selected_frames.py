@@ -1,12 +1,15 @@
 r"""Frames of trials, of which some are chosen."""
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.transforms import Tare
 
 PARTS = ("train", "val", "test")
 _FRAMES_PER_BLOCK = 4096
@@ -25,6 +28,8 @@ class SelectedFrames(StaticDataset):
     fold: int
     phases: Sequence[str] | None
     stride: int
+    tare: float | str | None
+    transform: Any
 
     def _select(self) -> None:
         kept = torch.ones(self.len(), dtype=torch.bool)
@@ -46,6 +51,36 @@ class SelectedFrames(StaticDataset):
             )
         if not kept.all():
             self._indices = kept.nonzero().view(-1).tolist()
+
+    def _tare(self) -> None:
+        # Rest readings are measured on all frames, and subtracted before any other transform.
+        if self.tare is None:
+            return
+        frames = copy.copy(self)
+        tare = Tare("trial")
+        if isinstance(self.tare, str):
+            frames._indices = self._at_rest(self.tare).nonzero().view(-1).tolist()
+            tare.fit(frames)
+        else:
+            timed = Tare("trial", seconds=self.tare).fit(frames)
+            tare.load_state_dict(timed.state_dict())
+        self.transform = tare if self.transform is None else Compose([tare, self.transform])
+
+    def _at_rest(self, phase: str) -> Tensor:
+        if phase not in self.phase_names:
+            raise ValueError(
+                f"'tare' must be seconds, or a phase of the recordings: {self.phase_names or None} "
+                f"(got '{phase}')"
+            )
+        kept: Tensor = self._data.phase == self.phase_names.index(phase)
+        trials = self._data.trial
+        without = trials[~torch.isin(trials, trials[kept])].unique().tolist()
+        if without:
+            raise ValueError(
+                f"'tare' must be a phase that every trial has (got '{phase}', which is not in "
+                f"'{self.trial_names[without[0]]}')"
+            )
+        return kept
 
     @property
     def _held_out(self) -> str:

@@ -39,6 +39,11 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.KNNGraph: (("pos", *_EDGES), _EDGES),
     T.SelectChannels: (("x",), ("x",)),
     T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
+    T.RandomGain: (("x",), ("x",)),
+    T.RandomMirror: (("x",), ("x",)),
+    T.RandomNoise: (("x",), ("x",)),
+    T.RandomOffset: (("x",), ("x",)),
+    T.RandomShift: (("x",), ("x",)),
     T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),

@@ -10,6 +10,11 @@ from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform,
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
+from torch_geometric_tactile.transforms.random_gain import RandomGain
+from torch_geometric_tactile.transforms.random_mirror import RandomMirror
+from torch_geometric_tactile.transforms.random_noise import RandomNoise
+from torch_geometric_tactile.transforms.random_offset import RandomOffset
+from torch_geometric_tactile.transforms.random_shift import RandomShift
 from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
@@ -30,6 +35,11 @@ __all__ = [
     "GeometricEdgeAttr",
     "KNNGraph",
     "Normalize",
+    "RandomGain",
+    "RandomMirror",
+    "RandomNoise",
+    "RandomOffset",
+    "RandomShift",
     "SectorGraph",
     "SelectChannels",
     "SessionZScore",

@@ -8,6 +8,7 @@ from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import add_mark, require_x
+from torch_geometric_tactile.transforms._random import check_probability, uniform
 
 _P = 0.1
 
@@ -36,9 +37,7 @@ class DeadTaxels(BaseTransform):
     ) -> None:
         if p is not None and chosen is not None:
             raise ValueError(f"only one of 'p' and '{chosen_name}' may be given (got both)")
-        self.p = None if chosen is not None else float(_P if p is None else p)
-        if self.p is not None and not 0 <= self.p <= 1:
-            raise ValueError(f"'p' must be a probability, 0 to 1 (got {p})")
+        self.p = None if chosen is not None else check_probability(_P if p is None else p)
         self.value = float(value)
         self.generator = generator
 
@@ -54,9 +53,7 @@ class DeadTaxels(BaseTransform):
               arranged
         """
         assert self.p is not None
-        device = x.device if self.generator is None else self.generator.device
-        drawn = torch.rand(count, generator=self.generator, device=device) < self.p
-        return drawn.to(x.device)
+        return uniform(count, x, self.generator) < self.p
 
     def dead(self, data: Data, x: Tensor) -> Tensor:
         r"""Returns which taxels are dropped.

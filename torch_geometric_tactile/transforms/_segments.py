@@ -1,11 +1,14 @@
 r"""The segments that a transform works on."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, check_segment
+from torch_geometric_tactile.transforms._attributes import check_num_taxels
 from torch_geometric_tactile.typing import PathLike
 
 
@@ -40,3 +43,59 @@ def segment_numbers(
                 f"has taxels (got {len(numbers)})"
             )
     return numbers.unique(return_inverse=True)[1]
+
+
+class Segments:
+    r"""The segments that a transform works on: some of each sample, or each sample whole.
+
+    Args:
+        segments (str or sequence of int, optional): As of :func:`segment_numbers`; all taxels of a
+            sample if left out.
+        layout (TaxelLayout or str or PathLike, optional): The taxels.
+    """
+
+    def __init__(
+        self,
+        segments: str | Sequence[int] | Tensor | None,
+        layout: TaxelLayout | PathLike | None,
+    ) -> None:
+        self.layout = layout
+        self.by = segments if isinstance(segments, str) or segments is None else "numbers"
+        self.segment: Tensor | None = None  # (N,), from zero without gaps
+        self.num_segments = 1
+        if segments is not None:
+            self.segment = segment_numbers(segments, layout, "segments")
+            self.num_segments = int(self.segment.max()) + 1
+
+    def arguments(self) -> dict[str, Any]:
+        r"""Returns what the segments were made with; numbers that were given are counted anew."""
+        return {
+            "segments": self.segment if self.by == "numbers" else self.by,
+            "layout": self.layout,
+        }
+
+    def of_rows(self, data: Data, x: Tensor) -> tuple[Tensor, int]:
+        r"""Returns the segment of each row of the readings, numbered on from sample to sample, and
+        the number of segments of all samples.
+
+        Args:
+            data (torch_geometric.data.Data): The samples.
+            x (torch.Tensor): Their readings :math:`(N, F)` or :math:`(B, N, F)`.
+
+        Raises:
+            ValueError: If a sample has another number of taxels than the segments.
+        """
+        if isinstance(data, Batch):
+            sample, num_samples = data.batch, data.num_graphs
+        else:
+            num_samples = x.shape[:-2].numel()
+            sample = torch.arange(num_samples, device=x.device).repeat_interleave(x.size(-2))
+        if self.segment is None:
+            return sample, num_samples
+        check_num_taxels(data, len(self.segment), "its segments have")
+        segment = self.segment.to(x.device).repeat(num_samples)
+        return segment + self.num_segments * sample, self.num_segments * num_samples
+
+    def __repr__(self) -> str:
+        by = repr(self.by) if self.by != "numbers" else self.by
+        return "" if self.segment is None else f"{by}, num_segments={self.num_segments}"

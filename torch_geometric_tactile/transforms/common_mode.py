@@ -5,13 +5,13 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch_geometric.data import Batch, Data
+from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
-from torch_geometric_tactile.transforms._segments import segment_numbers
+from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._segments import Segments
 from torch_geometric_tactile.typing import PathLike
 
 
@@ -63,26 +63,17 @@ class CommonMode(BaseTransform):
         segments: str | Sequence[int] | Tensor | None = None,
         layout: TaxelLayout | PathLike | None = None,
     ) -> None:
-        self.layout = layout
-        self.segments = segments if isinstance(segments, str) or segments is None else "numbers"
-        self.segment: Tensor | None = None  # (N,), from zero without gaps
-        self.num_segments = 1
-        if segments is not None:
-            self.segment = segment_numbers(segments, layout, "segments")
-            self.num_segments = int(self.segment.max()) + 1
+        self._segments = Segments(segments, layout)
 
     def arguments(self) -> dict[str, Any]:
         r"""Returns the arguments of the constructor; segments that were given are numbered anew."""
-        segments = self.segment if self.segments == "numbers" else self.segments
-        return {"segments": segments, "layout": self.layout}
+        return self._segments.arguments()
 
     def forward(self, data: Data) -> Data:
         r"""Subtracts the means."""
         x = require_x(self, data)
-        if self.segment is not None:
-            check_num_taxels(data, len(self.segment), "the common mode has")
         rows = x.reshape(-1, x.size(-1)).double()  # sums of counts are exact, in any order
-        segment, count = self._of_rows(data, x)
+        segment, count = self._segments.of_rows(data, x)
         valid = ~rows.isnan()
         shape = count, rows.size(1)
         total = rows.new_zeros(shape).index_add_(0, segment, torch.where(valid, rows, 0.0))
@@ -92,20 +83,5 @@ class CommonMode(BaseTransform):
         data.x = (rows - mean[segment]).to(x).reshape(x.shape)
         return data
 
-    def _of_rows(self, data: Data, x: Tensor) -> tuple[Tensor, int]:
-        # The segment of each row, numbered on from sample to sample, and the number of segments.
-        if isinstance(data, Batch):
-            sample, num_samples = data.batch, data.num_graphs
-        else:
-            num_samples = x.shape[:-2].numel()
-            sample = torch.arange(num_samples, device=x.device).repeat_interleave(x.size(-2))
-        if self.segment is None:
-            return sample, num_samples
-        segment = self.segment.to(x.device).repeat(num_samples)
-        return segment + self.num_segments * sample, self.num_segments * num_samples
-
     def __repr__(self) -> str:
-        if self.segment is None:
-            return f"{type(self).__name__}()"
-        by = self.segments if self.segments == "numbers" else f"'{self.segments}'"
-        return f"{type(self).__name__}({by}, num_segments={self.num_segments})"
+        return f"{type(self).__name__}({self._segments!r})"

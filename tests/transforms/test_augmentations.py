@@ -1,0 +1,303 @@
+"""Random transforms of readings, for training."""
+
+import math
+
+import pytest
+import torch
+from torch_geometric.data import Batch, Data
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac, grid
+from torch_geometric_tactile.training import TactileDataModule
+from torch_geometric_tactile.transforms import (
+    RandomGain,
+    RandomMirror,
+    RandomNoise,
+    RandomOffset,
+    RandomShift,
+)
+
+PAD = grid(3, 4, 0.01)
+HALVES = [0, 0, 1, 1] * 3
+
+
+def samples(num_samples=5, **kwargs):
+    draw = torch.Generator().manual_seed(0)
+    return StaticData(x=1 + torch.rand(num_samples, 12, 2, generator=draw), **kwargs)
+
+
+def makers():
+    return [
+        lambda **own: RandomNoise(0.5, **own),
+        lambda **own: RandomGain(0.5, **own),
+        lambda **own: RandomGain(0.5, HALVES, **own),
+        lambda **own: RandomOffset(0.5, HALVES, **own),
+        lambda **own: RandomMirror(PAD, **own),
+        lambda **own: RandomMirror(PAD, along="rows", negate=1, **own),
+        lambda **own: RandomShift(PAD, 1, 2, **own),
+    ]
+
+
+ALL = pytest.mark.parametrize("make", makers(), ids=lambda make: repr(make()))
+
+
+def seeded(transform, data, seed=0):
+    torch.manual_seed(seed)
+    return transform(data).x
+
+
+def test_repr():
+    hand = allegro_uskin()
+    assert str(RandomNoise()) == "RandomNoise(std=0.1)"
+    assert str(RandomGain(0.2)) == "RandomGain(std=0.2)"
+    assert str(RandomGain(0.2, "digit", hand)) == "RandomGain(std=0.2, 'digit', num_segments=5)"
+    assert str(RandomOffset(1, HALVES)) == "RandomOffset(std=1.0, numbers, num_segments=2)"
+    assert str(RandomMirror(PAD)) == "RandomMirror('grid_3x4', p=0.5, along='columns')"
+    assert str(RandomMirror(PAD, negate=0)).endswith("along='columns', negate=0)")
+    assert str(RandomShift(PAD)) == "RandomShift('grid_3x4', rows=1, columns=1, value=0.0)"
+
+
+@ALL
+def test_stacked_samples_batches_and_a_loop_draw_alike(make):
+    data = samples()
+    static = seeded(make(), data.index_select(slice(None)))
+    batch = seeded(make(), Batch.from_data_list(data.to_data_list()))
+    torch.manual_seed(0)
+    loop = torch.stack([make()(data.sample(i)).x for i in range(5)])
+    assert static.equal(batch.view(5, 12, 2))
+    assert static.equal(loop)
+    assert not static.equal(data.x)
+
+
+@ALL
+def test_samples_are_drawn_one_by_one(make):
+    x = samples(1).x.expand(64, 12, 2)
+    out = seeded(make(), StaticData(x=x))
+    assert len(out.unique(dim=0)) > 1
+    assert not out.equal(seeded(make(), StaticData(x=x), seed=1))
+
+
+@ALL
+def test_own_generator_leaves_the_global_one_alone(make):
+    outs = []
+    for seed in (0, 0, 1):
+        state = torch.get_rng_state()
+        outs.append(make(generator=torch.Generator().manual_seed(seed))(samples(64)).x)
+        assert torch.get_rng_state().equal(state)
+    assert outs[0].equal(outs[1])
+    assert not outs[0].equal(outs[2])
+
+
+@ALL
+def test_caller_is_not_edited_and_missing_readings_stay(make):
+    data = samples()
+    data.x[:, 3:5] = torch.nan
+    before = data.x.clone()
+    out = seeded(make(), data)
+    assert data.x.nan_to_num().equal(before.nan_to_num())
+    if not isinstance(make(), RandomMirror | RandomShift):
+        assert out.isnan().equal(before.isnan())
+
+
+@ALL
+def test_empty_batches_and_integers(make):
+    empty = samples().index_select(torch.empty(0, dtype=torch.long))
+    assert make()(empty).x.shape == (0, 12, 2)
+    out = make()(Data(x=torch.arange(24).view(12, 2)))
+    assert out.x.shape == (12, 2)
+
+
+def test_noise_has_its_deviation_and_is_normal():
+    torch.manual_seed(0)
+    out = RandomNoise(2.0)(Data(x=torch.full((200_000, 1), 7.0))).x - 7
+    assert float(out.mean().abs()) < 0.02
+    assert float(out.std()) == pytest.approx(2.0, abs=0.02)
+    for bound in (1.0, 2.0, 3.0):
+        share = float((out.abs() < 2 * bound).double().mean())
+        assert share == pytest.approx(math.erf(bound / 2**0.5), abs=0.005)
+    assert out.isfinite().all()
+
+
+def test_noise_of_the_rarest_draws_is_finite_and_symmetric(monkeypatch):
+    ends = torch.tensor([0.0, 1 - 2.0**-24])
+    monkeypatch.setattr(torch, "rand", lambda *args, **kwargs: ends)
+    low, high = RandomNoise(1.0)(Data(x=torch.zeros(2, 1))).x.view(-1).tolist()
+    assert low == pytest.approx(-high)
+    assert 5 < high < 5.6
+
+
+def test_gains_and_offsets_are_those_of_segments_samples_and_channels():
+    data = samples(200)
+    gain = seeded(RandomGain(0.3, HALVES), data) / data.x
+    offset = seeded(RandomOffset(0.3, HALVES), data) - data.x
+    for drawn in (gain.log(), offset):
+        halves = drawn[:, [0, 2]]
+        spread = drawn - halves[:, HALVES]
+        assert float(spread.abs().max()) < 1e-5
+        assert float(halves.std()) == pytest.approx(0.3, abs=0.03)
+        assert len(halves.unique()) == 200 * 2 * 2
+    assert float(gain.min()) > 0
+    whole = seeded(RandomGain(0.3), data) / data.x
+    assert float((whole - whole[:, :1]).abs().max()) < 1e-5
+
+
+def test_segments_of_a_layout():
+    hand = allegro_uskin()
+    x = torch.ones(384, 1)
+    gain = seeded(RandomGain(0.5, "digit", hand), Data(x=x))
+    assert len(gain.unique()) == 5
+    for digit in range(5):
+        assert len(gain[hand.digit == digit].unique()) == 1
+
+
+def test_mirrors_by_hand():
+    x = torch.arange(12.0).view(12, 1).repeat(1, 2)
+    image = torch.arange(12.0).view(3, 4)
+    columns = RandomMirror(PAD, p=1.0, negate=0)(Data(x=x)).x
+    assert columns[:, 1].view(3, 4).equal(image.flip(1))
+    assert columns[:, 0].equal(-columns[:, 1])
+    rows = RandomMirror(PAD, p=1.0, along="rows")(Data(x=x)).x
+    assert rows[:, 0].view(3, 4).equal(image.flip(0))
+    assert RandomMirror(PAD, p=0.0, negate=0)(Data(x=x)).x.equal(x)
+
+
+def test_mirrored_twice_is_as_before_and_half_of_the_samples_are():
+    data = samples(2000)
+    transform = RandomMirror(PAD, p=1.0, negate=1)
+    assert transform(transform(data)).x.equal(data.x)
+    out = seeded(RandomMirror(PAD), data)
+    same = (out == data.x).flatten(1).all(dim=1)
+    assert float(same.double().mean()) == pytest.approx(0.5, abs=0.05)
+    assert (out[~same] == RandomMirror(PAD, p=1.0)(data).x[~same]).all()
+
+
+def test_mirror_of_shear_is_that_of_a_mirrored_touch():
+    """A radial field of shear about the middle of a grid is its own mirror image."""
+    middle = PAD.pos - PAD.pos.mean(dim=0)
+    x = torch.cat([middle[:, :2], middle.norm(dim=1, keepdim=True)], dim=1)
+    for along, channel in (("columns", 0), ("rows", 1)):
+        out = RandomMirror(PAD, p=1.0, along=along, negate=channel)(Data(x=x)).x
+        torch.testing.assert_close(out, x)
+
+
+def test_shifts_by_hand():
+    image = 1 + torch.arange(12.0).view(3, 4)
+    found = set()
+    torch.manual_seed(0)
+    data = StaticData(x=image.view(1, 12, 1).expand(2000, 12, 1))
+    for out in RandomShift(PAD, 1, 2, value=-5.0)(data).x.unique(dim=0).view(-1, 3, 4):
+        padded = torch.nn.functional.pad(image, (2, 2, 1, 1), value=-5.0)
+        fits = [
+            (row, column)
+            for row in (-1, 0, 1)
+            for column in (-2, -1, 0, 1, 2)
+            if out.equal(padded[1 - row : 4 - row, 2 - column : 6 - column])
+        ]
+        assert len(fits) == 1
+        found.add(fits[0])
+    assert len(found) == 15
+
+
+def test_shifts_are_drawn_equally_often():
+    data = StaticData(x=(1 + torch.arange(12.0)).view(1, 12, 1).expand(30_000, 12, 1))
+    first = seeded(RandomShift(PAD, 0, 1), data)[:, 5, 0]
+    shares = torch.stack([first == value for value in (5.0, 6.0, 7.0)]).double().mean(dim=1)
+    assert shares.tolist() == pytest.approx([1 / 3] * 3, abs=0.015)
+
+
+def test_shift_beyond_the_grid_is_at_rest():
+    pad = grid(1, 2, 0.01)
+    data = StaticData(x=torch.ones(500, 2, 1))
+    out = seeded(RandomShift(pad, 0, 3, value=9.0), data)
+    assert {tuple(row) for row in out.view(-1, 2).tolist()} == {(1, 1), (1, 9), (9, 1), (9, 9)}
+
+
+class Pads(StaticDataset):
+    layout = PAD
+
+    def read(self):
+        data = samples(32, edge_index=PAD.edge_index("original"))
+        data.y = torch.arange(32) % 2
+        return data, {}
+
+
+@ALL
+def test_keyed_batches_follow_from_epoch_and_number(make):
+    """What is drawn does not depend on what was drawn before."""
+
+    def epochs(noise):
+        torch.manual_seed(0)
+        dataset = Pads()
+        dataset.transform = make()
+        loader = StaticLoader(dataset, batch_size=8, keyed=True)
+        out = []
+        for _ in range(2):
+            for batch in loader:
+                torch.rand(noise)
+                out.append(batch.x)
+        return out
+
+    first, second = epochs(1), epochs(1)
+    assert all(a.equal(b) for a, b in zip(first, second, strict=True))
+    assert not torch.cat(first[:4]).equal(torch.cat(first[4:]))
+
+
+@ALL
+def test_only_training_batches_are_augmented(make):
+    data = TactileDataModule(Pads(), split="frame", val=0.25, train_transform=make(), batch_size=24)
+    data.setup()
+    (train,) = data.train_dataloader()
+    (val,) = data.val_dataloader()
+    given = Pads().data.x
+    assert all(any(row.equal(other) for other in given) for row in val.x)
+    assert not all(any(row.equal(other) for other in given) for row in train.x)
+
+
+@pytest.mark.parametrize("make", [RandomNoise, RandomGain, RandomOffset])
+def test_bad_deviations(make):
+    for std in (-0.1, torch.inf, torch.nan):
+        with pytest.raises(ValueError, match=r"'std' must be at least 0 and finite \(got "):
+            make(std)
+
+
+@pytest.mark.parametrize("make", [RandomGain, RandomOffset])
+def test_bad_segments(make):
+    with pytest.raises(ValueError, match="'segments' must come with a layout if it is a name"):
+        make(0.1, "digit")
+    with pytest.raises(ValueError, match=r"must have 12 taxels, as its segments have \(got 3\)"):
+        make(0.1, HALVES)(Data(x=torch.zeros(3, 1)))
+
+
+LOPSIDED = TaxelLayout("hook", torch.eye(3), image_map=[[0, 0], [1, 0], [1, 1]])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: RandomMirror(biotac()), r"RandomMirror needs a layout with an image map .*biotac"),
+        (lambda: RandomShift(biotac()), r"RandomShift needs a layout with an image map .*biotac"),
+        (lambda: RandomMirror(PAD, p=1.5), r"'p' must be a probability, 0 to 1 \(got 1.5\)"),
+        (lambda: RandomMirror(PAD, along="x"), r"'along' must be one of .* \(got 'x'\)"),
+        (lambda: RandomMirror(PAD, negate=-1), r"'negate' must be a channel, .* \(got -1\)"),
+        (
+            lambda: RandomMirror(LOPSIDED),
+            r"layout 'hook' must be symmetric along its columns \(got no taxel opposite to taxel 0",
+        ),
+        (lambda: RandomShift(PAD, rows=-1), r"'rows' must be a whole number, 0 to 100 \(got -1\)"),
+        (lambda: RandomShift(PAD, columns=1.5), r"'columns' must be a whole .* \(got 1.5\)"),
+    ],
+)
+def test_bad_arguments(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_bad_samples():
+    for transform in (RandomMirror(PAD), RandomShift(PAD)):
+        with pytest.raises(ValueError, match=r"12 taxels, as layout 'grid_3x4' \(got 3\)"):
+            transform(Data(x=torch.zeros(3, 1)))
+    with pytest.raises(ValueError, match=r"'negate' must be below 1, the channels \(got 2\)"):
+        RandomMirror(PAD, negate=2)(Data(x=torch.zeros(12, 1)))
+    with pytest.raises(ValueError, match=r"RandomNoise needs 'x' \(got none\)"):
+        RandomNoise()(Data(pos=PAD.pos))

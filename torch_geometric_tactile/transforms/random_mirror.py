@@ -1,0 +1,109 @@
+r"""Mirrored images of taxels."""
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
+from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
+from torch_geometric_tactile.transforms._random import check_probability, uniform
+from torch_geometric_tactile.typing import PathLike
+
+_ALONG = ("columns", "rows")
+
+
+@functional_transform("random_mirror")
+class RandomMirror(BaseTransform):
+    r"""Mirrors the image of the taxels of some samples (functional name: :obj:`random_mirror`), as
+    an augmentation: a :obj:`train_transform`. Taxels that lie opposite one another on the image map
+    of the layout swap their readings.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels, with an image map: a layout, the name
+            of one that comes with the package, or a layout file.
+        p (float): Probability with which each sample is mirrored.
+        along (str): What is put in reverse order: the :obj:`"columns"` (left becomes right) or the
+            :obj:`"rows"` (up becomes down).
+        negate (int, optional): The channel whose sign changes with it: the shear along the axis
+            that is turned round, on :func:`~torch_geometric_tactile.sensors.grid` the first (0)
+            with columns and the second (1) with rows. The readings must be tared, and their scaler
+            must leave zero where it was.
+        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            out.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same shape. Missing readings (NaN) stay missing.
+
+    Raises:
+        ValueError: If the layout has no image map, or one that is not symmetric, :obj:`p` is no
+            probability, :obj:`along` is unknown, or a sample has another number of taxels, no
+            readings or no such channel.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> transform = RandomMirror(grid(1, 3, 0.01), p=1.0)
+        >>> transform(Data(x=torch.tensor([[1.0], [2.0], [3.0]]))).x.view(-1)
+        tensor([3., 2., 1.])
+    """
+
+    supports_static = True
+
+    def __init__(
+        self,
+        layout: TaxelLayout | PathLike,
+        p: float = 0.5,
+        along: Literal["columns", "rows"] = "columns",
+        negate: int | None = None,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        if along not in _ALONG:
+            raise ValueError(f"'along' must be one of {list(_ALONG)} (got {along!r})")
+        if negate is not None and (isinstance(negate, bool) or negate < 0):
+            raise ValueError(f"'negate' must be a channel, numbered from 0 (got {negate})")
+        self.layout, image_map = require_map(self, layout)
+        self.p = check_probability(p)
+        self.along = along
+        self.negate = negate
+        self.generator = generator
+        dim = 1 if along == "columns" else 0
+        cells = image_map.clone()
+        cells[:, dim] = image_map[:, dim].min() + image_map[:, dim].max() - image_map[:, dim]
+        self._opposite: Tensor = taxels_at(image_map, cells)
+        if (self._opposite < 0).any():
+            taxel = int((self._opposite < 0).nonzero()[0])
+            raise ValueError(
+                f"the image map of layout '{self.layout.name}' must be symmetric along its {along} "
+                f"(got no taxel opposite to taxel {taxel})"
+            )
+
+    def forward(self, data: Data) -> Data:
+        r"""Mirrors the readings."""
+        x = require_x(self, data)
+        num_taxels = self.layout.num_taxels
+        check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
+        if self.negate is not None and self.negate >= x.size(-1):
+            raise ValueError(
+                f"'negate' must be below {x.size(-1)}, the channels (got {self.negate})"
+            )
+        rows = x.reshape(-1, num_taxels, x.size(-1))
+        mirrored = rows[:, self._opposite.to(x.device)]
+        if self.negate is not None:
+            sign = torch.ones(x.size(-1), dtype=x.dtype, device=x.device)
+            sign[self.negate] = -1
+            mirrored = mirrored * sign
+        chosen = uniform(len(rows), x, self.generator) < self.p
+        data.x = torch.where(chosen.view(-1, 1, 1), mirrored, rows).reshape(x.shape)
+        return data
+
+    def __repr__(self) -> str:
+        negate = "" if self.negate is None else f", negate={self.negate}"
+        return (
+            f"{type(self).__name__}('{self.layout.name}', p={self.p}, along='{self.along}'{negate})"
+        )
