@@ -98,6 +98,7 @@ OURS = {
     "RandomMirror": [
         lambda: transforms.RandomMirror(GRID, p=1.0, negate=0),
         lambda: transforms.RandomMirror(GRID, p=0.0, along="rows"),
+    ],
     "RandomNoise": [lambda: transforms.RandomNoise(0.0)],
     "RandomOffset": [
         lambda: transforms.RandomOffset(0.0),
