@@ -103,6 +103,7 @@ OURS = {
     "RandomOffset": [
         lambda: transforms.RandomOffset(0.0),
         lambda: transforms.RandomOffset(0.0, [4, 4, 7, 7, 7, 9]),
+    ],
     "RandomShift": [lambda: transforms.RandomShift(GRID, 0, 0, value=7.0)],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
