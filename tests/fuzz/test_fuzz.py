@@ -171,6 +171,7 @@ def test_reference_readers_agree_on_whole_files(tmp_path):
         (oracles.wide_csv, "time,taxel_0_x\n0,1"),
         (oracles.wide_csv, "time,taxel_0_x,taxel_0_x\n0,1,2\n"),
         (oracles.named_csv, "0,1\n0,1\n"),
+        (oracles.icub_txt, "-10000\n1 2 3\n"),
         (oracles.json_tree, '{"a": 1, "a": 2}'),
         (oracles.json_tree, '{"a": NaN}'),
         (oracles.yaml_tree, "a: 1\na: 2\n"),

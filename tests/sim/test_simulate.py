@@ -359,6 +359,9 @@ def test_bad_arguments_are_named(tmp_path):
         ({"seconds": float("nan")}, r"'seconds' must be at least 1 \(got nan\)"),
         ({"objects": "shapes", "num_objects": 0}, r"'num_objects' must be at least 1 \(got 0\)"),
         ({"num_objects": 3}, r"'num_objects' must be left out for .* 'shapes' \(got 3\)"),
+        ({"plan": "wide"}, r"'plan' must be a GraspSpread, such as .* \(got 'wide'\)"),
+        ({"objects": ["sponge"]}, r"'objects' must be .* names of files \(got 'sponge'\)"),
+        ({"objects": [replace(SPONGE, name="a/b")]}, r"names of files \(got .*name='a/b'"),
         ({"objects": []}, r"'objects' must be objects with different names \(got \[\]\)"),
         ({"objects": [SPONGE, SPONGE]}, r"different names \(got \['sponge', 'sponge'\]\)"),
     ]:

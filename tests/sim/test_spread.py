@@ -1,5 +1,5 @@
 import hashlib
-from dataclasses import fields, replace
+from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
 import pytest
@@ -18,6 +18,8 @@ def test_repr():
         "GraspSpread(yaw=0.35, lateral=0.02, forward=0.012, posture=0.12, lazy_finger=0.3)"
     )
     assert {"careful": GraspSpread(), "wide": GraspSpread.wide()} == SPREADS
+    with pytest.raises(FrozenInstanceError):
+        GraspSpread().yaw = 0.1
 
 
 def test_the_default_is_the_plan_of_before():

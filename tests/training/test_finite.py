@@ -110,6 +110,13 @@ def test_what_transforms_fill_or_a_model_does_not_read_is_no_error(labelled):
     trainer(max_epochs=1).fit(TactileModule(still), holed(labelled, [13]))
 
 
+def test_a_missing_number_a_sample_that_no_model_reads_is_no_error(labelled):
+    dataset = labelled("multiclass")
+    dataset._data.yaw = torch.where(torch.arange(60) % 2 == 0, 0.5, torch.nan)
+    data = TactileDataModule(dataset, split=SPLIT, batch_size=12)
+    trainer(max_epochs=1).fit(TactileModule(Net(), num_classes=3), data)
+
+
 def test_only_samples_with_missing_numbers_are_read_twice(labelled, monkeypatch):
     seen = []
     data = holed(labelled, [13, 14], transform=FillMissing())

@@ -6,7 +6,11 @@ from typing import Any, Literal
 from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, StaticData
-from torch_geometric_tactile.datasets.grasp_targets import GRASP_TARGETS, grasp_targets
+from torch_geometric_tactile.datasets.grasp_targets import (
+    GRASP_TARGETS,
+    grasp_target,
+    grasp_targets,
+)
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.trial import Trial, checked_labels, checked_names
@@ -261,20 +265,9 @@ class AllegroUSkin(RecordingFrames):
         return targets
 
     def _target(self, data: StaticData, names: Mapping[str, list[str]]) -> Tensor:
-        if self.task not in GRASP_TARGETS:
-            return super()._target(data, names)
-        target: Tensor | None = data[self.task] if self.task in data else None  # noqa: SIM401
-        if target is None or not target.isfinite().any():
-            needed = (
-                "privileged 'object_pose' and 'palm_pose' (T, 7), of objects that are no spheres"
-                if self.task in ("centre", "yaw")
-                else f"'{self.task}' in their metadata"
-            )
-            raise ValueError(
-                f"task='{self.task}' must have a target in all recordings in '{self.root}': "
-                f"{needed}, as tactile simulate writes them; or choose task='object'"
-            )
-        return target.clone()
+        if self.task in GRASP_TARGETS:
+            return grasp_target(data, self.task, str(self.root))
+        return super()._target(data, names)
 
     def _no_trials(self) -> str:
         return f"{super()._no_trials()}, or simulate some: tactile simulate --out '{self.root}'"

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets.trial import Trial
 
 #: The targets, with the names of their numbers; a shape is a class.
@@ -47,6 +48,31 @@ def grasp_targets(trials: Sequence[Trial]) -> tuple[list[str], dict[str, Tensor]
         ]
         out["yaw"] = torch.from_numpy(np.concatenate(yaws)).float()
     return names if "shape" in out else [], out
+
+
+def grasp_target(data: StaticData, task: str, root: str) -> Tensor:
+    r"""Returns a target of the frames.
+
+    Args:
+        data (StaticData): The frames.
+        task (str): Its name, a key of :obj:`GRASP_TARGETS`.
+        root (str): The folder of the recordings, for messages.
+
+    Raises:
+        ValueError: If a recording does not know it, or no object has it.
+    """
+    target: Tensor | None = data[task] if task in data else None  # noqa: SIM401 - Data is no mapping
+    if target is not None and target.isfinite().any():
+        return target.clone()
+    needed = (
+        "privileged 'object_pose' and 'palm_pose' (T, 7), of objects that are no spheres"
+        if task in ("centre", "yaw")
+        else f"'{task}' in their metadata"
+    )
+    raise ValueError(
+        f"task='{task}' must have a target in all recordings in '{root}': {needed}, as tactile "
+        "simulate writes them; or choose task='object'"
+    )
 
 
 def _shape_and_width(trial: Trial) -> tuple[str | None, float | None]:

@@ -1,6 +1,7 @@
 r"""Sets of objects, by name."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from torch_geometric_tactile.sim.drawn_objects import NUM_DRAWN, drawn_objects
 from torch_geometric_tactile.sim.objects import GraspObject, control8, paper8, twenty
@@ -25,8 +26,8 @@ def object_set(
         seed (int): Which of them.
 
     Raises:
-        ValueError: If there is no such set or no object, two objects have one name, or a number is
-            given for another set than :obj:`"shapes"`.
+        ValueError: If there is no such set or no object, two objects have one name or one that is
+            no name of a file, or a number is given for another set than :obj:`"shapes"`.
     """
     if num_objects is not None and not (isinstance(objects, str) and objects == "shapes"):
         raise ValueError(
@@ -39,6 +40,12 @@ def object_set(
             return objects, drawn_objects(NUM_DRAWN if num_objects is None else num_objects, seed)
         return objects, OBJECT_SETS[objects]()
     items = list(objects)
+    for item in items:
+        if not isinstance(item, GraspObject) or Path(item.name).name != item.name:
+            raise ValueError(
+                "'objects' must be the name of a set, or GraspObjects whose names can be names of "
+                f"files (got {item!r})"
+            )
     names = [item.name for item in items]
     if not items or len(set(names)) < len(names):
         raise ValueError(f"'objects' must be objects with different names (got {names})")

@@ -172,6 +172,8 @@ def simulate(
             raise ValueError(f"'{name}' must be at least 1 (got {number})")
     if seed < 0:
         raise ValueError(f"'seed' must not be negative (got {seed})")
+    if plan is not None and not isinstance(plan, GraspSpread):
+        raise ValueError(f"'plan' must be a GraspSpread, such as GraspSpread.wide() (got {plan!r})")
     set_name, items = object_set(objects, num_objects, seed)
     for package in ("mujoco", "h5py"):
         if find_spec(package) is None:

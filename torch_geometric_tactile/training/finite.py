@@ -90,7 +90,7 @@ def _suspects(part: StaticDataset) -> Tensor:
             continue
         finite = torch.ones(len(rows), dtype=torch.bool)
         for key in own:
-            finite &= chunk[key].isfinite().flatten(1).all(dim=1).cpu()
+            finite &= chunk[key].isfinite().view(len(rows), -1).all(dim=1).cpu()
         bad.append(rows[~finite])
     return torch.cat(bad)
 
