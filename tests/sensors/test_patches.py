@@ -266,3 +266,14 @@ def test_load_names_the_file(tmp_path):
     path.write_text(json.dumps(without("shapes", described())))
     with pytest.raises(ValueError, match=r"mine\.json' is not a taxel layout: .* key 'shapes'"):
         TaxelLayout.load(path)
+
+
+def test_places_and_normals_have_nine_digits():
+    shape = {**DOME, "column_angle": 7, "pitch": 1 / 3}
+    content = described(shapes={"tile": {**TILE, "pitch": 2 / 3}, "dome": shape})
+    content["patches"][0]["shape"] = "dome"
+    del content["joins"]
+    taxels = expand_patches(content)["taxels"]
+    numbers = [number for taxel in taxels for key in ("pos", "normal") for number in taxel[key]]
+    assert all(number == round(number, 9) for number in numbers)
+    assert any(number != round(number, 8) for number in numbers)

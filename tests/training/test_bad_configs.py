@@ -47,6 +47,13 @@ def test_yaml_that_cannot_be_read_names_the_file(tmp_path, monkeypatch, name):
     assert not Path("attacked").exists()
 
 
+def test_yaml_of_many_values_names_the_limit(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text(LAUGHS)
+    with pytest.raises(ValueError, match=r"\(more than 100000 values, or nested 50 deep\)"):
+        read_yaml(path)
+
+
 def test_plain_yaml_is_read(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text("a: &a {b: [1, 2.5, null, yes, text]}\nc: *a\n", encoding="utf-8")

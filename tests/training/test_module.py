@@ -145,3 +145,14 @@ def test_classifier_steps_its_scheduler(tmp_path):
     fitter = trainer(tmp_path, max_epochs=1)
     fitter.fit(classifier, datamodule=data)
     assert fitter.optimizers[0].param_groups[0]["lr"] == pytest.approx(0.05)
+
+
+def test_the_loss_of_a_validation_batch_is_that_of_all_processes(monkeypatch):
+    classifier = TactileClassifier(GraspGCN())
+    logged = {}
+    monkeypatch.setattr(
+        classifier, "log", lambda name, value, **options: logged.update({name: options})
+    )
+    batch = fake().batch(range(8))
+    classifier.validation_step(batch, 0)
+    assert logged == {"val/loss": {"batch_size": 8, "sync_dist": True}}
