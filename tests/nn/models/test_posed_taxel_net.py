@@ -1,4 +1,5 @@
 import copy
+from itertools import pairwise
 
 import pytest
 import torch
@@ -67,7 +68,7 @@ def test_posed_taxel_net_repr():
 
 def test_posed_taxel_net_parameter_count():
     def layers(*sizes):
-        return sum(a * b + 2 * b for a, b in zip(sizes, sizes[1:], strict=False))
+        return sum(a * b + 2 * b for a, b in pairwise(sizes))
 
     expected = layers(11, 48, 48, 96) + layers(2 * 96, 48) + 48 * 6 + 6
     assert num_parameters(PosedTaxelNet()) == expected == 17_430
@@ -135,7 +136,7 @@ def test_posed_taxel_net_force_is_that_of_taxel_force():
     assert torch.allclose(features[..., 6:9], force, atol=1e-6)
     assert torch.allclose(features[..., 9], force.norm(dim=-1), atol=1e-5)
     assert torch.equal(features[..., 10], data["x"][..., -1])
-    # The frame of the hand: both sides pressed push on it from both sides.
+    # A single channel presses along the normal.
     one = small("pressure", num_strongest=N)
     features = one._features(
         data["x"][..., -1:],
@@ -263,7 +264,7 @@ def test_posed_taxel_net_bad_input():
         ({"x": data["x"][:, :19]}, r"'x' must have 20 taxels in each sample \(got shape"),
         ({"pos": None}, r"'pos' must be given if 'posed' is True, as TaxelPose sets it"),
         ({"normal": data["normal"][:4]}, r"'normal' must be of 5 samples of 20 taxels.*\(4, 20, 3"),
-        ({"pos": data["pos"][..., :2]}, r"'pos' must be of 5 samples .* 3,\) wide"),
+        ({"pos": data["pos"][..., :2]}, r"'pos' must be of 5 samples .*\(3,\) wide"),
         ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*\(2, 3\) wide"),
     ]
     for arguments, match in bad:
