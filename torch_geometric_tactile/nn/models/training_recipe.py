@@ -43,9 +43,9 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
         ValueError: If it is below one.
 
     Examples:
-        >>> training_recipe(4000)
-        TrainingRecipe(batch_size=64, max_epochs=24, lr=0.004, weight_decay=0.03, \
-label_smoothing=0.05)
+        >>> recipe = training_recipe(4000)
+        >>> recipe.batch_size, recipe.max_epochs, recipe.lr
+        (64, 24, 0.004)
     """
     if num_samples < 1:
         raise ValueError(f"'num_samples' must be at least 1 (got {num_samples})")
