@@ -11,6 +11,7 @@ import yaml
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
+from torch_geometric_tactile.nn import models
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 from torch_geometric_tactile.training import (
     DataSizes,
@@ -134,6 +135,18 @@ def test_channels_of_one_finger():
     grasp["model"]["init_args"] = {"num_fingers": 2}
     with pytest.raises(ValueError, match=r"'num_fingers' of GraspGCN must divide the 3 .*got 2"):
         fill_sizes(grasp, grasps())
+
+
+@pytest.mark.parametrize("name", ["TaxelNet", "PosedTaxelNet"])
+def test_sizes_of_our_own_models(labelled, name):
+    data = TactileDataModule(labelled("multiclass"))
+    config = fill_sizes({"model": {"class_path": name}}, data)
+    arguments = config["model"]["init_args"]
+    assert set(arguments) == {"layout", "in_channels", "out_channels"}
+    model = getattr(models, name)(**{**arguments, "layout": layout_from_text(arguments["layout"])})
+    assert model.num_nodes == 4
+    sample = data.example()
+    assert (model.in_channels, model.out_channels) == (sample.x.size(-1), 3)
 
 
 @pytest.mark.parametrize(

@@ -121,9 +121,9 @@ def layout_sectors(
         ValueError: If :obj:`within` is neither, or :func:`sector_edges` raises it.
 
     Examples:
-        >>> from torch_geometric_tactile.sensors import allegro_uskin
-        >>> layout_sectors(allegro_uskin()).sector.bincount().tolist()
-        [290, 224, 290, 224, 290, 224, 290, 224]
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> layout_sectors(grid(2, 3, pitch=0.002)).sector.bincount().tolist()
+        [4, 2, 3, 2, 4, 2, 3, 2]
     """
     if within not in ("patch", "link"):
         raise ValueError(f"'within' must be 'patch' or 'link' (got {within!r})")

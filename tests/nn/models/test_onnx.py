@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.nn.models import MTGCN, TactileGCN
+from torch_geometric_tactile.nn.models import MTGCN, PosedTaxelNet, TactileGCN, TaxelNet
 from torch_geometric_tactile.sensors import allegro_uskin, grid
 
 LAYOUT = grid(3, 4, pitch=0.004)
@@ -64,3 +64,15 @@ def test_onnx_tactile_gcn_of_segments(tmp_path):
     layout = allegro_uskin()
     model = TactileGCN(layout, segments="patch", widths=(4, 8), pools=(1, 4), **SMALL)
     assert_onnx_equals(model, tmp_path / "model.onnx", layout.edge_index("original"), 384)
+
+
+def test_onnx_taxel_net(tmp_path):
+    model = TaxelNet(LAYOUT, 3, max_taxels=6, widths=(4,), hidden_channels=5)
+    assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
+
+
+def test_onnx_posed_taxel_net(tmp_path):
+    model = PosedTaxelNet(LAYOUT, 3, num_strongest=5, widths=(4,), hidden_channels=5)
+    places = {"pos": (12, 3), "normal": (12, 3), "tangent": (12, 2, 3)}
+    edge_index = LAYOUT.edge_index("original")
+    assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 12, **places)

@@ -29,7 +29,8 @@ MODELS = {
 
 def small(name="pooled", **more):
     torch.manual_seed(0)
-    return TaxelNet(**{"layout": SMALL, "out_channels": 3, "widths": (4,), **MODELS[name], **more})
+    arguments = {"widths": (4,), "direct_channels": 0, **MODELS[name], **more}
+    return TaxelNet(**{"layout": SMALL, "out_channels": 3, **arguments})
 
 
 def given(model, batch_size, seed=0):
@@ -76,7 +77,11 @@ def test_taxel_net_parameter_count():
         return width * hidden + 2 * hidden + hidden * classes + classes
 
     blocks = sector(3, 32) + sector(32, 32)
-    assert num_parameters(TaxelNet("biotac_sp", 2)) == blocks + head(24 * 32 + 64, 2)
+    assert num_parameters(TaxelNet("biotac_sp", 2, direct_channels=0)) == (
+        blocks + head(24 * 32 + 64, 2)
+    )
+    direct = 24 * 3 * 128 + 2 * 128  # where nothing is pooled
+    assert num_parameters(TaxelNet("biotac_sp", 2)) == blocks + direct + head(24 * 32 + 192, 2)
     blocks = sector(3, 4) + sector(4, 6) + sector(6, 6) + 2 * sector(6, 6)
     assert num_parameters(small("pooled")) == blocks + head(2 * 6 + 12, 3)
     blocks = 2 * 3 * 4 + 8 + 2 * 4 * 4 + 8
@@ -115,7 +120,9 @@ def test_taxel_net_pools_two_by_two_whatever_the_pitch():
 
 def test_taxel_net_by_hand():
     # One taxel, whose weights of itself alone count.
-    model = TaxelNet(grid(1, 1, 0.001), 1, in_channels=1, widths=(1,), depth=2, head="mean")
+    model = TaxelNet(
+        grid(1, 1, 0.001), 1, in_channels=1, widths=(1,), head="mean", direct_channels=0
+    )
     with torch.no_grad():
         for parameter in model.parameters():
             parameter.fill_(1.0)

@@ -60,7 +60,7 @@ class ReadingNorm(Module):
         eps (float): Added to the variance.
 
     Shapes:
-        - **input:** features :math:`(B, N, F)`
+        - **input:** readings :math:`(B, N, F)`
         - **output:** likewise
     """
 

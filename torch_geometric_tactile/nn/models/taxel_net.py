@@ -23,6 +23,10 @@ from torch_geometric_tactile.nn.models.taxels import load_layout
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
+_DIRECT = 128
+# Added to the variance of each taxel, where that of a channel is one: the noise of a taxel that is
+# hardly ever pressed is not blown up.
+_FLOOR = 0.05
 HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
 
 
@@ -55,8 +59,10 @@ class TaxelNet(Module, TactileHubMixin):
         head (str): What the last level gives: :obj:`"flat"` (all taxels side by side),
             :obj:`"mean"`, :obj:`"max"` or :obj:`"all"` three.
         hidden_channels (int): Width of the hidden layer.
-        direct_channels (int): Width of a layer on all readings side by side that joins before the
-            hidden layer, as of a fully connected network; 0 for none.
+        direct_channels (int, optional): Width of a layer on all readings side by side that joins
+            before the hidden layer, as of a fully connected network; 0 for none. If left out, 128
+            where nothing is pooled, since small sensors are known by their single taxels, and none
+            otherwise.
         dropout (float): Part of the features dropped in training before each layer of the head.
         max_taxels (int): Number of taxels above which a level is pooled.
         num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
@@ -92,7 +98,7 @@ class TaxelNet(Module, TactileHubMixin):
         num_sectors: int = 8,
         head: Literal["flat", "mean", "max", "all"] = "all",
         hidden_channels: int = 64,
-        direct_channels: int = 0,
+        direct_channels: Optional[int] = None,
         dropout: float = 0.3,
         max_taxels: int = 64,
         num_joints: int = 0,
@@ -111,7 +117,7 @@ class TaxelNet(Module, TactileHubMixin):
         for name, size in sizes.items():
             if size < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {size})")
-        for name, size in (("direct_channels", direct_channels), ("num_joints", num_joints)):
+        for name, size in (("direct_channels", direct_channels or 0), ("num_joints", num_joints)):
             if size < 0:
                 raise ValueError(f"'{name}' must not be negative (got {size})")
         if conv not in CONVS:
@@ -136,11 +142,15 @@ class TaxelNet(Module, TactileHubMixin):
             self.levels.append(TaxelLevel(on, pool, level, conv, num_sectors, fast))
             width = after
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
+        if direct_channels is None:
+            direct_channels = 0 if pools else _DIRECT
         parts = {"flat": self.taxels[-1] * width, "mean": width, "max": width}
         size = sum(parts[part] for part in HEADS[head]) + direct_channels + num_joints
         self.direct: Optional[Linear] = None
         if direct_channels:
-            self.direct = Linear(self.num_nodes * in_channels, direct_channels, bias=False)
+            direct_size = self.num_nodes * in_channels
+            self.norm_readings = ReadingNorm(direct_size, _FLOOR)
+            self.direct = Linear(direct_size, direct_channels, bias=False)
             self.norm_direct = TaxelNorm(direct_channels)
         self.dropout = Dropout(dropout)
         self.lin = Linear(size, hidden_channels, bias=False)
@@ -185,7 +195,8 @@ class TaxelNet(Module, TactileHubMixin):
         parts = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
         found = [parts[part] for part in HEADS[self.head]]
         if self.direct is not None:
-            found.append(self.norm_direct(self.direct(x.flatten(1))).relu())
+            rows = self.norm_readings(x.flatten(1).unsqueeze(1)).squeeze(1)
+            found.append(self.norm_direct(self.direct(rows)).relu())
         rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
 

@@ -1,0 +1,17 @@
+import pytest
+
+from torch_geometric_tactile.nn.models.training_recipe import training_recipe
+
+
+@pytest.mark.parametrize(
+    ("num_samples", "batch_size", "max_epochs"),
+    [(1, 16, 60), (191, 16, 60), (600, 50, 60), (3200, 64, 30), (4000, 64, 24), (10**6, 64, 15)],
+)
+def test_training_recipe(num_samples, batch_size, max_epochs):
+    recipe = training_recipe(num_samples)
+    assert (recipe.batch_size, recipe.max_epochs) == (batch_size, max_epochs)
+
+
+def test_training_recipe_bad_number():
+    with pytest.raises(ValueError, match=r"'num_samples' must be at least 1 \(got 0\)"):
+        training_recipe(0)
