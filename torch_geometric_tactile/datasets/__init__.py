@@ -5,5 +5,13 @@ from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets.samples_file import SamplesFile
 
-__all__ = ["AllegroUSkin", "BioTacSP", "FakeTactileDataset", "RecordingFrames", "default_root"]
+__all__ = [
+    "AllegroUSkin",
+    "BioTacSP",
+    "FakeTactileDataset",
+    "RecordingFrames",
+    "SamplesFile",
+    "default_root",
+]

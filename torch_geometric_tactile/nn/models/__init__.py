@@ -8,6 +8,7 @@ from torch_geometric_tactile.nn.models.mt_cnn import MTCNN
 from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
+from torch_geometric_tactile.nn.models.small_cnn import SmallCNN
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
@@ -22,6 +23,7 @@ __all__ = [
     "HandCNN",
     "PooledMLP",
     "SegmentedThread",
+    "SmallCNN",
     "TactileFNN",
     "TactileGCN",
     "TactileModel",
