@@ -34,7 +34,8 @@ def count_trials(data, part, key="y"):
 
 def test_repr_and_defaults():
     assert repr(Protocol()) == (
-        "Protocol(by='trial', val=0.1, test=0.2, folds=None, leave_one_out=False, stratify=None)"
+        "Protocol(by='trial', val=0.1, test=0.2, folds=None, leave_one_out=False, stratify=None, "
+        "unseen=None)"
     )
     assert Protocol("trial") == Protocol(val=0.1, test=0.2)
     assert Protocol("frame", folds=3) == Protocol("frame", folds=3, val=0.0)
@@ -52,6 +53,10 @@ def test_repr_and_defaults():
         (Protocol("group", folds=5), "5 folds by object"),
         (Protocol("trial", folds=3, val=0.25), "3 folds by trial, 25 % for validation"),
         (Protocol("group", leave_one_out=True), "leave one object out"),
+        (
+            Protocol("group", folds=5, unseen="session"),
+            "5 folds by object, each session tested on unseen",
+        ),
         (Protocol("given"), "the given parts"),
     ],
 )
@@ -77,6 +82,7 @@ def test_from_dict_rejects_unknown_keys():
         ({"val": 1.0}, r"'val' must be at least 0 and below 1 \(got 1.0\)"),
         ({"val": 0.5, "test": 0.5}, r"'val \+ test' must be at least 0 and below 1"),
         ({"by": "given", "val": 0.1}, r"'val' must be left out where the parts are given"),
+        ({"unseen": "session"}, r"'unseen' must be None without folds \(got 'session'\)"),
         ({"by": "given", "folds": 2}, r"'folds' must be left out where the parts are given"),
     ],
 )
@@ -262,3 +268,42 @@ def test_stratify_auto_takes_the_classes_where_they_allow():
     for other in (one, mixed, numbers, StaticData(x=data.x, trial=trial)):
         assert all(map(torch.equal, auto.split(other, 1), plain.split(other, 1)))
     assert auto.describe().endswith("stratified by class where classes allow")
+
+
+def test_unseen_sessions_are_tested_on_by_what_never_saw_them():
+    group = torch.arange(60) % 10
+    session = torch.arange(60) // 20 * 3  # 0, 3 and 6
+    data = StaticData(x=torch.zeros(60, 1, 1), y=group % 2, group=group, session=session)
+    protocol = Protocol("group", folds=5, unseen="session", val=0.2)
+    assert protocol.num_folds(data) == 15
+    tested = []
+    for fold in range(15):
+        train, val, test = protocol.split(data, seed=1, fold=fold)
+        plain = Protocol("group", folds=5, val=0.2).split(data, seed=1, fold=fold // 3)
+        assert session[test].unique().tolist() == [fold % 3 * 3]
+        assert not torch.isin(session[test].unique(), session[torch.cat([train, val])])
+        assert torch.isin(test, plain.test).all()
+        assert torch.isin(train, plain.train).all()
+        assert torch.isin(val, plain.val).all()
+        assert (len(train), len(val), len(test)) == (24, 8, 4)  # two of ten groups, one session
+        tested += test.tolist()
+    assert sorted(tested) == list(range(60))
+    with pytest.raises(ValueError, match=r"'fold' must be between 0 and 14 \(got 15\)"):
+        protocol.split(data, fold=15)
+
+
+def test_unseen_in_one_group_after_the_other():
+    group = torch.tensor([0, 0, 1, 1, 2, 2])
+    session = torch.tensor([0, 1, 0, 1, 0, 0])
+    data = StaticData(x=torch.zeros(6, 1, 1), group=group, session=session)
+    protocol = Protocol("group", leave_one_out=True, unseen="session")
+    assert protocol.num_folds(data) == 6
+    assert [part.tolist() for part in protocol.split(data, fold=1)] == [[2, 4, 5], [], [1]]
+    with pytest.raises(ValueError, match=r"samples of 'session' 1 in each fold .* in fold 2\)"):
+        protocol.split(data, fold=5)
+    data.session = torch.zeros(6, dtype=torch.long)
+    with pytest.raises(ValueError, match=r"at least 2 values of 'session' .*\(got 1\)"):
+        protocol.split(data, fold=0)
+    del data.session
+    with pytest.raises(ValueError, match="must have 'session'"):
+        protocol.num_folds(data)

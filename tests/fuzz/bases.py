@@ -135,6 +135,7 @@ def layout(folder: Path) -> None:
         name="two",
         pos=torch.tensor([[0.0, 0.0, 0.5], [0.25, 0.0, 0.5], [0.0, 0.125, 0.5]]),
         normal=torch.tensor([[0.0, 0.0, 1.0]] * 3),
+        tangent=torch.tensor([[[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0]]] * 3, dtype=torch.double),
         patch=torch.tensor([0, 1, 1]),
         digit=torch.tensor([0, 1, 1]),
         patch_names=("left", "right"),

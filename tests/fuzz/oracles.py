@@ -319,6 +319,8 @@ def is_layout(tree: Any, found: dict[str, Any]) -> bool:
             return False
         if "normal" in taxel and not np.allclose(taxel["normal"], own["normal"], rtol=1e-3):
             return False
+        if taxel.get("tangent", own.get("tangent")) != own.get("tangent"):
+            return False
     return True
 
 

@@ -99,6 +99,15 @@ def test_growing_file_has_a_block_of_its_own_for_each_frame(full, tmp_path):
         assert all(file[n].fletcher32 for n in ("time", "tactile", "joint", "privileged/step"))
 
 
+def test_frames_in_a_block_of_a_compressed_file(tmp_path):
+    path = tmp_path / "a.h5"
+    arrays = {"wide": np.zeros((3, 40_000)), "some": np.zeros((3, 1000)), "few": np.zeros((3, 2))}
+    write_hdf5(Recording([0.0, 0.1, 0.2], np.zeros((3, 1, 1)), privileged=arrays), path)
+    with h5py.File(path) as file:
+        chunks = {name: file[f"privileged/{name}"].chunks for name in arrays}
+    assert chunks == {"wide": (1, 40_000), "some": (32, 1000), "few": (512, 2)}
+
+
 def write_version_1(recording, path):
     """Writes a file as version 0.1 did."""
     with h5py.File(path, "w") as file:

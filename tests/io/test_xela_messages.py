@@ -122,6 +122,9 @@ def test_parse_takes_what_may_be_left_out():
     frame = parse_xela_message({"message": 1, "sendtime": 2.5, "1": {"data": "1,2,3"}})
     assert frame.time == 2.5
     assert (frame.models, frame.handedness, frame.version) == (("",), ("",), "")
+    two = parse_xela_message({"message": 1, "sendtime": 2.5, "1": {"data": "1,2,3,4,5,6"}})
+    assert two.taxels == (2,)
+    assert two.reading.tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,7 @@ OURS = {
         lambda: transforms.DropTaxels(taxels=[1, 4], value=-1.0),
         lambda: transforms.DropTaxels(p=1.0),
     ],
+    "SelectChannels": [lambda: transforms.SelectChannels([1, 0])],
     "FillMissing": [lambda: transforms.FillMissing(0.5)],
     "GeometricEdgeAttr": [
         lambda: transforms.GeometricEdgeAttr(),

@@ -7,6 +7,7 @@ import torch
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 
 POS = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.003, 0.004], [0.01, 0.0, 0.0]])
+XY = torch.eye(3)[:2].expand(3, 2, 3)
 
 
 def test_layout_repr_and_length():
@@ -83,6 +84,14 @@ def test_layout_pickles():
         ({"normal": POS[:2]}, r"'normal' must have shape \(3, 3\) \(got \(2, 3\)\)"),
         ({"normal": torch.ones(3, 3)}, r"'normal' must hold unit vectors \(got a length of 1.732"),
         ({"normal": torch.full((3, 3), torch.nan)}, "'normal' must hold unit vectors"),
+        ({"tangent": POS[:2]}, r"'tangent' must have shape \(3, 2, 3\) \(got \(2, 3\)\)"),
+        ({"tangent": XY * 0.9}, r"'tangent' must hold unit vectors \(got a length of 0.9\)"),
+        ({"tangent": XY * torch.nan}, r"'tangent' must hold unit vectors \(got a length of nan\)"),
+        ({"tangent": XY[:, [0, 0]]}, r"must hold axes at right angles .* \(got a cosine of 1\)"),
+        (
+            {"tangent": XY, "normal": [[0.6, 0.0, 0.8]] * 3},
+            r"to each other and to the normals \(got a cosine of 0.6\)",
+        ),
         ({"link": [0.0, 0.5, 0.0]}, r"'link' must be a whole number for each taxel"),
         ({"link": [0, 0]}, r"'link' must have shape \(3,\) \(got \(2,\)\)"),
         (

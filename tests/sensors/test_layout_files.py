@@ -3,7 +3,7 @@ import json
 import pytest
 import torch
 
-from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac_sp, grid
 
 
 def two_taxels(**changes):
@@ -16,6 +16,7 @@ def hand():
         name="hand",
         pos=torch.tensor([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]]),
         normal=torch.eye(3),
+        tangent=torch.eye(3)[torch.tensor([[1, 2], [2, 0], [0, 1]])],
         link=[2, 0, 0],
         patch=[1, 1, 0],
         digit=[1, 0, 1],
@@ -28,12 +29,12 @@ def hand():
     )
 
 
-@pytest.mark.parametrize("layout", [hand(), grid(2, 3, pitch=0.004), grid(1, 1, 1.0), biotac_sp()])
+@pytest.mark.parametrize("layout", [hand(), grid(2, 3, pitch=0.004), allegro_uskin(), biotac_sp()])
 def test_save_load_gives_the_same_layout(layout, tmp_path):
     layout.save(tmp_path / "layout.json")
     loaded = TaxelLayout.load(tmp_path / "layout.json")
     assert repr(loaded) == repr(layout)
-    for key in ("pos", "normal", "link", "patch", "digit", "image_map"):
+    for key in ("pos", "normal", "tangent", "link", "patch", "digit", "image_map"):
         expected, found = getattr(layout, key), getattr(loaded, key)
         assert (found is None) if expected is None else found.equal(expected)
     for key in ("link_names", "patch_names", "digit_names", "source"):
@@ -94,6 +95,10 @@ def test_from_dict_names_segments_in_order_of_appearance():
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}, {"pos": [0, 0, 1]}]},
             r"'link' must be given for every taxel or for none \(not for 1\)",
+        ),
+        (
+            {"taxels": [{"pos": [0, 0, 0], "tangent": [[1, 0, 0], [0, 1, 0]]}, {"pos": [0, 0, 1]}]},
+            r"'tangent' must be given for every taxel or for none \(not for 1\)",
         ),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}], "link_names": ["b"]},

@@ -47,7 +47,10 @@ def test_join_keeps_normals_and_maps_that_all_have():
     cells = [[0, 0], [0, 1], [1, 0], [1, 1], [0, 2], [0, 3], [0, 4]]
     assert pads.image_map.tolist() == cells
     assert set(pads.adjacency) == {"original", "slanted", "dense"}
-    assert TaxelLayout.join([grid(2, 2, 0.01), LINE], ["pad", "line"]).normal is None
+    assert pads.tangent.equal(torch.eye(3, dtype=torch.double)[:2].expand(7, 2, 3))
+    mixed = TaxelLayout.join([grid(2, 2, 0.01), LINE], ["pad", "line"])
+    assert mixed.normal is None
+    assert mixed.tangent is None
 
 
 def test_join_of_one_is_itself():
@@ -80,6 +83,8 @@ def test_layouts_on_one_link_are_placed_by_poses():
     assert cube.link_names == ("cube",)
     assert cube.pos.tolist() == [[0, 0, 0], [0.5, 0, 0], [1, 2, 3], [1, 2.5, 3]]
     assert cube.normal.tolist() == [[0, 0, 1]] * 4
+    straight, turned = [[1, 0, 0], [0, 1, 0]], [[0, 1, 0], [-1, 0, 0]]
+    assert cube.tangent.tolist() == [straight, straight, turned, turned]
 
 
 def test_join_of_fingertips_has_names():

@@ -1,4 +1,5 @@
 import json
+import math
 
 import pytest
 import torch
@@ -51,6 +52,7 @@ def test_planar_patch_by_hand():
     assert taxels[4] == {
         "pos": [0, -1, 4],
         "normal": [1, 0, 0],
+        "tangent": [[0, 1, 0], [0, 0, 1]],
         "link": "base",
         "patch": "high",
         "digit": "pad",
@@ -112,6 +114,29 @@ def test_directions_turn_a_patch():
         [1, 1, 0],
     ]
     assert taxels[0]["normal"] == [0, 0, 1]
+    assert taxels[0]["tangent"] == [[1, 0, 0], [0, 1, 0]]
+
+
+def test_axes_of_a_dome_lie_on_the_skin_with_y_along_the_rows():
+    patch = {"name": "tip", "digit": "pad", "link": "base", "shape": "dome", "origin": [0, 0, 1]}
+    taxels = expand_patches(described(patches=[patch], joins=[]))["taxels"]
+    bend = math.sin(0.4), math.cos(0.4)
+    expected = [
+        [[1, 0, 0], [0, 0, 1]],
+        [[0, 1, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, 0, 1]],
+        [[0, 1, 0], [-bend[0], 0, bend[1]]],
+    ]
+    found = torch.tensor([taxel["tangent"] for taxel in taxels])
+    torch.testing.assert_close(found, torch.tensor(expected), atol=1e-6, rtol=0)
+
+
+def test_axes_at_the_pole_of_a_dome_go_on_over_it():
+    shapes = {"dome": {**DOME, "rows": [1, 1], "pitch": 10 * math.pi / 2, "column_angle": 0}}
+    patch = {"name": "tip", "digit": "pad", "link": "base", "shape": "dome", "origin": [0, 0, 1]}
+    pole = expand_patches(described(shapes=shapes, patches=[patch], joins=[]))["taxels"][1]
+    assert pole["normal"] == [0, 0, 1]
+    assert pole["tangent"] == [[0, 1, 0], [-1, 0, 0]]
 
 
 def test_patch_of_one_taxel():

@@ -12,7 +12,6 @@ from torch_geometric_tactile.sim import (
     GraspSimulator,
     paper8,
     plan_grasp,
-    taxel_axes,
 )
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()
@@ -43,7 +42,8 @@ def on_the_taxels(result):
     """Sum of the forces of the object on the skin, in the world's frame."""
     links = HAND.link_pose(torch.from_numpy(result.joint).double()).rotation.numpy()
     number = [HAND.link_names.index(LAYOUT.link_names[i]) for i in LAYOUT.link.tolist()]
-    turn = rotation(result.palm_pose[:, 3:])[:, None] @ links[:, number] @ taxel_axes(LAYOUT)
+    axes = LAYOUT.axes(torch.double).mT.numpy()
+    turn = rotation(result.palm_pose[:, 3:])[:, None] @ links[:, number] @ axes
     return np.einsum("tnia,tna->ti", turn, result.force * [1.0, 1.0, -1.0])
 
 

@@ -8,14 +8,13 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
 import mujoco
 
-from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
 from torch_geometric_tactile.sim import (
     ContactParameters,
     GraspSimulator,
     grasp_mjcf,
     paper8,
     stock_bodies,
-    taxel_axes,
 )
 
 LAYOUT, HAND, ITEM = allegro_uskin(), HandKinematics.allegro(), paper8()[0]
@@ -63,20 +62,6 @@ def test_simulated_and_computed_taxels_agree(model, seed):
     assert np.abs(normal - pose.normal.numpy()).max() < 1e-4
 
 
-def test_axes_are_right_handed_and_stand_on_the_skin():
-    axes = taxel_axes(LAYOUT)
-    assert np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max() < 1e-6
-    assert np.linalg.det(axes) == pytest.approx(np.ones(384))
-    assert np.array_equal(axes[:, :, 2], LAYOUT.normal.double().numpy())
-    assert (axes[:, 2, 1] > 0).all()  # y towards the end of the link
-
-
-def test_axes_by_hand():
-    first, second = taxel_axes(ROD)
-    assert first.tolist() == [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    assert second.T.ravel().tolist() == pytest.approx([-1, 0, 0, 0, -0.8, 0.6, 0, 0.6, 0.8])
-
-
 def test_links_have_the_masses_of_the_table(model):
     for body in stock_bodies():
         assert model.body(body["link"]).mass[0] == pytest.approx(body["mass"], rel=1e-9)
@@ -99,11 +84,6 @@ def test_bad_layouts_are_named():
         grasp_mjcf(replace(ROD, name="odd", link_names=("palm_link", "toe")), HAND, ITEM)
     with pytest.raises(ValueError, match=r"layout 'rod' must have normals \(got none\)"):
         grasp_mjcf(replace(ROD, normal=None), HAND, ITEM)
-    along = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-    with pytest.raises(ValueError, match=r"must not point along its link \(got taxel 1\)"):
-        taxel_axes(replace(ROD, normal=along))
-    with pytest.raises(ValueError, match="must have normals"):
-        taxel_axes(replace(grid(2, 2, 0.005), normal=None))
 
 
 def test_missing_mujoco_names_the_extra(monkeypatch):

@@ -12,6 +12,7 @@ NAMES = {
     "absolute_morphology": ("AbsoluteMorphology", ()),
     "drop_patches": ("DropPatches", (LAYOUT,)),
     "drop_taxels": ("DropTaxels", ()),
+    "select_channels": ("SelectChannels", ([0],)),
     "fill_missing": ("FillMissing", ()),
     "geometric_edge_attr": ("GeometricEdgeAttr", ()),
     "normalize_range": ("Normalize", ()),

@@ -19,7 +19,7 @@ from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 Unit = Literal["frame", "trial", "group"]
 _UNITS = ("frame", "trial", "group")
-_TRAIN, _VAL, _TEST = range(3)
+_TRAIN, _VAL, _TEST, _NONE = range(4)
 
 
 class Split(NamedTuple):
@@ -42,6 +42,10 @@ class Protocol:
     * ``Protocol("given")`` takes the parts that the data set brings: its :obj:`part` :math:`(S,)`,
       an attribute of the samples or a property of the data set, is 0 for training, 1 for
       validation and 2 for the test.
+
+    With :obj:`unseen`, such as ``Protocol("group", folds=5, unseen="session")``, each fold is
+    tested on session by session, trained without any sample of that session: what is tested on is
+    of other objects *and* another session. Every sample is still tested on once.
 
     With :obj:`stratify`, an attribute of integers such as :obj:`"y"` or :obj:`"group"`, every part
     has its share of every class:
@@ -67,6 +71,8 @@ class Protocol:
         stratify (str, optional): The attribute whose classes every part has its share of. With
             :obj:`"auto"` it is :obj:`"y"` where its classes allow (each has enough units, each unit
             one class), and nothing otherwise.
+        unseen (str, optional): With folds, an attribute of integers, each value of which is left
+            out of the training that is tested on it.
 
     Raises:
         ValueError: If :obj:`by` is unknown, a fraction is not within 0 and 1, there are fewer than
@@ -91,6 +97,7 @@ class Protocol:
     folds: int | None = None
     leave_one_out: bool = False
     stratify: str | None = None
+    unseen: str | None = None
 
     def __post_init__(self) -> None:
         if self.by not in (*_UNITS, "given"):
@@ -109,6 +116,8 @@ class Protocol:
             raise ValueError(f"'folds' must be None with 'leave_one_out' (got {self.folds})")
         if self.stratify is not None and self.leave_one_out:
             raise ValueError(f"'stratify' must be None with 'leave_one_out' (got {self.stratify})")
+        if self.unseen is not None and not self._has_folds:
+            raise ValueError(f"'unseen' must be None without folds (got '{self.unseen}')")
         if self.test is not None and self._has_folds:
             raise ValueError(f"'test' must be None where a fold is tested on (got {self.test})")
         val = (0.0 if self._has_folds else 0.1) if self.val is None else self.val
@@ -135,9 +144,24 @@ class Protocol:
             dataset (StaticDataset or StaticData): The samples.
 
         Raises:
-            ValueError: If each of fewer than two units is to be left out, or the samples do not
-                have the attribute that they are split by.
+            ValueError: If each of fewer than two units is to be left out, the samples do not
+                have the attribute that they are split by, or :obj:`unseen` has fewer than two
+                values.
         """
+        count = self._num_unit_folds(dataset)
+        return count if self.unseen is None else count * len(self._unseen_values(dataset))
+
+    def _unseen_values(self, dataset: Samples) -> np.ndarray:
+        assert self.unseen is not None
+        values = np.unique(column(dataset, self.unseen))
+        if len(values) < 2:
+            raise ValueError(
+                f"'dataset' must have at least 2 values of '{self.unseen}' to train without one "
+                f"(got {len(values)})"
+            )
+        return values
+
+    def _num_unit_folds(self, dataset: Samples) -> int:
         if not self.leave_one_out:
             return self.folds or 1
         units = column(dataset, self.by)
@@ -166,6 +190,21 @@ class Protocol:
             raise ValueError(f"'fold' must be between 0 and {num_folds - 1} (got {fold})")
         if self.by == "given":
             return _split_of(_given_parts(dataset))
+        if self.unseen is not None:
+            fold, number = divmod(fold, len(self._unseen_values(dataset)))
+            held = column(dataset, self.unseen) == self._unseen_values(dataset)[number]
+            part = self._parts(dataset, seed, fold)
+            # Samples of the held-out units or of the held-out session, but not both, are left out.
+            part = np.where((part == _TEST) == held, part, _NONE)
+            if not (part == _TEST).any():
+                raise ValueError(
+                    f"'dataset' must have samples of '{self.unseen}' "
+                    f"{self._unseen_values(dataset)[number]} in each fold (got none in fold {fold})"
+                )
+            return _split_of(part)
+        return _split_of(self._parts(dataset, seed, fold))
+
+    def _parts(self, dataset: Samples, seed: int, fold: int) -> np.ndarray:
         names, unit = np.unique(column(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
         classes = self._classes(dataset, unit)
@@ -185,7 +224,8 @@ class Protocol:
             else:
                 val, test = self._draw_by_class(units, classes, seeds)
             part[val], part[test] = _VAL, _TEST
-        return _split_of(part[unit])
+        parts: np.ndarray = part[unit]
+        return parts
 
     def _classes(self, dataset: Samples, unit: np.ndarray) -> "Classes | None":
         if self.stratify != "auto":
@@ -286,6 +326,8 @@ class Protocol:
             text = f"{self.folds} folds by {by}"
         else:
             text = f"by {by}"
+        if self.unseen is not None:
+            text += f", each {self.unseen} tested on unseen"
         if self.val:
             text += f", {100 * self.val:g} % for validation"
         if self.test:

@@ -36,6 +36,7 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.FillMissing: (("x", "missing"), ("x", "missing")),
     T.GeometricEdgeAttr: _GEOMETRY,
     T.KNNGraph: (("pos", *_EDGES), _EDGES),
+    T.SelectChannels: (("x",), ("x",)),
     T.TaxelPose: (("x", "joint"), ("pos", "normal")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),

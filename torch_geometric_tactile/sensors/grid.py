@@ -12,7 +12,8 @@ _SLANTED = ((1, 1), (1, -1))
 
 def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
     r"""A planar array of taxels, numbered row by row, in the :math:`xy` plane with normals along
-    :math:`+z`: columns along :math:`x`, rows along :math:`y`, the first taxel at the origin.
+    :math:`+z`: columns along :math:`x`, rows along :math:`y`, the first taxel at the origin. The
+    taxels' own axes are these :math:`x` (to the next column) and :math:`y` (to the next row).
 
     Its adjacencies are :obj:`"original"` (the four straight neighbours), :obj:`"slanted"` (the four
     diagonal ones) and :obj:`"dense"` (all eight), each edge in both directions.
@@ -43,10 +44,12 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
         raise ValueError(f"'pitch' must be a positive length in metres (got {pitch})")
     cell = torch.cartesian_prod(torch.arange(rows), torch.arange(cols)).view(-1, 2)
     zero = torch.zeros(rows * cols)
+    axes = torch.eye(3, dtype=torch.double)
     return TaxelLayout(
         name=f"grid_{rows}x{cols}",
         pos=torch.stack([cell[:, 1] * pitch, cell[:, 0] * pitch, zero], dim=1),
         normal=torch.stack([zero, zero, zero + 1], dim=1),
+        tangent=axes[:2].expand(rows * cols, 2, 3),
         image_map=cell,
         adjacency={
             "original": _grid_edges(rows, cols, _STRAIGHT),

@@ -18,6 +18,7 @@ from torch_geometric_tactile.sensors.layout_content import (
     layout_to_content,
 )
 from torch_geometric_tactile.sensors.layout_join import join_arguments
+from torch_geometric_tactile.sensors.taxel_axes import taxel_axes
 from torch_geometric_tactile.texts import read_json
 from torch_geometric_tactile.typing import PathLike
 
@@ -34,6 +35,8 @@ class TaxelLayout:
         pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`; of a flat
             pad also :math:`(N, 2)`, with :math:`z = 0`.
         normal (torch.Tensor, optional): Outward unit normals in the link frame :math:`(N, 3)`.
+        tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes of each taxel, along
+            which it measures shear, in the link frame :math:`(N, 2, 3)`; kept in double.
         link (torch.Tensor, optional): Index of each taxel's link :math:`(N,)`; all on one link
             if left out.
         patch (torch.Tensor, optional): Index of each taxel's patch :math:`(N,)`.
@@ -49,8 +52,8 @@ class TaxelLayout:
 
     Raises:
         ValueError: If a vector has another length than :obj:`pos`, an index has no name or lies
-            outside of the layout, a position is not finite, a normal has no unit length, or two
-            taxels share a cell of the image map.
+            outside of the layout, a position is not finite, a normal has no unit length, axes are
+            not at right angles, or two taxels share a cell of the image map.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import biotac_sp
@@ -71,34 +74,20 @@ class TaxelLayout:
     adjacency: Mapping[str, Tensor] = field(default_factory=dict)
     image_map: Tensor | None = None
     source: str = ""
+    tangent: Tensor | None = None
 
     def __post_init__(self) -> None:
-        pos = torch.as_tensor(self.pos, dtype=torch.float)
-        if pos.dim() != 2 or pos.size(0) == 0 or pos.size(1) not in (2, 3):
-            raise ValueError(
-                "'pos' must have shape (num_taxels, 3), or (num_taxels, 2) for a flat pad "
-                f"(got {tuple(pos.shape)})"
-            )
-        if pos.size(1) == 2:
-            pos = torch.nn.functional.pad(pos, (0, 1))
-        if not pos.isfinite().all():
-            raise ValueError("'pos' must hold finite numbers only (got NaN or infinity)")
-        self._set("pos", pos)
+        self._set("pos", _checked_pos(self.pos))
         need_text(self.name, "'name'")
         for key in INDEX_KEYS:
             names = getattr(self, f"{key}_names")
             need_texts(names, f"'{key}_names'")
             self._set(f"{key}_names", tuple(names))
             self._set(key, _checked_index(self, key))
-        if self.normal is not None:
-            self._set("normal", _checked_normal(self, self.normal))
-        if self.image_map is not None:
-            self._set("image_map", _checked_image_map(self, self.image_map))
-        edges = {
-            name: check_edges(edges, self.num_taxels, f"adjacency '{name}'")
-            for name, edges in self.adjacency.items()
-        }
-        self._set("adjacency", MappingProxyType(edges))
+        for key, checked in _OPTIONAL.items():
+            if getattr(self, key) is not None:
+                self._set(key, checked(self, getattr(self, key)))
+        self._set("adjacency", MappingProxyType(_checked_adjacency(self)))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "adjacency": dict(self.adjacency)}  # proxies are not pickled
@@ -153,6 +142,25 @@ class TaxelLayout:
         segments: Tensor = getattr(self, by)
         return segments
 
+    def axes(self, dtype: torch.dtype = torch.float) -> Tensor:
+        r"""Returns the unit axes :math:`x, y` of each taxel and its outward normal, in the frame of
+        its link. Readings :math:`x, y` and pressure are along :math:`x`, :math:`y` and *against*
+        the normal: pressure points into the skin.
+
+        Without :obj:`tangent`, :math:`x` is the link's :math:`x` axis laid onto the skin (its
+        :math:`y` axis where it stands on the skin), and :math:`y = n \times x`. Without
+        :obj:`normal`, :math:`n = x \times y`; without both, :math:`n` is :math:`z` on a link whose
+        taxels have one :math:`z`, else normal to the plane through a taxel and its eight nearest
+        on the link, away from the centre of the link's taxels.
+
+        Args:
+            dtype (torch.dtype): Type of the numbers.
+
+        Shapes:
+            - **output:** the three as rows :math:`(N, 3, 3)`
+        """
+        return taxel_axes(self).to(dtype)
+
     def matches(self, other: "TaxelLayout") -> bool:
         r"""Tells whether both layouts have the same taxels at the same places (to a nanometre).
 
@@ -173,14 +181,13 @@ class TaxelLayout:
 
         Args:
             content (Mapping): The keys :obj:`"name"`, :obj:`"unit"` (:obj:`"m"`, :obj:`"mm"` or
-                :obj:`"in"`), :obj:`"taxels"` (a list of :obj:`{"pos", "normal", "link", "patch",
-                "digit", "cell"}`, of which only :obj:`"pos"` is required, with two or three
-                numbers) and, if wanted,
-                :obj:`"source"`, :obj:`"adjacency"` (name to a list of pairs), and
-                :obj:`"link_names"`, :obj:`"patch_names"` and :obj:`"digit_names"` (by order of
-                appearance if left out). In place of :obj:`"taxels"` it may have
-                :obj:`"patches"`, from which taxels and edges follow (see
-                :func:`~torch_geometric_tactile.sensors.expand_patches`).
+                :obj:`"in"`), :obj:`"taxels"` (a list of :obj:`{"pos", "normal", "tangent",
+                "link", "patch", "digit", "cell"}`, of which only :obj:`"pos"` is required, with
+                two or three numbers) and, if wanted, :obj:`"source"`, :obj:`"adjacency"` (name to a
+                list of pairs), and :obj:`"link_names"`, :obj:`"patch_names"` and
+                :obj:`"digit_names"` (by order of appearance if left out). In place of
+                :obj:`"taxels"` it may have :obj:`"patches"`, from which taxels and edges follow
+                (see :func:`~torch_geometric_tactile.sensors.expand_patches`).
 
         Raises:
             ValueError: If a key is missing, the unit is unknown, or the layout is not consistent.
@@ -200,8 +207,8 @@ class TaxelLayout:
         r"""Joins layouts to one, such as fingertips to a hand. Taxels are numbered layout by
         layout.
 
-        Edges stay within each layout, under the adjacencies that all layouts have. Normals are
-        kept if all layouts have them; so are image maps, side by side.
+        Edges stay within each layout, under the adjacencies that all layouts have. Normals and
+        tangents are kept if all layouts have them; so are image maps, side by side.
 
         Args:
             layouts (sequence of TaxelLayout): The layouts.
@@ -271,6 +278,20 @@ class TaxelLayout:
         )
 
 
+def _checked_pos(pos: Tensor) -> Tensor:
+    pos = torch.as_tensor(pos, dtype=torch.float)
+    if pos.dim() != 2 or pos.size(0) == 0 or pos.size(1) not in (2, 3):
+        raise ValueError(
+            "'pos' must have shape (num_taxels, 3), or (num_taxels, 2) for a flat pad "
+            f"(got {tuple(pos.shape)})"
+        )
+    if pos.size(1) == 2:
+        pos = torch.nn.functional.pad(pos, (0, 1))
+    if not pos.isfinite().all():
+        raise ValueError("'pos' must hold finite numbers only (got NaN or infinity)")
+    return pos
+
+
 def _checked_normal(layout: TaxelLayout, normal: Tensor) -> Tensor:
     normal = torch.as_tensor(normal, dtype=torch.float)
     if normal.shape != layout.pos.shape:
@@ -286,6 +307,28 @@ def _checked_normal(layout: TaxelLayout, normal: Tensor) -> Tensor:
     return normal
 
 
+def _checked_tangent(layout: TaxelLayout, tangent: Tensor) -> Tensor:
+    tangent = torch.as_tensor(tangent, dtype=torch.double)
+    if tangent.shape != (layout.num_taxels, 2, 3):
+        raise ValueError(
+            f"'tangent' must have shape ({layout.num_taxels}, 2, 3) (got {tuple(tangent.shape)})"
+        )
+    length = tangent.norm(dim=2)
+    if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
+        raise ValueError(
+            "'tangent' must hold unit vectors (got a length of "
+            f"{float(length.view(-1)[(length - 1).abs().argmax()]):.4g})"
+        )
+    axes = tangent if layout.normal is None else torch.cat([tangent, layout.normal[:, None]], dim=1)
+    cosine = (axes @ axes.mT).triu(diagonal=1).abs().amax()
+    if cosine > 1e-3:
+        raise ValueError(
+            "'tangent' must hold axes at right angles to each other and to the normals (got a "
+            f"cosine of {float(cosine):.4g})"
+        )
+    return tangent
+
+
 def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
     value, names = getattr(layout, key), getattr(layout, f"{key}_names")
     if value is None:
@@ -297,6 +340,13 @@ def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
             f"(got {int(value.min())} to {int(value.max())})"
         )
     return value
+
+
+def _checked_adjacency(layout: TaxelLayout) -> dict[str, Tensor]:
+    return {
+        name: check_edges(edges, layout.num_taxels, f"adjacency '{name}'")
+        for name, edges in layout.adjacency.items()
+    }
 
 
 def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
@@ -317,3 +367,10 @@ def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
     if len(image_map.unique(dim=0)) < layout.num_taxels:
         raise ValueError("'image_map' must give every taxel a cell of its own (got a shared)")
     return image_map
+
+
+_OPTIONAL = {
+    "normal": _checked_normal,
+    "tangent": _checked_tangent,
+    "image_map": _checked_image_map,
+}

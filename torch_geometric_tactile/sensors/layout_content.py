@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 INDEX_KEYS = ("link", "patch", "digit")
-_TAXEL_KEYS = ("pos", "normal", *INDEX_KEYS, "cell")
+_TAXEL_KEYS = ("pos", "normal", "tangent", *INDEX_KEYS, "cell")
 _KEYS = (
     "name",
     "source",
@@ -44,6 +44,8 @@ def layout_to_content(layout: "TaxelLayout") -> dict[str, Any]:
     columns: dict[str, list[Any]] = {}
     if layout.normal is not None:
         columns["normal"] = layout.normal.tolist()
+    if layout.tangent is not None:
+        columns["tangent"] = layout.tangent.tolist()
     for key in INDEX_KEYS:
         names = getattr(layout, f"{key}_names")
         columns[key] = [names[i] for i in getattr(layout, key).tolist()]
@@ -87,12 +89,13 @@ def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
     if unit not in _METRES_PER_UNIT:
         raise ValueError(f"'unit' must be one of {list(_METRES_PER_UNIT)} (got '{unit}')")
     taxels = _checked_taxels(content["taxels"])
-    normal, cells = _column(taxels, "normal"), _column(taxels, "cell")
+    normal, tangent, cells = (_column(taxels, key) for key in ("normal", "tangent", "cell"))
     pos = torch.tensor([taxel["pos"] for taxel in taxels], dtype=torch.double)
     return {
         "name": content["name"],
         "pos": (pos * _METRES_PER_UNIT[unit]).float(),
         "normal": None if normal is None else torch.tensor(normal, dtype=torch.float),
+        "tangent": None if tangent is None else torch.tensor(tangent, dtype=torch.double),
         "image_map": None if cells is None else torch.tensor(cells),
         "adjacency": _adjacency(content.get("adjacency", {}), len(taxels)),
         "source": content.get("source", ""),
@@ -157,6 +160,12 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
         if "normal" in taxel and not are_numbers(taxel["normal"], 3):
             raise ValueError(
                 f"'normal' of taxel {i} must be three numbers (got {shown(taxel['normal'])})"
+            )
+        tangent = taxel.get("tangent", ([0.0] * 3,) * 2)
+        is_pair = isinstance(tangent, list | tuple) and len(tangent) == 2
+        if not is_pair or not all(are_numbers(axis, 3) for axis in tangent):
+            raise ValueError(
+                f"'tangent' of taxel {i} must be two axes of three numbers (got {shown(tangent)})"
             )
         if "cell" in taxel and not are_whole(taxel["cell"], 2):
             raise ValueError(

@@ -1,6 +1,6 @@
 r"""Several layouts as one: a hand of its fingers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -33,11 +33,15 @@ def join_arguments(
             raise ValueError(f"'{key}' must be {count}, one for each layout (got {len(values)})")
     if len(set(names)) < count:
         raise ValueError(f"'names' must differ from one another (got {list(names)})")
-    pos, normal = zip(*_placed(layouts, pose), strict=True)
-    have_normals = all(layout.normal is not None for layout in layouts)
+    poses = _checked_pose(pose, count)
+    pos = [
+        (layout.pos.double() @ turn[:3, :3].t() + turn[:3, 3]).float()
+        for layout, turn in zip(layouts, poses, strict=True)
+    ]
     arguments: dict[str, Any] = {
         "pos": torch.cat(pos),
-        "normal": torch.cat(normal) if have_normals else None,
+        "normal": _turned("normal", layouts, poses),
+        "tangent": _turned("tangent", layouts, poses),
         "adjacency": _adjacency(layouts),
         "image_map": _image_map(layouts),
         "source": "; ".join(dict.fromkeys(one.source for one in layouts if one.source)),
@@ -47,19 +51,15 @@ def join_arguments(
     return arguments | _links(layouts, names, links)
 
 
-def _placed(
-    layouts: Sequence["TaxelLayout"], pose: Tensor | None
-) -> Iterator[tuple[Tensor, Tensor]]:
-    poses = _checked_pose(pose, len(layouts))
-    for layout, turn, shift in zip(layouts, poses[:, :3, :3], poses[:, :3, 3], strict=True):
-        normal = torch.zeros_like(layout.pos) if layout.normal is None else layout.normal
-        if pose is None:
-            yield layout.pos, normal
-        else:
-            yield (
-                (layout.pos.double() @ turn.t() + shift).float(),
-                (normal.double() @ turn.t()).float(),
-            )
+def _turned(key: str, layouts: Sequence["TaxelLayout"], poses: Tensor) -> Tensor | None:
+    # Directions, if all layouts have them.
+    turned = []
+    for layout, turn in zip(layouts, poses[:, :3, :3], strict=True):
+        directions: Tensor | None = getattr(layout, key)
+        if directions is None:
+            return None
+        turned.append((directions.double() @ turn.t()).to(directions))
+    return torch.cat(turned)
 
 
 def _checked_pose(pose: Tensor | None, count: int) -> Tensor:

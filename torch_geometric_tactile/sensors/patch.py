@@ -22,6 +22,7 @@ from torch_geometric_tactile.sensors.content_checks import (
 _PATCH_KEYS = ("name", "digit", "link", "shape", "origin", "cell", "column", "row")
 # A dome without a cylinder below it, and a capsule of a single column.
 _MAY_BE_ZERO = ("straight", "column_angle")
+_POLE = 1e-3  # sine of the angle between a normal and the rows below which they are one
 
 Cell = tuple[int, int]  # row from the base, column of the widest row
 Edge = tuple[int, int]
@@ -112,9 +113,11 @@ class Patch:
         last = self.cells[-1][0]
         for number, side in self.cells:
             pos, normal = self.surface(self.shape, number, side - (self.width - 1) / 2)
+            normal = (frame @ normal).round(9)
             taxel = {
                 "pos": (self.origin + frame @ pos).round(9).tolist(),
-                "normal": (frame @ normal).round(9).tolist(),
+                "normal": normal.tolist(),
+                "tangent": _tangent(normal, frame).tolist(),
                 "link": self.patch["link"],
                 "patch": self.name,
                 "digit": self.patch["digit"],
@@ -236,6 +239,18 @@ def _unit(value: Any, what: str) -> np.ndarray:
     if length == 0:
         raise ValueError(f"{what} must have a direction (got {shown(value)})")
     return vector / length
+
+
+def _tangent(normal: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    # y is the direction of the patch's rows laid onto the skin; at the pole of a dome, where it
+    # stands on the skin, straight on over the dome.
+    normal = normal.astype(np.float32).astype(float)  # as a layout holds it
+    _, row, up = frame.T
+    along = row - (normal @ row) * normal
+    if np.linalg.norm(along) < _POLE:
+        along = (normal @ up) * normal - up
+    y = along / np.sqrt((along**2).sum())
+    return np.stack([np.cross(y, normal), y])
 
 
 def _planar(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndarray, np.ndarray]:

@@ -41,7 +41,9 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     A :obj:`"capsule"` (a half cylinder with a dome at its end) has a :obj:`"pitch"` along the axis,
     a :obj:`"radius"`, the :obj:`"straight"` length of its cylinder and the
     :obj:`"column_angle"` in degrees between columns; :obj:`"origin"` is the point of its axis at
-    the first row.
+    the first row. The :math:`y` axis of a taxel (of :obj:`"tangent"`) is the direction :obj:`"row"`
+    laid onto the skin, its :math:`x` axis :math:`y \times n`, which is :obj:`"column"` where the
+    patch is flat.
 
     Edges within a patch: :obj:`"straight"` ones join neighbours in a row and in a column,
     :obj:`"slanted"` ones diagonal neighbours. :obj:`"sparse"` keeps all those along the columns,

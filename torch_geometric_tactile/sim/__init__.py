@@ -12,7 +12,6 @@ from torch_geometric_tactile.sim.hand_model import (
     ContactParameters,
     grasp_mjcf,
     stock_bodies,
-    taxel_axes,
 )
 from torch_geometric_tactile.sim.objects import (
     OBJECT_SETS,
@@ -47,6 +46,5 @@ __all__ = [
     "simulate",
     "simulate_grasps",
     "stock_bodies",
-    "taxel_axes",
     "twenty",
 ]

@@ -3,13 +3,13 @@ r"""One grasp of the simulated hand: plan, physics, forces."""
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim.hand_model import (
     STAND,
     ContactParameters,
     grasp_mjcf,
-    taxel_axes,
 )
 from torch_geometric_tactile.sim.objects import GraspObject
 
@@ -163,7 +163,7 @@ class GraspSimulator:
                 taxel = int(name.removeprefix("taxel_"))
                 self._taxel[i] = taxel
                 self._body[taxel] = model.geom(i).bodyid[0]
-        self._axes = taxel_axes(layout)
+        self._axes = layout.axes(torch.double).mT.numpy()
         gantry = [f"gantry_{name}" for name in ("x", "y", "z", "yaw")]
         self._gantry, self._joints = (
             np.array([model.joint(name).qposadr[0] for name in names])
@@ -195,7 +195,7 @@ class GraspSimulator:
             taxel = taxel[on_skin]
             turn = data.xmat[self._body[taxel]].reshape(-1, 3, 3) @ self._axes[taxel]
             force = sign * np.einsum("ci,cia->ca", world[on_skin], turn)
-            force[:, 2] *= -1.0  # the normal points outwards, pressure inwards
+            force[:, 2] *= -1.0  # the normal points outwards, pressure inwards: TaxelLayout.axes
             np.add.at(out, taxel, force)
         return out, bones, support
 

@@ -50,31 +50,6 @@ class ContactParameters:
     armature: float = 0.001
 
 
-def taxel_axes(layout: TaxelLayout) -> np.ndarray:
-    r"""Returns the measuring frame of each taxel in its link's frame: :math:`y` along the skin
-    towards the end of the link, :math:`z` outwards along the normal.
-
-    Args:
-        layout (TaxelLayout): The layout, with normals.
-
-    Shapes:
-        - **output:** the axes :math:`x, y, z` as columns :math:`(N, 3, 3)`
-
-    Raises:
-        ValueError: If the layout has no normals, or one that points along the link.
-    """
-    if layout.normal is None:
-        raise ValueError(f"layout '{layout.name}' must have normals (got none)")
-    normal = layout.normal.double().numpy()
-    along = np.array([0.0, 0.0, 1.0]) - normal[:, 2:] * normal
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    if (length < 1e-3).any():
-        i = int(length.argmin())
-        raise ValueError(f"the normal of a taxel must not point along its link (got taxel {i})")
-    y = along / length
-    return np.stack([np.cross(y, normal), y, normal], axis=2)
-
-
 def stock_bodies() -> list[dict[str, Any]]:
     r"""Returns the boxes and tip spheres of the Allegro hand's links, in metres and kilograms."""
     content = json.loads(stock_path("chains", "allegro_right").read_text(encoding="utf-8"))
@@ -108,8 +83,10 @@ def grasp_mjcf(
             hand if left out.
 
     Raises:
-        ValueError: If a link of the layout is not one of the hand's.
+        ValueError: If the layout has no normals, or a link that is not one of the hand's.
     """
+    if layout.normal is None:
+        raise ValueError(f"layout '{layout.name}' must have normals (got none)")
     parameters = parameters or ContactParameters()
     kinematics.require_links(layout)
     bodies = stock_bodies() if bodies is None else bodies
@@ -283,8 +260,9 @@ def _add_skin(
     parameters: ContactParameters,
 ) -> None:
     assert layout.link is not None
+    assert layout.normal is not None
     radius = parameters.taxel_radius
-    normal = taxel_axes(layout)[:, :, 2]
+    normal = layout.normal.double().numpy()
     pos = layout.pos.double().numpy()
     for i in range(layout.num_taxels):
         link = layout.link_names[int(layout.link[i])]

@@ -7,6 +7,7 @@ from torch_geometric_tactile.nn.models import (
     MTCNN,
     MTGCN,
     HandCNN,
+    SegmentedThread,
     TactileFNN,
     TactileGCN,
 )
@@ -166,3 +167,8 @@ def test_paper_models_run():
     model = TactileGCN(out_channels=8, segments="patch", num_joints=16)
     assert model(x, edge_index, joint=joint).shape == (2, 8)
     assert HandCNN()(x).shape == (2, 6)
+
+
+def test_widths_and_pools_of_a_segmented_thread_are_those_of_the_paper():
+    thread = SegmentedThread(3, [0, 0, 1])
+    assert repr(thread) == "SegmentedThread(3, widths=(14, 56), pools=(1, 8), num_segments=2)"

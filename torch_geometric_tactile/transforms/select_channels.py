@@ -1,0 +1,64 @@
+r"""Some of the channels."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.transforms._attributes import require_x
+
+
+@functional_transform("select_channels")
+class SelectChannels(BaseTransform):
+    r"""Keeps some channels of the readings, in the order in which they are named (functional name:
+    :obj:`select_channels`): the fingers whose signals stand side by side in
+    :class:`~torch_geometric_tactile.datasets.BioTacSP`, for example, or the pressure of a skin that
+    also reports shear.
+
+    Args:
+        channels (sequence of int): Their numbers, from 0.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same leading shape, with as many channels as were named
+
+    Raises:
+        ValueError: If none is named, one twice or below 0, or the readings do not have it.
+
+    Examples:
+        >>> data = Data(x=torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]))
+        >>> SelectChannels([2, 0])(data).x
+        tensor([[3., 1.],
+                [6., 4.]])
+    """
+
+    supports_static = True
+
+    def __init__(self, channels: Sequence[int] | Tensor) -> None:
+        index = torch.as_tensor(channels).cpu()
+        whole = index.dtype in (torch.int64, torch.int32, torch.int16, torch.uint8, torch.int8)
+        if index.dim() != 1 or len(index) == 0 or not whole:
+            raise ValueError(f"'channels' must be a list of numbers of channels (got {channels})")
+        self.channels: list[int] = index.tolist()
+        if min(self.channels) < 0 or len(set(self.channels)) < len(self.channels):
+            raise ValueError(
+                f"'channels' must be numbered from 0, each named once (got {self.channels})"
+            )
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`x`."""
+        x = require_x(self, data)
+        if max(self.channels) >= x.size(-1):
+            raise ValueError(
+                f"'x' must have channel {max(self.channels)} (got {x.size(-1)} channels, numbered "
+                "from 0)"
+            )
+        data.x = x[..., self.channels]
+        return data
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.channels})"
