@@ -17,6 +17,7 @@ from torch_geometric_tactile.files import file_sha256
 from torch_geometric_tactile.texts import printable, read_json
 
 _SIMULATION = "simulation.json"
+_PLACES = ("root", "path")  # of files, whose content is the fingerprint
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class DataSource:
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
-        arguments = {key: value for key, value in self.arguments.items() if key != "root"}
+        arguments = {k: value for k, value in self.arguments.items() if k not in _PLACES}
         return {
             "class_path": self.class_path,
             "arguments": arguments,
