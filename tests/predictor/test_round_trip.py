@@ -75,10 +75,14 @@ OURS = {
         lambda: transforms.GeometricEdgeAttr(norm=True, max_value=0.3, cat=False),
     ],
     "KNNGraph": [lambda: transforms.KNNGraph(2), lambda: transforms.KNNGraph(1, symmetric=False)],
-    "Normalize": [lambda: transforms.Normalize(0.0, 2.0, attr="joint")],
+    "Normalize": [
+        lambda: transforms.Normalize(0.0, 2.0, attr="joint"),
+        lambda: transforms.Normalize(per="channel"),
+    ],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
         lambda: transforms.SessionZScore("trial", attr="joint"),
+        lambda: transforms.SessionZScore(per="channel"),
     ],
     "Tare": [
         lambda: transforms.Tare("trial", first=1),
@@ -93,7 +97,11 @@ OURS = {
         lambda: transforms.TopologicalSegmentation("digit", LAYOUT, drop=False),
         lambda: transforms.TopologicalSegmentation([4, 4, 7, 7, 7, 9]),
     ],
-    "ZScore": [lambda: transforms.ZScore(), lambda: transforms.ZScore(attr="joint")],
+    "ZScore": [
+        lambda: transforms.ZScore(),
+        lambda: transforms.ZScore(attr="joint"),
+        lambda: transforms.ZScore(per="channel"),
+    ],
 }
 PYG = {
     "AddRemainingSelfLoops": lambda: pyg.AddRemainingSelfLoops("edge_attr", 2.0),

@@ -3,18 +3,21 @@ r"""What the scaling transforms share."""
 import logging
 from collections.abc import Iterable, Mapping
 from math import prod
-from typing import Any, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import torch
 from torch import Tensor
-from torch_geometric.data import Data
+from torch_geometric.data import Batch, Data
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import require
+from torch_geometric_tactile.transforms._moments import check_size, mean_and_deviation
 from torch_geometric_tactile.transforms._samples import AnySamples, Samples
 
 _CHUNK = 8192  # samples read at a time, at most
+
+_PER = ("taxel", "channel")
 
 _logger = logging.getLogger(__name__)
 
@@ -29,15 +32,16 @@ class _Attributes(Protocol):
 
 class FittedTransform(BaseTransform):
     r"""Subtracts a centre from the readings, or from another attribute, and divides them by a
-    scale, both fitted before, for each number of a sample (each taxel and channel, for example),
-    and separately for each value of the sample attribute :obj:`key`.
+    scale, both fitted before, for each number of a sample (each taxel and channel, for example)
+    or for all numbers of a channel, and separately for each value of the sample attribute
+    :obj:`key`.
 
     A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
     which samples they are fitted.
 
     An attribute that all samples share, such as edge features :math:`(|\mathcal{E}|, D)` in
-    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. It never changes, so that
-    nothing but its distance from the centre is left of it, which is zero.
+    :class:`~torch_geometric_tactile.data.StaticData`, stays shared. Number by number it never
+    changes, so that nothing but its distance from the centre is left of it, which is zero.
 
     Args:
         key (str, optional): Integer attribute of the samples that chooses centre and scale.
@@ -46,6 +50,11 @@ class FittedTransform(BaseTransform):
             used to fit. All if left out.
         attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
             as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
+        per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), or one
+            of all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`).
+
+    Raises:
+        ValueError: If :obj:`per` is neither.
     """
 
     supports_static = True
@@ -56,13 +65,17 @@ class FittedTransform(BaseTransform):
         unit_scale: bool = False,
         first: int | None = None,
         attr: str = "x",
+        per: Literal["taxel", "channel"] = "taxel",
     ) -> None:
+        if per not in _PER:
+            raise ValueError(f"'per' must be one of {list(_PER)} (got {per!r})")
         self.key = key
         self.unit_scale = unit_scale
         self.first = first
         self.attr = attr
-        # (K, N, F), or (K, ...) with the shape of the attribute in one sample. Double: raw counts
-        # are large and vary little.
+        self.per = per
+        # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) of channels.
+        # Double: raw counts are large and vary little.
         self.center: Tensor | None = None
         self.scale: Tensor | None = None  # of the same shape
         self.key_values: Tensor | None = None  # (K,), sorted
@@ -146,7 +159,7 @@ class FittedTransform(BaseTransform):
             return self
         if self.attr not in samples:
             raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
-        if samples.is_shared(self.attr):
+        if samples.is_shared(self.attr) and self.per == "taxel":
             _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
         center, scale = zip(
             *(self._moments(samples, (keys == value).nonzero().view(-1)) for value in values),
@@ -166,8 +179,14 @@ class FittedTransform(BaseTransform):
 
     def _moments(self, samples: Samples, index: Tensor) -> tuple[Tensor, Tensor]:
         parts = samples.values(self.attr, self.measured(samples, index))
-        center, scale = self.moments(part.double() for part in parts)
-        return center.cpu(), scale.cpu()
+        if self.per == "taxel":
+            center, scale = self.moments(part.double() for part in parts)
+            return center.cpu(), scale.cpu()
+        first = samples.first[self.attr]
+        dims = first.dim() - (0 if samples.first.is_shared(self.attr) else 1)
+        moments = self.moments(part.double().flatten(end_dim=-2) for part in parts)
+        center, scale = (value.cpu().view(*(1,) * (dims - 1), -1) for value in moments)
+        return center, scale
 
     def measured(self, samples: Samples, index: Tensor) -> Tensor:
         r"""Returns which samples count, of those with one value of :obj:`key`.
@@ -206,21 +225,7 @@ class FittedTransform(BaseTransform):
               :math:`(S_i, \ldots)` of another attribute
             - **output:** :math:`(N, F)` each, or :math:`(\ldots)`; the centre double
         """
-        shift: Tensor | None = None
-        for part in parts:
-            if shift is None:
-                shift = part[0].nan_to_num()  # keeps the sum of squares small
-                count = torch.zeros_like(shift)
-                total, square = torch.zeros_like(shift), torch.zeros_like(shift)
-            value = part - shift
-            count += (~value.isnan()).sum(0)
-            total += value.nansum(0)
-            square += value.square().nansum(0)
-        assert shift is not None
-        count = count.clamp(min=1)
-        mean = total / count
-        deviation = (square / count - mean.square()).clamp(min=0).sqrt()
-        center = shift + mean
+        center, deviation = mean_and_deviation(parts)
         changes = deviation > 1e-6 * center.abs().clamp(min=1e-6)
         scale = torch.where(changes & (deviation > self.noise(center)), deviation, 1.0)
         if self.unit_scale:
@@ -236,10 +241,12 @@ class FittedTransform(BaseTransform):
         x = require(self, data, self.attr)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
         size = self.center.shape[1:]  # of one sample
-        self._check(x, size)
+        check_size(self, x, size)
         if x.numel() > 0:
             near, rest, scale = self._tables(self.center, self.scale, x)
+            shape = x.shape
             if self.key is None:
+                x = x.reshape(-1, *size)
                 near, rest, scale = near[0], rest[0], scale[0]
             else:
                 if isinstance(data, StaticData) and data.is_shared(self.attr):
@@ -249,27 +256,24 @@ class FittedTransform(BaseTransform):
                             f"{type(self).__name__} scales them by '{self.key}' (got one that is "
                             "declared in 'shared')"
                         )
-                    x = x.expand(data.num_samples, *size)
-                row = self._row(data, x.numel() // prod(size)).to(x.device)
-                near, rest, scale = near[row], rest[row], scale[row]
-            x = ((x.reshape(-1, *size) - near - rest) / scale).reshape(x.shape)
+                    x = x.expand(data.num_samples, *x.shape)
+                    shape = x.shape
+                x, row = self._by_sample(data, x, size)
+                near, rest, scale = (table[row.to(x.device)] for table in (near, rest, scale))
+            x = ((x - near - rest) / scale).reshape(shape)
         data[self.attr] = x
         return data
 
-    def _check(self, x: Tensor, size: torch.Size) -> None:
-        # Samples are stacked, or joined in their first dimension (in a PyG batch).
-        num_dims = len(size)
-        if x.dim() == num_dims + 1 and x.shape[1:] == size:
-            return
-        if x.dim() == num_dims > 0 and x.shape[1:] == size[1:] and x.size(0) % max(size[0], 1) == 0:
-            return
-        what = f"shape {tuple(size)} a sample"
-        if self.attr == "x":
-            what = f"{size[0]} taxels and {size[1]} features"
-        raise ValueError(
-            f"'{self.attr}' must have {what}, as {type(self).__name__} was fitted on "
-            f"(got shape {tuple(x.shape)})"
-        )
+    def _by_sample(self, data: Data, x: Tensor, size: torch.Size) -> tuple[Tensor, Tensor]:
+        # The readings of each sample, and the row of its centre and scale.
+        if self.per == "taxel":
+            return x.reshape(-1, *size), self._row(data, x.numel() // prod(size))
+        if isinstance(data, Batch):
+            row = self._row(data, data.num_graphs)
+            counts = data._slice_dict[self.attr].diff()  # of rows; samples may differ in them
+            return x.reshape(-1, *size), row.repeat_interleave(counts)
+        num_samples = data.num_samples if isinstance(data, StaticData) else 1
+        return x.reshape(num_samples, *x.shape[-len(size) :]), self._row(data, num_samples)
 
     def _tables(self, center: Tensor, scale: Tensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         # The centre in the precision of x, and what that leaves over: together as good as double.
@@ -310,7 +314,8 @@ class FittedTransform(BaseTransform):
         self.key_values = state.get("key_values")
 
     def _attr_repr(self) -> str:
-        return "" if self.attr == "x" else f", attr='{self.attr}'"
+        attr = "" if self.attr == "x" else f", attr='{self.attr}'"
+        return attr if self.per == "taxel" else f"{attr}, per='{self.per}'"
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._attr_repr().removeprefix(', ')})"

@@ -2,6 +2,7 @@ r"""Scaling to a range."""
 
 import math
 from collections.abc import Iterable
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -26,6 +27,8 @@ class Normalize(FittedTransform):
         low (float): The lower end :math:`l`.
         high (float): The upper end :math:`h`.
         attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
+        per (str): :obj:`"taxel"` for a range of each taxel and channel, or
+            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -34,8 +37,8 @@ class Normalize(FittedTransform):
 
     Raises:
         RuntimeError: If it was not fitted.
-        ValueError: If :obj:`low` is not below :obj:`high`, or the readings have other taxels or
-            channels than those it was fitted on.
+        ValueError: If :obj:`low` is not below :obj:`high`, :obj:`per` is unknown, or the readings
+            have other taxels (unless :obj:`per="channel"`) or channels than those it was fitted on.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -44,10 +47,16 @@ class Normalize(FittedTransform):
         tensor([-1.0000, -0.5000,  1.0000])
     """
 
-    def __init__(self, low: float = -1.0, high: float = 1.0, attr: str = "x") -> None:
+    def __init__(
+        self,
+        low: float = -1.0,
+        high: float = 1.0,
+        attr: str = "x",
+        per: Literal["taxel", "channel"] = "taxel",
+    ) -> None:
         if not -math.inf < low < high < math.inf:
             raise ValueError(f"'low' must be below 'high', both finite (got {low} and {high})")
-        super().__init__(attr=attr)
+        super().__init__(attr=attr, per=per)
         self.low = float(low)
         self.high = float(high)
 

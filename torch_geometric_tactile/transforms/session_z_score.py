@@ -1,5 +1,7 @@
 r"""Scaling by recording session."""
 
+from typing import Literal
+
 from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile.transforms.base import FittedTransform
@@ -20,6 +22,8 @@ class SessionZScore(FittedTransform):
     Args:
         key (str): Integer attribute of the samples that numbers the session.
         attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
+        per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel, or
+            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -28,7 +32,8 @@ class SessionZScore(FittedTransform):
 
     Raises:
         RuntimeError: If it was not fitted.
-        ValueError: If a session was not measured, or the readings have other taxels or channels.
+        ValueError: If :obj:`per` is unknown, a session was not measured, or the readings have other
+            taxels (unless :obj:`per="channel"`) or channels.
 
     Examples:
         >>> import torch
@@ -39,8 +44,13 @@ class SessionZScore(FittedTransform):
         tensor([-1.,  1., -1.,  1.])
     """
 
-    def __init__(self, key: str = "session", attr: str = "x") -> None:
-        super().__init__(key, attr=attr)
+    def __init__(
+        self,
+        key: str = "session",
+        attr: str = "x",
+        per: Literal["taxel", "channel"] = "taxel",
+    ) -> None:
+        super().__init__(key, attr=attr, per=per)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}('{self.key}'{self._attr_repr()})"

@@ -1,0 +1,170 @@
+import copy
+
+import numpy as np
+import pytest
+import torch
+from torch_geometric.data import Batch, Data
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.testing import assert_transform_static_equals_batched
+from torch_geometric_tactile.transforms import Normalize, SessionZScore, ZScore, fit_parts
+
+PER = "channel"
+
+
+def readings(num_samples=30, num_taxels=5, **kwargs):
+    draw = torch.Generator().manual_seed(0)
+    x = torch.randn(num_samples, num_taxels, 3, generator=draw) * torch.tensor([1.0, 9.0, 0.1]) + 7
+    return StaticData(x=x, session=torch.arange(num_samples) % 3, **kwargs)
+
+
+def both():
+    return [ZScore(per=PER), Normalize(0.0, 1.0, per=PER), SessionZScore(per=PER)]
+
+
+def test_repr_tells_per_if_not_taxel():
+    assert str(ZScore(per="taxel")) == "ZScore()"
+    assert str(ZScore(per=PER)) == "ZScore(per='channel')"
+    assert str(ZScore("joint", per=PER)) == "ZScore(attr='joint', per='channel')"
+    assert str(Normalize(per=PER)) == "Normalize(low=-1.0, high=1.0, per='channel')"
+    assert str(SessionZScore(per=PER)) == "SessionZScore('session', per='channel')"
+
+
+def test_z_score_of_channels_is_that_of_numpy():
+    data = readings()
+    exact = data.x.double().numpy()
+    transform = ZScore(per=PER).fit(data)
+    assert transform.center.shape == transform.scale.shape == (1, 1, 3)
+    assert transform.center.dtype == torch.double
+    expected = (exact - exact.mean((0, 1))) / exact.std((0, 1))
+    np.testing.assert_allclose(transform(data).x.numpy(), expected, atol=1e-5)
+
+
+def test_normalize_of_channels_by_hand():
+    x = torch.tensor([[[1.0, 0.0], [3.0, 0.0]], [[5.0, torch.nan], [2.0, 4.0]]])
+    found = Normalize(0.0, 1.0, per=PER).fit(StaticData(x=x))(StaticData(x=x)).x
+    expected = torch.tensor([[[0.0, 0.0], [0.5, 0.0]], [[1.0, torch.nan], [0.25, 1.0]]])
+    torch.testing.assert_close(found, expected, equal_nan=True)
+
+
+def test_taxels_keep_their_differences():
+    """A taxel that is never pressed is not scaled up to those that are."""
+    draw = torch.Generator().manual_seed(0)
+    x = torch.randn(100, 2, 1, generator=draw) * torch.tensor([[0.01], [1.0]])
+    data = StaticData(x=x)
+    ratio = ZScore(per=PER).fit(data)(data).x.std(0).view(-1)
+    assert float(ratio[0] / ratio[1]) == pytest.approx(float(x[:, 0].std() / x[:, 1].std()))
+    alone = ZScore().fit(data)(data).x.std(0).view(-1)
+    assert float(alone[0] / alone[1]) == pytest.approx(1.0)
+
+
+def test_missing_readings_do_not_count():
+    x = torch.tensor([[[torch.nan], [1.0]], [[torch.nan], [5.0]], [[3.0], [torch.nan]]])
+    transform = ZScore(per=PER).fit(StaticData(x=x))
+    assert transform.center.item() == 3
+    assert transform.scale.item() == pytest.approx((8 / 3) ** 0.5)
+    nothing = ZScore(per=PER).fit(StaticData(x=torch.full((4, 2, 1), torch.nan)))
+    assert (nothing.center.item(), nothing.scale.item()) == (0, 1)
+
+
+def test_large_offsets_keep_their_digits():
+    draw = np.random.default_rng(0)
+    x = draw.normal(33000, 0.5, (9000, 24, 3)).astype(np.float32)
+    exact = x.astype(np.float64)
+    data = StaticData(x=torch.from_numpy(x))
+    found = ZScore(per=PER).fit(data)(data).x.numpy()
+    expected = (exact - exact.mean((0, 1))) / exact.std((0, 1))
+    assert np.abs(found - expected).max() < 1e-4
+
+
+@pytest.mark.parametrize("transform", both(), ids=str)
+def test_laws(transform):
+    data = readings()
+    transform.fit(data)
+    data.x[3, 1, 0] = torch.nan
+    assert_transform_static_equals_batched(transform, data)
+    batch = Batch.from_data_list(data.to_data_list())
+    assert torch.equal(transform(data).x.view(-1, 3).nan_to_num(), transform(batch).x.nan_to_num())
+
+
+@pytest.mark.parametrize("transform", both(), ids=str)
+def test_other_numbers_of_taxels_are_scaled_alike(transform):
+    transform.fit(readings())
+    wide = readings(num_taxels=8)
+    few = readings(num_taxels=8)
+    few.x = few.x[:, :2]
+    assert transform(wide).x[:, :2].equal(transform(few).x)
+
+
+def test_samples_of_a_batch_may_have_other_taxels_than_one_another():
+    transform = SessionZScore(per=PER).fit(readings())
+    parts = [Data(x=torch.randn(n, 3), session=torch.tensor([n % 3])) for n in (2, 5, 7)]
+    batch = transform(Batch.from_data_list(copy.deepcopy(parts)))
+    alone = torch.cat([transform(copy.copy(part)).x for part in parts])
+    assert batch.x.equal(alone)
+
+
+def test_sessions_by_hand_and_new_ones_are_adapted_to():
+    x = torch.tensor([[1.0, 3.0], [101.0, 105.0], [7.0, 7.0]]).view(3, 2, 1)
+    data = StaticData(x=x, session=torch.tensor([0, 4, 9]))
+    transform = SessionZScore(per=PER).fit(data.index_select([0, 1]))
+    with pytest.raises(ValueError, match="SessionZScore has not seen session 9"):
+        transform(data)
+    transform.adapt(data)
+    assert transform(data).x.view(3, 2).tolist() == [[-1, 1], [-1, 1], [0, 0]]
+
+
+def test_state_is_taken_over():
+    transform = ZScore(per=PER).fit(readings())
+    again = ZScore(per=PER)
+    again.load_state_dict(transform.state_dict())
+    data = readings(num_taxels=7)
+    assert again(data).x.equal(transform(data).x)
+
+
+def test_other_attributes_have_their_channels_last():
+    draw = torch.Generator().manual_seed(0)
+    edge_attr, joint = torch.rand(4, 2, generator=draw), torch.rand(30, 6, generator=draw)
+    edge_index = torch.tensor([[0, 1, 2, 3], [1, 2, 3, 4]])
+    data = readings(edge_index=edge_index, edge_attr=edge_attr, joint=joint)
+    edges = ZScore("edge_attr", per=PER).fit(data)
+    expected = (edge_attr - edge_attr.mean(0)) / edge_attr.std(0, correction=0)
+    torch.testing.assert_close(edges(data).edge_attr, expected)  # shared, and not zero
+    assert edges.center.shape == (1, 1, 2)
+    joints = ZScore("joint", per=PER).fit(data)
+    assert joints(data).joint.equal(ZScore("joint").fit(data)(data).joint)
+
+
+def test_shared_attribute_by_session():
+    edge_attr = torch.tensor([[1.0], [3.0]])
+    data = readings(edge_index=torch.tensor([[0, 1], [1, 0]]), edge_attr=edge_attr)
+    transform = SessionZScore(attr="edge_attr", per=PER).fit(data)
+    assert transform(data).edge_attr.equal(torch.tensor([[-1.0], [1.0]]).expand(30, 2, 1))
+
+
+def test_lists_and_parts_of_a_pipeline_are_fitted_alike():
+    data = readings()
+    expected = ZScore(per=PER).fit(data)
+    found = ZScore(per=PER)
+    fit_parts(found, data.to_data_list())
+    assert found.center.equal(expected.center)
+
+
+def test_one_sample_alone_and_none():
+    transform = ZScore(per=PER).fit(readings())
+    assert transform(Data(x=torch.full((2, 3), 7.0))).x.shape == (2, 3)
+    empty = readings().index_select(torch.empty(0, dtype=torch.long))
+    assert transform(empty).x.shape == (0, 5, 3)
+
+
+@pytest.mark.parametrize("make", [ZScore, Normalize, SessionZScore])
+def test_unknown_per(make):
+    with pytest.raises(ValueError, match=r"'per' must be one of .* \(got 'patch'\)"):
+        make(per="patch")
+
+
+@pytest.mark.parametrize("shape", [(2, 5, 2), (5, 2), (3,), (1, 2, 5, 3)])
+def test_other_channels_are_named(shape):
+    transform = ZScore(per=PER).fit(readings())
+    with pytest.raises(ValueError, match=r"'x' must have 3 channels, in its last of 2 or 3 dim"):
+        transform(Data(x=torch.zeros(shape)))

@@ -1,0 +1,69 @@
+r"""The arithmetic of scaling."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.transforms.base import FittedTransform
+
+
+def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
+    r"""Returns mean and standard deviation over the first dimension, without missing readings.
+
+    Args:
+        parts (iterable of torch.Tensor): The readings in parts, each to be read once.
+
+    Shapes:
+        - **input:** at least one part :math:`(S_i, \ldots)`, with :math:`S_i \ge 1`
+        - **output:** :math:`(\ldots)` each
+    """
+    shift: Tensor | None = None
+    for part in parts:
+        if shift is None:
+            shift = part[0].nan_to_num()  # keeps the sum of squares small
+            count = torch.zeros_like(shift)
+            total, square = torch.zeros_like(shift), torch.zeros_like(shift)
+        value = part - shift
+        count += (~value.isnan()).sum(0)
+        total += value.nansum(0)
+        square += value.square().nansum(0)
+    assert shift is not None
+    count = count.clamp(min=1)
+    mean = total / count
+    deviation = (square / count - mean.square()).clamp(min=0).sqrt()
+    return shift + mean, deviation
+
+
+def check_size(transform: "FittedTransform", x: Tensor, size: torch.Size) -> None:
+    r"""Checks that readings have the shape of those that a transform was fitted on.
+
+    Args:
+        transform (FittedTransform): The transform.
+        x (torch.Tensor): The readings: those of samples that are stacked, or joined in their first
+            dimension (in a PyG batch).
+        size (torch.Size): The size of a centre.
+
+    Raises:
+        ValueError: If they have another.
+    """
+    num_dims = len(size)
+    if transform.per == "channel":
+        if x.dim() in (num_dims, num_dims + 1) and x.shape[-1:] == size[-1:]:
+            return
+        what = f"{size[-1]} channels, in its last of {num_dims} or {num_dims + 1} dimensions"
+    else:
+        if x.dim() == num_dims + 1 and x.shape[1:] == size:
+            return
+        is_joined = x.dim() == num_dims > 0 and x.shape[1:] == size[1:]
+        if is_joined and x.size(0) % max(size[0], 1) == 0:
+            return
+        what = f"shape {tuple(size)} a sample"
+        if transform.attr == "x":
+            what = f"{size[0]} taxels and {size[1]} features"
+    raise ValueError(
+        f"'{transform.attr}' must have {what}, as {type(transform).__name__} was fitted on "
+        f"(got shape {tuple(x.shape)})"
+    )
