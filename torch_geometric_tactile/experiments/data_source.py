@@ -170,7 +170,7 @@ class DataFacts:
             num_samples=len(dataset if used is None else used),
             num_trials=counts[0],
             num_groups=counts[1],
-            num_classes=dataset.num_classes,
+            num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
         )
@@ -183,6 +183,10 @@ def _load(class_path: str, arguments: str, fingerprint: str) -> StaticDataset:
 
 def _count(column: Tensor | None) -> int:
     return 0 if column is None else len(column.unique())
+
+
+def _is_one_number(y: Tensor | None) -> bool:
+    return y is not None and y.dim() == 1 and y.is_floating_point()
 
 
 def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:

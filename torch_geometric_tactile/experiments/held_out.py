@@ -71,7 +71,10 @@ def num_units(dataset: StaticDataset, by: str) -> int:
         return len(dataset)
     unit = dataset.column(by)
     if unit is None:
-        raise ValueError(f"'dataset' must have '{by}' to be split by {by} (got none)")
+        raise ValueError(
+            f"'dataset' must have '{by}', a number or name for each sample, to be split by {by} "
+            "(got none)"
+        )
     return len(unit.unique())
 
 

@@ -20,7 +20,7 @@ def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> d
         {'accuracy': 0.75, 'balanced_accuracy': 0.5, 'f1': 0.42857142857142855}
     """
     if numbers:
-        return regression_metrics(prediction.reshape(y.shape), y)
+        return regression_metrics(np.ascontiguousarray(prediction).reshape(y.shape), y)
     right = y == prediction
     classes = np.union1d(y, prediction)
     hit = np.array([(right & (y == c)).sum() for c in classes])

@@ -121,7 +121,8 @@ def _facts(comparison: Comparison) -> list[str]:
         f"{num_splits} splits. Mean ± standard deviation over the splits. Settings and epochs were "
         "chosen on a part of each training part; each test part was looked at once. Differences "
         f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
-        "standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, twice the larger of both.",
+        f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
+        "twice the larger of both.",
     ]
 
 
