@@ -13,7 +13,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models import GraspGCN
+from torch_geometric_tactile.nn.models import GraspGCN, TaxelNet
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.describer import Describer
@@ -78,6 +78,10 @@ OURS = {
     "Normalize": [
         lambda: transforms.Normalize(0.0, 2.0, attr="joint"),
         lambda: transforms.Normalize(per="channel"),
+    ],
+    "SectorGraph": [
+        lambda: transforms.SectorGraph(LAYOUT),
+        lambda: transforms.SectorGraph(LAYOUT, 4, radius=0.2, within="link"),
     ],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
@@ -213,6 +217,8 @@ PARTS = {"CNNThread", "GCNThread", "PooledMLP", "SegmentedThread", "TactileModel
 MODELS = {
     **small_models.MODELS,
     "grasp": lambda: GraspGCN(11, 3, in_channels=1, hidden_channels=5, num_fingers=3),
+    "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
+    "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
 OWN = {"gcn_patch"}  # with an encoder that is given as a module

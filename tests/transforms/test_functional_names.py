@@ -16,6 +16,7 @@ NAMES = {
     "fill_missing": ("FillMissing", ()),
     "geometric_edge_attr": ("GeometricEdgeAttr", ()),
     "normalize_range": ("Normalize", ()),
+    "sector_graph": ("SectorGraph", (LAYOUT,)),
     "session_z_score": ("SessionZScore", ()),
     "tare": ("Tare", ()),
     "taxel_knn_graph": ("KNNGraph", (2,)),

@@ -41,6 +41,7 @@ KNOWN_ATTRIBUTES: Mapping[str, Known] = {
     "edge_attr": Known("edge", (1, 2)),
     "edge_weight": Known("edge", (1,)),
     "edge_type": Known("edge", (1,)),
+    "edge_sector": Known("edge", (1,)),
     "edge_is_within": Known("edge", (1,)),
     "y": Known("sample"),
     "joint": Known("sample"),

@@ -37,6 +37,7 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.GeometricEdgeAttr: _GEOMETRY,
     T.KNNGraph: (("pos", *_EDGES), _EDGES),
     T.SelectChannels: (("x",), ("x",)),
+    T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
     T.TaxelPose: (("x", "joint"), ("pos", "normal")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),

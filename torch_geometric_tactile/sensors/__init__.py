@@ -8,13 +8,21 @@ from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.patches import expand_patches
+from torch_geometric_tactile.sensors.sector_edges import (
+    SectorEdges,
+    layout_sectors,
+    sector_edges,
+)
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
+from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
 
 __all__ = [
     "HandKinematics",
     "Joint",
     "LinkPose",
     "PosedTaxels",
+    "SectorEdges",
+    "TaxelClusters",
     "TaxelLayout",
     "allegro_uskin",
     "allegro_uskin_240",
@@ -25,7 +33,10 @@ __all__ = [
     "check_segment",
     "expand_patches",
     "grid",
+    "layout_sectors",
+    "sector_edges",
     "stock_layout",
     "stock_names",
     "stock_path",
+    "taxel_clusters",
 ]

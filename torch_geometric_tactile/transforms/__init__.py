@@ -9,6 +9,7 @@ from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform,
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
+from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.static_transform import static_transform
@@ -26,6 +27,7 @@ __all__ = [
     "GeometricEdgeAttr",
     "KNNGraph",
     "Normalize",
+    "SectorGraph",
     "SelectChannels",
     "SessionZScore",
     "Tare",

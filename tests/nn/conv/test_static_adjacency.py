@@ -180,7 +180,7 @@ def test_kept_tensor_on_other_devices(device, monkeypatch):
     compared, equal = [], torch.equal
     monkeypatch.setattr(torch, "equal", lambda a, b: compared.append(1) or equal(a, b))
     tensor = EDGES.clone().as_subclass(Other)
-    kept = static_adjacency._KeptTensor(tensor)
+    kept = static_adjacency.KeptTensor(tensor)
     assert kept.equals(tensor)
     assert len(compared) == (device == "cpu")
     compared.clear()

@@ -5,10 +5,18 @@ import torch
 from small_models import ALL, LAYOUT, MODELS, inputs, samples, small_model
 
 from torch_geometric_tactile import nn
-from torch_geometric_tactile.nn import MTCNN, MTGCN, GraspGCN, HandCNN, TactileFNN, TactileGCN
+from torch_geometric_tactile.nn import (
+    MTCNN,
+    MTGCN,
+    GraspGCN,
+    HandCNN,
+    TactileFNN,
+    TactileGCN,
+    TaxelNet,
+)
 from torch_geometric_tactile.sensors import stock_path
 
-CLASSES = [MTCNN, MTGCN, GraspGCN, HandCNN, TactileFNN, TactileGCN]
+CLASSES = [MTCNN, MTGCN, GraspGCN, HandCNN, TactileFNN, TactileGCN, TaxelNet]
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
 
@@ -101,7 +109,8 @@ def test_model_layout_bad(cls):
     more = {"num_edges": 3} if cls is MTGCN else {}
     with pytest.raises(ValueError, match=r"'layout' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
         cls("hand", **more)
-    match = r"'layout' must be .* image map" if cls in (HandCNN, MTCNN) else r"'layout' must have"
+    needs = {HandCNN: "image map", MTCNN: "image map", TaxelNet: "neighbours"}
+    match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):
         cls(0, **more)
     with pytest.raises(FileNotFoundError, match=r"none\.json"):

@@ -6,7 +6,9 @@ from torch_geometric_tactile.nn.conv.edge_message_encoder import (
     EdgeMessageEncoder,
     EdgePatchEncoder,
 )
+from torch_geometric_tactile.nn.conv.sector_conv import SectorConv
 from torch_geometric_tactile.nn.conv.segmented_gcn_conv import SegmentedGCNConv
+from torch_geometric_tactile.nn.conv.self_gcn_conv import SelfGCNConv
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 __all__ = [
@@ -14,6 +16,8 @@ __all__ = [
     "EdgeFeatureEncoder",
     "EdgeMessageEncoder",
     "EdgePatchEncoder",
+    "SectorConv",
     "SegmentedGCNConv",
+    "SelfGCNConv",
     "StaticGCNConv",
 ]

@@ -146,7 +146,7 @@ class AdjacencyCache:
             same = entry.num_nodes == num_nodes and entry.dtype == dtype and entry.norm == norm
             if same and entry.holds(edge_index, edge_weight):
                 return entry.adjacency
-        if traced or not _may_be_kept(edge_index, edge_weight):
+        if traced or not may_be_kept(edge_index, edge_weight):
             self._check(edge_index, num_nodes)
             check_edge_weight(edge_index, edge_weight)
             return None
@@ -155,7 +155,7 @@ class AdjacencyCache:
         # A matrix computed in inference mode (by a validation before the training) could not take
         # part in a later training step.
         with torch.inference_mode(False), torch.no_grad():
-            kept = [_KeptTensor(tensor) for tensor in _tensors(edge_index, edge_weight)]
+            kept = [KeptTensor(tensor) for tensor in _tensors(edge_index, edge_weight)]
             dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
         entry = _Entry(kept, edge_index.layout, num_nodes, dtype, norm, StaticAdjacency(dense))
         self._entry = entry  # at last and as a whole
@@ -169,7 +169,7 @@ class AdjacencyCache:
 
 
 class _Entry(NamedTuple):
-    kept: "list[_KeptTensor]"
+    kept: "list[KeptTensor]"
     layout: torch.layout
     num_nodes: int
     dtype: torch.dtype
@@ -185,17 +185,34 @@ class _Entry(NamedTuple):
         return all(kept.equals(tensor) for kept, tensor in zip(self.kept, given, strict=True))
 
 
-class _KeptTensor:
+class KeptTensor:
+    r"""A copy of a tensor, which tells whether another one has its values; see
+    :class:`AdjacencyCache`.
+
+    Args:
+        tensor (torch.Tensor): The tensor.
+    """
+
     def __init__(self, tensor: Tensor) -> None:
         self.copy = tensor.clone()
         self.note(tensor)
 
     def note(self, tensor: Tensor) -> None:
+        r"""Notes which object has the values.
+
+        Args:
+            tensor (torch.Tensor): The tensor.
+        """
         # A weak reference: the caller's tensor may die, and another be born at its address.
         self.seen = weakref.ref(tensor)
         self.state = (tensor.data_ptr(), None if tensor.is_inference() else tensor._version)
 
     def equals(self, tensor: Tensor) -> bool:
+        r"""Tells whether a tensor has the values of the copy.
+
+        Args:
+            tensor (torch.Tensor): The tensor.
+        """
         copy = self.copy
         if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
             return False
@@ -223,8 +240,14 @@ def _tensors(edge_index: Adj, edge_weight: OptTensor) -> list[Tensor]:
     return [edge_index] if edge_weight is None else [edge_index, edge_weight]
 
 
-def _may_be_kept(edge_index: Adj, edge_weight: OptTensor) -> bool:
-    # Not what needs a gradient, nor a fake tensor or another subclass, which may have no values.
+def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
+    r"""Tells whether what follows from edges may be kept: not from those that need a gradient, nor
+    from a fake tensor or another subclass, which may have no values.
+
+    Args:
+        edge_index (torch.Tensor): Edges, or a sparse matrix.
+        edge_weight (torch.Tensor, optional): Their weights.
+    """
     return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
         tensor.requires_grad or type(tensor) not in _PLAIN or tensor.device.type == "meta"
         for tensor in (edge_index, edge_weight)

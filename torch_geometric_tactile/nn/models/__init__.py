@@ -1,4 +1,4 @@
-r"""The models of the papers."""
+r"""The models of the papers, and those to begin with."""
 
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
@@ -12,6 +12,7 @@ from torch_geometric_tactile.nn.models.small_cnn import SmallCNN
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
 
 __all__ = [
@@ -27,5 +28,6 @@ __all__ = [
     "TactileFNN",
     "TactileGCN",
     "TactileModel",
+    "TaxelNet",
     "Thread",
 ]

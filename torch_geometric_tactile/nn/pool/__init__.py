@@ -1,5 +1,6 @@
 r"""Pooling layers."""
 
 from torch_geometric_tactile.nn.pool.channel_max_pool import ChannelMaxPool
+from torch_geometric_tactile.nn.pool.taxel_pool import TaxelPool
 
-__all__ = ["ChannelMaxPool"]
+__all__ = ["ChannelMaxPool", "TaxelPool"]

@@ -1,0 +1,341 @@
+import copy
+
+import pytest
+import torch
+from small_models import samples
+from torch_geometric.data import Batch, Data
+
+from torch_geometric_tactile.nn import TaxelNet
+from torch_geometric_tactile.nn.models.taxel_levels import (
+    ReadingNorm,
+    TaxelNorm,
+    pitch,
+    pooled_layouts,
+)
+from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac_sp, grid
+from torch_geometric_tactile.testing import assert_static_equals_batched
+
+EDGES = torch.tensor([[0, 1], [1, 0]])
+# 20 taxels, pooled to 6 and to 2.
+SMALL = grid(4, 5, pitch=0.004)
+MODELS = {
+    "flat_layout": {"layout": biotac_sp(), "out_channels": 2},
+    "pooled": {"max_taxels": 2, "widths": (4, 6)},
+    "self": {"conv": "self", "head": "max"},
+    "difference": {"conv": "difference", "head": "mean", "depth": 1},
+    "direct": {"direct_channels": 5, "head": "flat", "num_joints": 2, "num_sectors": 6},
+}
+
+
+def small(name="pooled", **more):
+    torch.manual_seed(0)
+    return TaxelNet(**{"layout": SMALL, "out_channels": 3, "widths": (4,), **MODELS[name], **more})
+
+
+def given(model, batch_size, seed=0):
+    """The inputs, as keywords."""
+    found = {"x": samples(batch_size, model.num_nodes, 3, seed=seed)}
+    if model.num_joints:
+        found["joint"] = samples(batch_size, model.num_joints, seed=1)
+    return found
+
+
+def trained(model):
+    """After some steps, with statistics that are not those of the start, in evaluation mode."""
+    optimizer = torch.optim.SGD(model.parameters(), 0.01)
+    for seed in range(3):
+        optimizer.zero_grad()
+        model(**given(model, 16, seed)).square().mean().backward()
+        optimizer.step()
+    return model.eval()
+
+
+@pytest.fixture(params=MODELS)
+def model(request):
+    return trained(small(request.param))
+
+
+def num_parameters(module):
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
+def test_taxel_net_repr():
+    assert str(small("pooled")) == (
+        "TaxelNet(20, 3, in_channels=3, widths=(4, 6, 6), taxels=(20, 6, 2), head='all')"
+    )
+    assert str(small("direct")) == (
+        "TaxelNet(20, 3, in_channels=3, widths=(4,), taxels=(20,), head='flat', num_joints=2)"
+    )
+
+
+def test_taxel_net_parameter_count():
+    def sector(before, after, sectors=8):
+        return (1 + sectors) * before * after + 2 * after  # with the normalisation
+
+    def head(width, classes, hidden=64):
+        return width * hidden + 2 * hidden + hidden * classes + classes
+
+    blocks = sector(3, 32) + sector(32, 32)
+    assert num_parameters(TaxelNet("biotac_sp", 2)) == blocks + head(24 * 32 + 64, 2)
+    blocks = sector(3, 4) + sector(4, 6) + sector(6, 6) + 2 * sector(6, 6)
+    assert num_parameters(small("pooled")) == blocks + head(2 * 6 + 12, 3)
+    blocks = 2 * 3 * 4 + 8 + 2 * 4 * 4 + 8
+    assert num_parameters(small("self")) == blocks + head(4, 3)
+    assert num_parameters(small("difference")) == 2 * 3 * 4 + 8 + head(4, 3)
+    blocks = sector(3, 4, 6) + sector(4, 4, 6) + 20 * 3 * 5 + 10
+    assert num_parameters(small("direct")) == blocks + head(20 * 4 + 5 + 2, 3)
+
+
+def test_taxel_net_levels_follow_from_the_layout():
+    sizes = {
+        "biotac_sp": (24,),
+        grid(8, 8, 0.01): (64,),
+        grid(28, 50, 0.005): (1400, 350, 91, 24),
+    }
+    for layout, expected in sizes.items():
+        assert TaxelNet(layout, 2, in_channels=1).taxels == expected
+    hand = TaxelNet(allegro_uskin(), 2)
+    assert hand.taxels[0] == 384
+    assert 22 <= hand.taxels[-1] <= 64
+    assert hand.widths == (16, 32, 64)
+    assert TaxelNet("biotac_sp", 2).widths == (32,)
+
+
+def test_taxel_net_pools_two_by_two_whatever_the_pitch():
+    stretched = grid(6, 6, pitch=0.002)
+    layout = TaxelLayout("wide", stretched.pos * torch.tensor([1.0, 2.0, 1.0]))
+    assert pitch(layout) == pytest.approx((0.002, 0.004))
+    (pool,) = pooled_layouts(layout, 9)
+    assert pool.num_clusters == 9
+    lone = TaxelLayout(
+        "lone", stretched.pos, patch=torch.arange(36), patch_names=tuple(map(str, range(36)))
+    )
+    assert pooled_layouts(lone, 9) == []  # patches of a single taxel
+
+
+def test_taxel_net_by_hand():
+    # One taxel, whose weights of itself alone count.
+    model = TaxelNet(grid(1, 1, 0.001), 1, in_channels=1, widths=(1,), depth=2, head="mean")
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.fill_(1.0)
+    model.eval()
+    eps = (1 + 1e-5) ** -0.5
+    h = 3.0 * (1 + 1e-6) ** -0.5
+    for _ in range(2):  # blocks, both with a residual
+        h = max(0.0, h + (h * eps + 1))
+    hidden = max(0.0, h * eps + 1)
+    out = model(torch.tensor([[[3.0]]]))
+    assert out.item() == pytest.approx(64 * hidden + 1, rel=1e-5)
+
+
+def test_taxel_net_forms(model):
+    if model.num_joints:
+        data = given(model, 5)
+        batch = Batch.from_data_list(
+            [Data(x=x, joint=q[None]) for x, q in zip(data["x"], data["joint"], strict=True)]
+        )
+        expected = model(**data)
+        assert torch.allclose(model(batch.x, joint=batch.joint), expected, atol=1e-5)
+        assert torch.allclose(model(data["x"][0], joint=data["joint"][:1]), expected[:1], atol=1e-5)
+        return
+    for batch_size in (2, 9):
+        assert_static_equals_batched(model, given(model, batch_size)["x"], EDGES)
+    assert model(torch.zeros(0, model.num_nodes, 3)).shape == (0, model.out_channels)
+
+
+def test_taxel_net_needs_no_edges(model):
+    data = given(model, 9)
+    expected = model(**data)
+    assert torch.equal(model(edge_index=EDGES, **data), expected)
+    assert model.modalities == (("joint",) if model.num_joints else ())
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_taxel_net_gradients(name):
+    found = []
+    for fast in (True, False):
+        model = small(name, fast=fast, dropout=0.0).double()
+        data = {key: value.double() for key, value in given(model, 9).items()}
+        out = model(**data)  # with the statistics of the batch
+        found.append(torch.autograd.grad(out.square().sum(), list(model.parameters())))
+    for ours, theirs in zip(*found, strict=True):
+        assert torch.allclose(ours, theirs, rtol=1e-6, atol=1e-9)
+    assert all(grad.abs().max() > 0 for grad in found[0])
+
+
+def test_taxel_net_numbering_of_the_taxels_does_not_matter():
+    order = torch.randperm(20, generator=torch.Generator().manual_seed(0))
+    renumbered = TaxelLayout("renumbered", SMALL.pos[order], SMALL.normal[order])
+    model = trained(small("pooled", head="max"))
+    other = small("pooled", head="max", layout=renumbered).eval()
+    other.load_state_dict(model.state_dict())
+    x = given(model, 9)["x"]
+    assert torch.allclose(other(x[:, order]), model(x), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_taxel_net_compile(name):
+    torch.compiler.reset()
+    model = trained(small(name))
+    compiled = torch.compile(model, fullgraph=True, backend="aot_eager")
+    data = given(model, 9)
+    assert torch.allclose(compiled(**data), model(**data), atol=1e-5)
+    model.train()
+    compiled.train()
+    torch.manual_seed(0)
+    out = compiled(**data)
+    out.square().sum().backward()
+    assert model.lin.weight.grad.abs().max() > 0
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_taxel_net_export(name):
+    model = trained(small(name))
+    data = given(model, 3)
+    shapes = {key: {0: torch.export.Dim("batch")} for key in data}
+    exported = torch.export.export(model, (), data, dynamic_shapes=shapes).module()
+    for size in (3, 20):
+        data = given(model, size)
+        with torch.no_grad():
+            assert torch.allclose(exported(**data), model(**data), atol=1e-5)
+
+
+def test_taxel_net_overfits():
+    torch.manual_seed(0)
+    model, y = small("pooled", dropout=0.0), torch.arange(20) % 3
+    x = samples(20, 20, 3)
+    optimizer = torch.optim.Adam(model.parameters(), 0.01)
+    for _ in range(60):
+        optimizer.zero_grad()
+        torch.nn.functional.cross_entropy(model(x), y).backward()
+        optimizer.step()
+    assert torch.equal(model(x).argmax(1), y)
+
+
+def test_taxel_net_scale_of_the_readings_does_not_matter():
+    # Raw counts of two channels, trained on a single batch.
+    scale, offset = torch.tensor([1.0, 50.0, 1000.0]), torch.tensor([0.0, 300.0, 30_000.0])
+    found = []
+    for factor, shift in ((1.0, 0.0), (scale, offset)):
+        model, x = small("pooled", dropout=0.0).double(), samples(16, 20, 3, dtype=torch.double)
+        found += [model(x * factor + shift), model.eval()(x * factor + shift)]
+    assert torch.allclose(found[0], found[2], atol=1e-3)
+    # A single batch has set the scale by which evaluation goes.
+    assert torch.allclose(found[1], found[3], atol=1e-3)
+
+
+def test_taxel_net_of_a_single_sample_in_training():
+    for name in MODELS:
+        model = small(name).train()
+        model(**given(model, 16))
+        out = model(**given(model, 1))
+        assert out.shape == (1, model.out_channels)
+        assert out.isfinite().all()
+
+
+def test_reading_norm_averages_batches():
+    norm, parts = ReadingNorm(2), [samples(5, 4, 2, seed=i) * (1 + i) + 9 for i in range(3)]
+    for part in parts:
+        out = norm(part)
+        assert torch.allclose(out.mean(dim=(0, 1)), torch.zeros(2), atol=1e-5)
+        assert torch.allclose(out.std(dim=(0, 1), correction=0), torch.ones(2), atol=1e-4)
+    mean = torch.stack([part.mean(dim=(0, 1)) for part in parts]).mean(dim=0)
+    assert torch.allclose(norm.running_mean, mean, atol=1e-5)
+    expected = (parts[0] - mean) * norm.running_var.rsqrt()
+    assert torch.allclose(norm.eval()(parts[0]), expected, atol=1e-4)
+
+
+def test_taxel_norm():
+    norm, x = TaxelNorm(2), samples(5, 4, 2)
+    out = norm(x)
+    assert torch.allclose(out.mean(dim=(0, 1)), torch.zeros(2), atol=1e-6)
+    assert torch.allclose(out.std(dim=(0, 1), correction=0), torch.ones(2), atol=1e-4)
+    theirs = torch.nn.BatchNorm1d(2)
+    assert torch.allclose(out, theirs(x.flatten(0, 1)).view_as(x), atol=1e-6)
+    assert torch.equal(norm.running_var, theirs.running_var)
+    before = norm.running_mean.clone()
+    one = norm(x[:1, 0])  # a single row: as in evaluation
+    assert torch.equal(norm.running_mean, before)
+    assert torch.allclose(one, norm.eval()(x[:1, 0]))
+
+
+def test_taxel_net_seed_and_reset(model):
+    before = copy.deepcopy(model.state_dict())
+    outs = []
+    for _ in range(2):
+        torch.manual_seed(3)
+        model.reset_parameters()
+        outs.append(model(**given(model, 9)))
+    assert torch.equal(*outs)
+    for name, value in model.state_dict().items():
+        if name.endswith("weight") and "norm" not in name:
+            assert not torch.equal(value, before[name]), name
+    assert float(model.norm.num_batches_tracked) == 0
+
+
+def test_taxel_net_state_is_weights_and_statistics():
+    assert {name.split(".")[-1] for name in small().state_dict()} == {
+        "weight",
+        "bias",
+        "running_mean",
+        "running_var",
+        "num_batches_tracked",
+    }
+
+
+def test_taxel_net_hub(tmp_path):
+    pytest.importorskip("huggingface_hub")
+    model = trained(small("direct"))
+    model.save_pretrained(tmp_path)
+    again = TaxelNet.from_pretrained(tmp_path)
+    data = given(model, 9)
+    assert str(again) == str(model)
+    assert torch.equal(again(**data), model(**data))
+
+
+def test_taxel_net_on_the_meta_device():
+    with torch.device("meta"):
+        model = TaxelNet(SMALL, 3, max_taxels=2)
+    assert model.lin.weight.is_meta
+    assert model.levels[0].edge_index.max() == 19
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"layout": 24}, r"'layout' must be a layout, .* neighbours .*\(got the number of taxels"),
+        ({"out_channels": 0}, r"'out_channels' must be at least 1 \(got 0\)"),
+        ({"in_channels": 0}, r"'in_channels' must be at least 1 \(got 0\)"),
+        ({"depth": 0}, r"'depth' must be at least 1 \(got 0\)"),
+        ({"hidden_channels": 0}, r"'hidden_channels' must be at least 1 \(got 0\)"),
+        ({"max_taxels": 0}, r"'max_taxels' must be at least 1 \(got 0\)"),
+        ({"num_sectors": 0}, r"'num_sectors' must be at least 1 \(got 0\)"),
+        ({"direct_channels": -1}, r"'direct_channels' must not be negative \(got -1\)"),
+        ({"num_joints": -1}, r"'num_joints' must not be negative \(got -1\)"),
+        ({"conv": "gcn"}, r"'conv' must be one of \('sector', 'self', .*\(got 'gcn'\)"),
+        ({"head": "sum"}, r"'head' must be one of \('flat', 'mean', .*\(got 'sum'\)"),
+        ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
+        ({"widths": (4, 0)}, r"'widths' must be at least one width .*\(got \(4, 0\)\)"),
+    ],
+)
+def test_taxel_net_bad_argument(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        small(**arguments)
+
+
+@pytest.mark.parametrize("size", [(20, 2), (5, 20, 2), (3,), (1, 5, 20, 3)])
+def test_taxel_net_bad_features(size):
+    with pytest.raises(ValueError, match=r"'x' must have 3 features \(got shape"):
+        small()(torch.zeros(size))
+
+
+@pytest.mark.parametrize("size", [(21, 3), (5, 19, 3)])
+def test_taxel_net_bad_taxels(size):
+    with pytest.raises(ValueError, match=r"'x' must have 20 taxels in each sample \(got shape"):
+        small()(torch.zeros(size))
+
+
+def test_taxel_net_bad_joints():
+    with pytest.raises(ValueError, match=r"'joint' must be given"):
+        small("direct")(torch.zeros(2, 20, 3))

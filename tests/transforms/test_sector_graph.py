@@ -1,0 +1,59 @@
+import pytest
+import torch
+from torch_geometric.data import Batch, Data
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn import SectorConv
+from torch_geometric_tactile.sensors import biotac_sp, grid, layout_sectors
+from torch_geometric_tactile.testing import (
+    assert_static_equals_batched,
+    assert_transform_static_equals_batched,
+)
+from torch_geometric_tactile.transforms import SectorGraph
+
+
+def test_sector_graph_repr():
+    expected = "SectorGraph('biotac_sp', num_sectors=4, radius=0.01, within='link')"
+    assert str(SectorGraph("biotac_sp", 4, 0.01, "link")) == expected
+
+
+def test_sector_graph_sets_the_edges_of_the_layout():
+    data = SectorGraph("biotac_sp", 6, within="link")(Data(x=torch.zeros(24, 1)))
+    expected = layout_sectors(biotac_sp(), 6, within="link")
+    assert torch.equal(data.edge_index, expected.edge_index)
+    assert torch.equal(data.edge_sector, expected.sector)
+
+
+def test_sector_graph_laws():
+    data = StaticData(x=torch.randn(4, 24, 3), pos=biotac_sp().pos, y=torch.arange(4))
+    assert_transform_static_equals_batched(SectorGraph("biotac_sp"), data)
+    assert SectorGraph("biotac_sp")(StaticData(x=torch.zeros(0, 24, 3))).edge_sector.dim() == 1
+
+
+def test_sector_graph_feeds_sector_conv():
+    x, transform, conv = torch.randn(3, 6, 2), SectorGraph(grid(2, 3, 0.002)), SectorConv(2, 4)
+    data = transform(StaticData(x=x))
+    out = conv(data.x, data.edge_index, data.edge_sector)
+    before = Batch.from_data_list([Data(x=row) for row in x])
+    after = Batch.from_data_list([transform(Data(x=row)) for row in x])
+    for batch in (transform(before), after):
+        found = conv(batch.x, batch.edge_index, batch.edge_sector)
+        assert torch.allclose(found.view(3, 6, 4), out, atol=1e-6)
+    assert_static_equals_batched(conv, x, data.edge_index, data.edge_sector)
+
+
+def test_sector_graph_caller_unedited():
+    data = Data(
+        x=torch.zeros(4, 1), edge_index=torch.tensor([[0], [2]]), edge_attr=torch.ones(1, 4)
+    )
+    out = SectorGraph(grid(2, 2, 0.002))(data)
+    assert "edge_attr" not in out  # it belonged to the edge 0 -> 2
+    assert data.edge_index.tolist() == [[0], [2]]
+    assert data.edge_attr.shape == (1, 4)
+
+
+def test_sector_graph_bad_input():
+    with pytest.raises(ValueError, match=r"4 taxels"):
+        SectorGraph(grid(2, 2, 0.002))(Data(x=torch.zeros(5, 1)))
+    with pytest.raises(ValueError, match=r"'num_sectors' must be at least 1 \(got 0\)"):
+        SectorGraph("biotac_sp", 0)

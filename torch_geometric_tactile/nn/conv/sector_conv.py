@@ -1,0 +1,164 @@
+r"""A graph convolution that knows directions."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn import Parameter
+from torch_geometric.nn import MessagePassing
+from torch_geometric.nn.inits import glorot, zeros
+from torch_geometric.typing import Adj
+
+from torch_geometric_tactile.nn.conv.edge_checks import check_edge_form, check_edge_index, is_traced
+from torch_geometric_tactile.nn.conv.plain import sums_messages
+from torch_geometric_tactile.nn.conv.sector_product import (
+    SectorCache,
+    check_edge_sector,
+    may_run_fast,
+    sector_product,
+)
+
+
+class SectorConv(MessagePassing):
+    r"""A graph convolution with weights of its own for the taxel itself and for the neighbour in
+    each direction, the counterpart of an image's :math:`3 \times 3` convolution on any layout.
+
+    .. math::
+        \mathbf{x}'_i = \mathbf{W}_{\mathrm{self}} \mathbf{x}_i + \mathbf{b} +
+        \sum_{s=0}^{S-1} \mathbf{W}_s \mathbf{x}_{n(i,s)}
+
+    with the neighbour :math:`n(i, s)` of taxel :math:`i` in sector :math:`s` of its tangent plane,
+    as :func:`~torch_geometric_tactile.sensors.sector_edges` finds it; an empty sector adds nothing,
+    and several neighbours in one are added up. On a grid whose pitches differ by a factor of two at
+    most, eight sectors give the numbers of :class:`torch.nn.Conv2d` with a :math:`3 \times 3`
+    kernel and zero padding, at the borders as well.
+
+    For eight and more samples on one topology :math:`(B, N, F)` on a processor it multiplies the
+    neighbours sector by sector, and keeps the table of them for as long as the same edges come in.
+    It passes messages for a single sample or a PyG batch :math:`(N, F)`, on other devices, if
+    :obj:`fast=False`, and wherever something has to see the messages.
+
+    Args:
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        num_sectors (int): Number of sectors :math:`S`.
+        bias (bool): Whether to add a learnable bias.
+        fast (bool): Whether to multiply sector by sector where it pays, which has no second
+            derivative.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`, except for
+            :obj:`flow`.
+
+    Shapes:
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
+          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, sectors
+          :math:`(|\mathcal{E}|,)`
+        - **output:** node features of the same leading shape, :math:`F_{out}` wide
+
+    Raises:
+        ValueError: If a size is below one, :obj:`x` has other features, :obj:`edge_index` has
+            another shape, holds no integers or joins other taxels, or :obj:`edge_sector` does not
+            hold a sector for each edge.
+
+    Examples:
+        >>> conv = SectorConv(3, 8, num_sectors=4)
+        >>> conv
+        SectorConv(3, 8, num_sectors=4)
+        >>> conv(torch.zeros(5, 2, 3), torch.tensor([[0, 1], [1, 0]]), torch.tensor([0, 2])).shape
+        torch.Size([5, 2, 8])
+    """
+
+    # Its own, as of all subclasses: PyG puts a compiled form into the class of the first layer.
+    propagate = MessagePassing.propagate
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        num_sectors: int = 8,
+        bias: bool = True,
+        *,
+        fast: bool = True,
+        **kwargs: Any,
+    ) -> None:
+        if "flow" in kwargs:
+            raise ValueError(
+                "'flow' must be left out: edges run from the neighbour to the taxel (got "
+                f"{kwargs['flow']!r})"
+            )
+        super().__init__(**{"aggr": "add", **kwargs})
+        for name, size in (
+            ("in_channels", in_channels),
+            ("out_channels", out_channels),
+            ("num_sectors", num_sectors),
+        ):
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        self.in_channels = in_channels
+        self.out_channels = out_channels
+        self.num_sectors = num_sectors
+        self.fast = fast
+        # That of the taxel itself first.
+        self.weight = Parameter(torch.empty(1 + num_sectors, in_channels, out_channels))
+        if bias:
+            self.bias = Parameter(torch.empty(out_channels))
+        else:
+            self.register_parameter("bias", None)
+        self._kept = SectorCache()
+        self.reset_parameters()
+
+    def reset_parameters(self) -> None:
+        r"""Draws the weights anew and sets the bias to zero."""
+        super().reset_parameters()
+        glorot(self.weight.flatten(0, 1))
+        zeros(self.bias)
+
+    def forward(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
+        r"""Convolves node features.
+
+        Args:
+            x (torch.Tensor): Node features.
+            edge_index (torch.Tensor): Edges from the neighbour to the taxel.
+            edge_sector (torch.Tensor): The sector of the taxel in which each neighbour lies.
+        """
+        if x.dim() not in (2, 3) or x.size(-1) != self.in_channels:
+            raise ValueError(
+                f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "
+                f"{self.in_channels}) (got {tuple(x.shape)})"
+            )
+        check_edge_form(edge_index, x.size(-2))
+        if self._is_fast(x):
+            table = self._kept.get(edge_index, edge_sector, x.size(1), self.num_sectors)
+            if table is not None:
+                return sector_product(x, table, self.weight, self.bias)
+        check_edge_sector(edge_index, edge_sector, self.num_sectors)
+        if is_traced():
+            return self._gather(x, edge_index, edge_sector)
+        try:
+            return self._gather(x, edge_index, edge_sector)
+        except (IndexError, RuntimeError, ValueError):
+            # Bad edges always fail on a processor: finding out why costs good ones nothing.
+            check_edge_index(edge_index, x.size(-2))
+            raise
+
+    def _is_fast(self, x: Tensor) -> bool:
+        return self.fast and may_run_fast(x) and type(self) is SectorConv and sums_messages(self)
+
+    def _gather(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
+        # Messages go to one place for each sector of each taxel.
+        num_nodes, num_places = x.size(-2), x.size(-2) * self.num_sectors
+        source, target = edge_index.long()
+        places = torch.stack([source, target * self.num_sectors + edge_sector.long()])
+        near = self.propagate(places, x=(x, None), size=(num_nodes, num_places))
+        near = near.reshape(*x.shape[:-1], self.num_sectors * self.in_channels)
+        out = x @ self.weight[0] + near @ self.weight[1:].flatten(0, 1)
+        return out if self.bias is None else out + self.bias
+
+    def message(self, x_j: Tensor) -> Tensor:
+        r"""Returns the neighbour's features."""
+        return x_j
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.in_channels}, {self.out_channels}, "
+            f"num_sectors={self.num_sectors})"
+        )

@@ -1,0 +1,229 @@
+r"""What :class:`~torch_geometric_tactile.nn.models.TaxelNet` is made of: levels of a layout, each
+coarser than the one before, and the blocks of convolutions on them."""
+
+from itertools import pairwise
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+from torch.nn import BatchNorm1d, Module
+from torch.nn.functional import batch_norm
+
+from torch_geometric_tactile.nn.conv import SectorConv, SelfGCNConv
+from torch_geometric_tactile.nn.pool import TaxelPool
+from torch_geometric_tactile.sensors import TaxelLayout, layout_sectors
+
+ConvName = Literal["sector", "self", "difference"]
+CONVS = ("sector", "self", "difference")
+
+
+class TaxelNorm(BatchNorm1d):
+    r"""Batch normalisation of each channel over all samples and taxels, so that all taxels of a
+    channel share one scale. The numbers of a single row are scaled as in evaluation, since they
+    have no spread.
+
+    Args:
+        num_features (int): Number of channels.
+        **kwargs: Further arguments of :class:`torch.nn.BatchNorm1d`.
+
+    Shapes:
+        - **input:** features :math:`(B, N, F)` or :math:`(B, F)`
+        - **output:** likewise
+    """
+
+    def forward(self, input: Tensor) -> Tensor:
+        r"""Scales features.
+
+        Args:
+            input (torch.Tensor): Features.
+        """
+        # In the order in which the convolutions leave them: nothing is copied.
+        rows = input.transpose(0, 1) if input.dim() == 3 else input
+        flat = rows.reshape(-1, rows.size(-1))
+        if self.training and flat.size(0) > 1:
+            out = super().forward(flat)
+        else:
+            out = batch_norm(
+                flat, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps
+            )
+        out = out.view(rows.shape)
+        return out.transpose(0, 1) if input.dim() == 3 else out
+
+
+class ReadingNorm(Module):
+    r"""Scales each channel of readings to mean zero and standard deviation one over all samples and
+    taxels: of the batch in training, and of all batches so far in evaluation, each of which counts
+    the same. After a single batch, raw counts are scaled as they should be.
+
+    Args:
+        num_features (int): Number of channels.
+        eps (float): Added to the variance.
+
+    Shapes:
+        - **input:** features :math:`(B, N, F)`
+        - **output:** likewise
+    """
+
+    running_mean: Tensor
+    running_var: Tensor
+    num_batches_tracked: Tensor
+
+    def __init__(self, num_features: int, eps: float = 1e-6) -> None:
+        super().__init__()
+        self.eps = eps
+        self.register_buffer("running_mean", torch.zeros(num_features))
+        self.register_buffer("running_var", torch.ones(num_features))
+        self.register_buffer("num_batches_tracked", torch.zeros((), dtype=torch.long))
+
+    def reset_parameters(self) -> None:
+        r"""Forgets what was seen."""
+        self.running_mean.zero_()
+        self.running_var.fill_(1.0)
+        self.num_batches_tracked.zero_()
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Scales readings.
+
+        Args:
+            x (torch.Tensor): The readings.
+        """
+        mean, var = self.running_mean, self.running_var
+        if self.training and x.size(0) * x.size(1) > 1:
+            var, mean = torch.var_mean(x, dim=(0, 1), correction=0)
+            with torch.no_grad():
+                self.num_batches_tracked += 1
+                part = 1 / self.num_batches_tracked.to(mean.dtype)
+                self.running_mean.lerp_(mean, part)
+                self.running_var.lerp_(var, part)
+        return (x - mean) * (var + self.eps).rsqrt()
+
+
+class TaxelBlock(Module):
+    r"""A convolution, :class:`TaxelNorm`, the input added where the widths are equal, and ReLU.
+
+    Args:
+        in_channels (int): Size of each input feature.
+        out_channels (int): Size of each output feature.
+        conv (str): :obj:`"sector"`, :obj:`"self"` or :obj:`"difference"`.
+        num_sectors (int): Number of sectors, for :obj:`"sector"`.
+        fast (bool): As of the convolution.
+    """
+
+    def __init__(
+        self, in_channels: int, out_channels: int, conv: ConvName, num_sectors: int, fast: bool
+    ) -> None:
+        super().__init__()
+        self.conv: Module
+        if conv == "sector":
+            self.conv = SectorConv(in_channels, out_channels, num_sectors, bias=False, fast=fast)
+        else:
+            self.conv = SelfGCNConv(
+                in_channels, out_channels, conv == "difference", bias=False, fast=fast
+            )
+        self.norm = TaxelNorm(out_channels)
+        self.is_residual = in_channels == out_channels
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for part in (self.conv, self.norm):
+            part.reset_parameters()  # type: ignore[operator]
+
+    def forward(self, x: Tensor, *edges: Tensor) -> Tensor:
+        r"""Convolves node features :math:`(B, N, F)`.
+
+        Args:
+            x (torch.Tensor): Node features.
+            *edges (torch.Tensor): Edges and, if the convolution needs them, their sectors.
+        """
+        out = self.norm(self.conv(x, *edges))
+        return (x + out).relu() if self.is_residual else out.relu()
+
+
+class TaxelLevel(Module):
+    r"""Blocks on one layout, after the pooling that leads to it.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        pool (TaxelPool, optional): The pooling, whose coarser layout it is.
+        widths (sequence of int): Width before the first block and after each.
+        conv (str): As of :class:`TaxelBlock`.
+        num_sectors (int): Number of sectors.
+        fast (bool): As of :class:`TaxelBlock`.
+    """
+
+    def __init__(
+        self,
+        layout: TaxelLayout,
+        pool: TaxelPool | None,
+        widths: tuple[int, ...],
+        conv: ConvName,
+        num_sectors: int,
+        fast: bool,
+    ) -> None:
+        super().__init__()
+        with torch.device("cpu"):  # on the meta device, edges would lose their numbers
+            edge_index, sector = layout_sectors(layout, num_sectors)
+        # Not in the state: they follow from the layout.
+        self.register_buffer("edge_index", edge_index, persistent=False)
+        self.register_buffer("sector", sector, persistent=False)
+        self.pool = pool
+        self.needs_sector = conv == "sector"
+        self.blocks = torch.nn.ModuleList(
+            TaxelBlock(before, after, conv, num_sectors, fast) for before, after in pairwise(widths)
+        )
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for block in self.blocks:
+            block.reset_parameters()  # type: ignore[operator]
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Pools and convolves node features :math:`(B, N, F)`.
+
+        Args:
+            x (torch.Tensor): Node features of the level before.
+        """
+        if self.pool is not None:
+            x = self.pool(x)
+        edges: tuple[Any, ...] = (self.edge_index,)
+        if self.needs_sector:
+            edges = (self.edge_index, self.sector)
+        for block in self.blocks:
+            x = block(x, *edges)
+        return x
+
+
+def pooled_layouts(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
+    r"""Returns the poolings over :math:`2 \times 2` neighbours that lead to a layout with at most
+    so many taxels, or to one that cannot be pooled further.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        max_taxels (int): Number of taxels.
+    """
+    pools: list[TaxelPool] = []
+    with torch.device("cpu"):
+        while layout.num_taxels > max_taxels:
+            along, across = pitch(layout)
+            pool = TaxelPool(layout, (2 * along, 2 * across))
+            if pool.num_clusters == layout.num_taxels:  # patches of a single taxel
+                break
+            pools.append(pool)
+            layout = pool.coarse
+    return pools
+
+
+def pitch(layout: TaxelLayout) -> tuple[float, float]:
+    r"""Returns the distances between neighbouring taxels along :math:`x` and :math:`y` in metres:
+    the medians over the neighbours in these directions.
+
+    Args:
+        layout (TaxelLayout): The layout.
+    """
+    edge_index, sector = layout_sectors(layout, 4)
+    length = (layout.pos[edge_index[0]] - layout.pos[edge_index[1]]).norm(dim=1)
+    parts = [length[sector % 2 == axis] for axis in range(2)]
+    found = [float(part.median()) for part in parts if len(part)]
+    if not found:
+        return 1.0, 1.0  # no taxel has a neighbour: any length will do
+    return found[0], found[-1]

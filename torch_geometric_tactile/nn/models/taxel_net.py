@@ -1,0 +1,221 @@
+r"""The model of tactile readings to begin with."""
+
+from collections.abc import Sequence
+from typing import Literal, Optional, Union
+
+import torch
+from torch import Tensor
+from torch.nn import Dropout, Linear, Module, ModuleList
+from torch_geometric.nn.inits import reset
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models.tactile_model import with_joints
+from torch_geometric_tactile.nn.models.taxel_levels import (
+    CONVS,
+    ConvName,
+    ReadingNorm,
+    TaxelLevel,
+    TaxelNorm,
+    pooled_layouts,
+)
+from torch_geometric_tactile.nn.models.taxels import load_layout
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike
+
+HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
+
+
+class TaxelNet(Module, TactileHubMixin):
+    r"""The model to take first for the readings of any layout: convolutions that know directions,
+    with residuals and batch normalisation, pooling over neighbours where the layout is large, and a
+    head that sees the taxels one by one and all together. It is ours and no paper's.
+
+    Levels of blocks, each a :class:`~torch_geometric_tactile.nn.conv.SectorConv`, batch
+    normalisation, a residual where widths are equal, and ReLU. Between levels, a
+    :class:`~torch_geometric_tactile.nn.pool.TaxelPool` keeps the maximum over about :math:`2
+    \times 2` neighbours of a patch, until at most :obj:`max_taxels` are left: never on 24
+    electrodes, three times on :math:`28 \times 50` taxels. A hidden layer and the logits follow.
+
+    It finds its neighbours in the layout: :obj:`edge_index` is accepted and not used, and the data
+    need not have any. Readings are scaled by batch normalisation with one scale for all taxels of a
+    channel, so that raw counts will do; a tare or a common mode before it is the user's choice.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
+            of a layout file.
+        out_channels (int): Number of labels or classes :math:`C`.
+        in_channels (int): Features of each taxel :math:`F`: its channels, or the frames of each.
+        widths (sequence of int, optional): Width of each level, the last for all further ones. If
+            left out, 32 without pooling, and 16, 32 and 64 with it.
+        depth (int): Blocks of each level; the first of several has one.
+        conv (str): :obj:`"sector"`, or :obj:`"self"` and :obj:`"difference"` for the forms of
+            :class:`~torch_geometric_tactile.nn.conv.SelfGCNConv`, which know no directions.
+        num_sectors (int): Number of directions.
+        head (str): What the last level gives: :obj:`"flat"` (all taxels side by side),
+            :obj:`"mean"`, :obj:`"max"` or :obj:`"all"` three.
+        hidden_channels (int): Width of the hidden layer.
+        direct_channels (int): Width of a layer on all readings side by side that joins before the
+            hidden layer, as of a fully connected network; 0 for none.
+        dropout (float): Part of the features dropped in training before each layer of the head.
+        max_taxels (int): Number of taxels above which a level is pooled.
+        num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
+        fast (bool): As of :class:`~torch_geometric_tactile.nn.conv.SectorConv`; without it, there
+            are second derivatives.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`; joint angles in radians :math:`(B, J)`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If :obj:`layout` is a number, :obj:`conv` or :obj:`head` is unknown, a size is
+            below one, or :obj:`x` has other taxels or features.
+
+    Examples:
+        >>> model = TaxelNet("biotac_sp", 2)
+        >>> model
+        TaxelNet(24, 2, in_channels=3, widths=(32,), taxels=(24,), head='all')
+        >>> model(torch.zeros(5, 24, 3)).shape
+        torch.Size([5, 2])
+    """
+
+    def __init__(
+        self,
+        layout: Union[TaxelLayout, PathLike] = "allegro_uskin",
+        out_channels: int = 6,
+        *,
+        in_channels: int = 3,
+        widths: Optional[Sequence[int]] = None,
+        depth: int = 2,
+        conv: ConvName = "sector",
+        num_sectors: int = 8,
+        head: Literal["flat", "mean", "max", "all"] = "all",
+        hidden_channels: int = 64,
+        direct_channels: int = 0,
+        dropout: float = 0.3,
+        max_taxels: int = 64,
+        num_joints: int = 0,
+        fast: bool = True,
+    ) -> None:
+        super().__init__()
+        layout = load_layout(layout, "the neighbours of its taxels")
+        sizes = {
+            "out_channels": out_channels,
+            "in_channels": in_channels,
+            "depth": depth,
+            "num_sectors": num_sectors,
+            "hidden_channels": hidden_channels,
+            "max_taxels": max_taxels,
+        }
+        for name, size in sizes.items():
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        for name, size in (("direct_channels", direct_channels), ("num_joints", num_joints)):
+            if size < 0:
+                raise ValueError(f"'{name}' must not be negative (got {size})")
+        if conv not in CONVS:
+            raise ValueError(f"'conv' must be one of {CONVS} (got {conv!r})")
+        if head not in HEADS:
+            raise ValueError(f"'head' must be one of {tuple(HEADS)} (got {head!r})")
+        self.num_nodes = layout.num_taxels
+        self.out_channels = out_channels
+        self.in_channels = in_channels
+        self.head = head
+        self.num_joints = num_joints
+        pools = pooled_layouts(layout, max_taxels)
+        self.widths = _widths(widths, 1 + len(pools))
+        self.norm = ReadingNorm(in_channels)
+        self.levels = ModuleList()
+        width = in_channels
+        for i, after in enumerate(self.widths):
+            blocks = 1 if i == 0 and pools else depth
+            pool = pools[i - 1] if i else None
+            level = (width, *[after] * blocks)
+            on = layout if pool is None else pool.coarse
+            self.levels.append(TaxelLevel(on, pool, level, conv, num_sectors, fast))
+            width = after
+        self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
+        parts = {"flat": self.taxels[-1] * width, "mean": width, "max": width}
+        size = sum(parts[part] for part in HEADS[head]) + direct_channels + num_joints
+        self.direct: Optional[Linear] = None
+        if direct_channels:
+            self.direct = Linear(self.num_nodes * in_channels, direct_channels, bias=False)
+            self.norm_direct = TaxelNorm(direct_channels)
+        self.dropout = Dropout(dropout)
+        self.lin = Linear(size, hidden_channels, bias=False)
+        self.norm_hidden = TaxelNorm(hidden_channels)
+        self.lin_out = Linear(hidden_channels, out_channels)
+
+    @property
+    def modalities(self) -> tuple[str, ...]:
+        r"""The attributes of a batch that :meth:`forward` needs by keyword."""
+        return ("joint",) if self.num_joints else ()
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for child in self.children():
+            reset(child)
+
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+    ) -> Tensor:
+        r"""Returns the logits :math:`(B, C)`.
+
+        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
+
+        Args:
+            x (torch.Tensor): Readings.
+            edge_index (torch.Tensor, optional): Not used.
+            edge_attr (torch.Tensor, optional): Not used.
+            joint (torch.Tensor, optional): Joint angles in radians, if the model has them.
+            absolute (torch.Tensor, optional): Not used.
+            pos (torch.Tensor, optional): Not used.
+        """
+        x = self.norm(self._samples(x))
+        h = x
+        for level in self.levels:
+            h = level(h)
+        parts = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
+        found = [parts[part] for part in HEADS[self.head]]
+        if self.direct is not None:
+            found.append(self.norm_direct(self.direct(x.flatten(1))).relu())
+        rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
+        return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
+
+    def _samples(self, x: Tensor) -> Tensor:
+        # Of any form, sample by sample (B, N, F).
+        width = self.in_channels
+        if x.dim() not in (2, 3) or x.size(-1) != width:
+            raise ValueError(f"'x' must have {width} features (got shape {tuple(x.shape)})")
+        if x.dim() == 3 and x.size(1) == self.num_nodes:
+            return x
+        if x.dim() == 2 and x.size(0) % self.num_nodes == 0:
+            return x.reshape(-1, self.num_nodes, width)
+        raise ValueError(
+            f"'x' must have {self.num_nodes} taxels in each sample (got shape {tuple(x.shape)})"
+        )
+
+    def __repr__(self) -> str:
+        joints = f", num_joints={self.num_joints}" if self.num_joints else ""
+        return (
+            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
+            f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
+            f"head={self.head!r}{joints})"
+        )
+
+
+def _widths(widths: Optional[Sequence[int]], num_levels: int) -> tuple[int, ...]:
+    # The width of each level.
+    if widths is None:
+        widths = (32,) if num_levels == 1 else (16, 32, 64)
+    widths = tuple(widths)
+    if not widths or min(widths) < 1:
+        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
+    return (*widths, *[widths[-1]] * num_levels)[:num_levels]

@@ -1,0 +1,114 @@
+r"""Pooling over taxels."""
+
+from collections.abc import Sequence
+from typing import Literal, Union
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, taxel_clusters
+from torch_geometric_tactile.typing import PathLike
+
+
+class TaxelPool(torch.nn.Module):
+    r"""Pools the features of neighbouring taxels: those of a patch, of a digit, or of a voxel of a
+    given size. The coarser layout, on which convolutions may go on, is :obj:`coarse`.
+
+    .. math::
+        \mathbf{x}'_c = \max_{i \in c} \mathbf{x}_i \qquad \text{or} \qquad
+        \mathbf{x}'_c = \frac{1}{|c|} \sum_{i \in c} \mathbf{x}_i
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
+            of a layout file.
+        by (str, float or sequence of float): What is pooled, as in
+            :func:`~torch_geometric_tactile.sensors.taxel_clusters`: :obj:`"patch"`,
+            :obj:`"digit"`, or the edge length of voxels in metres, one number or one each along
+            :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2` taxels.
+        aggr (str): :obj:`"max"` or :obj:`"mean"`.
+
+    Shapes:
+        - **input:** features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`
+        - **output:** features of the :math:`M` clusters, :math:`(M, F)`, :math:`(B, M, F)` or
+          :math:`(B \cdot M, F)`
+
+    Raises:
+        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has other taxels.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> pool = TaxelPool(grid(2, 4, pitch=0.002), by=0.004)
+        >>> pool
+        TaxelPool(8, 2, by=0.004, aggr='max')
+        >>> pool(torch.arange(8.0).view(8, 1)).view(-1)
+        tensor([5., 7.])
+    """
+
+    members: Tensor
+    share: Tensor
+
+    def __init__(
+        self,
+        layout: Union[TaxelLayout, PathLike],
+        by: Union[Literal["patch", "digit"], float, Sequence[float]],
+        aggr: Literal["max", "mean"] = "max",
+    ) -> None:
+        super().__init__()
+        if aggr not in ("max", "mean"):
+            raise ValueError(f"'aggr' must be 'max' or 'mean' (got {aggr!r})")
+        with torch.device("cpu"):  # on the meta device, a layout would lose its numbers
+            found = taxel_clusters(as_layout(layout), by)
+            members, share = _table(found.cluster)
+        self.by = by if isinstance(by, str | float | int) else tuple(by)
+        self.aggr = aggr
+        self.coarse = found.layout
+        self.num_taxels = len(found.cluster)
+        self.num_clusters = found.layout.num_taxels
+        # Not in the state: they follow from the arguments.
+        self.register_buffer("members", members, persistent=False)
+        self.register_buffer("share", share, persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Pools features.
+
+        Args:
+            x (torch.Tensor): Features.
+        """
+        num_taxels = self.num_taxels
+        if (
+            x.dim() not in (2, 3)
+            or x.size(-2) % num_taxels
+            or (x.dim() == 3 and x.size(1) != num_taxels)
+        ):
+            raise ValueError(
+                f"'x' must have {num_taxels} taxels, as the layout (got shape {tuple(x.shape)})"
+            )
+        rows = x if x.dim() == 3 else x.reshape(-1, num_taxels, x.size(-1))
+        # Taxel by taxel, as the convolutions leave them: whole rows are copied.
+        near = rows.transpose(0, 1).index_select(0, self.members.view(-1))
+        near = near.unflatten(0, (self.num_clusters, -1))
+        if self.aggr == "max":
+            out = near.amax(dim=1)
+        else:
+            out = (near * self.share.to(x.dtype)[:, :, None, None]).sum(dim=1)
+        out = out.transpose(0, 1)
+        return out if x.dim() == 3 else out.reshape(-1, x.size(-1))
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.num_taxels}, {self.num_clusters}, by={self.by!r}, "
+            f"aggr={self.aggr!r})"
+        )
+
+
+def _table(cluster: Tensor) -> tuple[Tensor, Tensor]:
+    # The taxels of each cluster (M, K), the first again in free places, and their share of a mean.
+    count = cluster.bincount()
+    order = cluster.argsort(stable=True)
+    place = torch.arange(len(cluster)) - (count.cumsum(0) - count)[cluster[order]]
+    members = order[count.cumsum(0) - count].unsqueeze(1).repeat(1, int(count.max()))
+    share = torch.zeros(members.shape)
+    members[cluster[order], place] = order
+    share[cluster[order], place] = 1 / count[cluster[order]].float()
+    return members, share

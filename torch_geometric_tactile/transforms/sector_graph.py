@@ -1,0 +1,85 @@
+r"""Edges to the nearest taxel in each direction."""
+
+from typing import Literal
+
+import torch
+from torch_geometric.data import Batch, Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout, layout_sectors
+from torch_geometric_tactile.transforms._attributes import check_num_taxels
+from torch_geometric_tactile.typing import PathLike
+
+# What belonged to other edges.
+_OF_EDGES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")
+
+
+@functional_transform("sector_graph")
+class SectorGraph(BaseTransform):
+    r"""Joins each taxel with its nearest neighbour in each sector of its tangent plane (functional
+    name: :obj:`sector_graph`), for :class:`~torch_geometric_tactile.nn.conv.SectorConv`. See
+    :func:`~torch_geometric_tactile.sensors.sector_edges` for the directions.
+
+    The edges are those of the layout, whatever the pose: places and axes are in the frames of the
+    links.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
+            with the package, or a layout file.
+        num_sectors (int): Number of sectors.
+        radius (float, optional): Largest distance of a neighbour in metres; if left out, three
+            times the distance of neighbouring taxels.
+        within (str): What neighbours share, :obj:`"patch"` or :obj:`"link"`.
+
+    Shapes:
+        - **output:** :obj:`edge_index` :math:`(2, |\mathcal{E}|)` from the neighbour to the taxel,
+          and its sector :obj:`edge_sector` :math:`(|\mathcal{E}|,)`
+
+    Raises:
+        ValueError: If :obj:`num_sectors` is below one, :obj:`radius` is not positive,
+            :obj:`within` is unknown, or the data has other taxels.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> data = Data(x=torch.zeros(4, 1))
+        >>> SectorGraph(grid(2, 2, pitch=0.002))(data).edge_sector
+        tensor([0, 1, 2, 2, 3, 4, 0, 6, 7, 4, 5, 6])
+    """
+
+    supports_static = True
+
+    def __init__(
+        self,
+        layout: TaxelLayout | PathLike,
+        num_sectors: int = 8,
+        radius: float | None = None,
+        within: Literal["patch", "link"] = "patch",
+    ) -> None:
+        self.layout = as_layout(layout)
+        self.num_sectors = num_sectors
+        self.radius = radius
+        self.within = within
+        self._edges = layout_sectors(self.layout, num_sectors, radius, within)
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`edge_index` and :obj:`edge_sector`, and drops what other edges had."""
+        num_taxels = self.layout.num_taxels
+        check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
+        for key in _OF_EDGES:
+            if key in data:
+                del data[key]
+        edge_index, sector = self._edges
+        number = data.num_graphs if isinstance(data, Batch) else 1
+        start = num_taxels * torch.arange(number).view(-1, 1, 1)
+        edges = (edge_index + start).transpose(0, 1).flatten(1)
+        like = data.x if getattr(data, "x", None) is not None else edges
+        data.edge_index = edges.to(like.device)
+        data.edge_sector = sector.repeat(number).to(like.device)
+        return data
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}('{self.layout.name}', num_sectors={self.num_sectors}, "
+            f"radius={self.radius}, within={self.within!r})"
+        )
