@@ -64,7 +64,7 @@ def test_all_models_that_fit_the_data_are_planned(tmp_path):
     names = [cell.experiment for cell in found.table.cells]
     assert "cnn" in names
     assert "posed_taxel_net" not in names
-    assert len(found.experiments) == 5 * len(names)
+    assert len(found.experiments) == 4 * len(names)
     assert found.protocols[0].protocol.describe() == "4 folds by trial, stratified by y"
 
 
@@ -81,7 +81,6 @@ def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()
     assert Task.of(dataset, "accuracy", 0.6).posed
-    assert not Task.of(dataset[:0].copy([0, 1]), "accuracy", 0.6).posed or True
     arrays = {"x": torch.zeros(6, 12, 1), "y": torch.tensor([0, 1] * 3), "layout": grid(3, 4, 0.01)}
     from torch_geometric_tactile.data import StaticDataset
 
@@ -261,7 +260,7 @@ def test_model_that_lacks_a_split_is_left_out(tmp_path):
 def test_pages_hold_the_numbers(tmp_path):
     comparison = made_up(plan(tmp_path, THREE), {"gcn": GOOD, "fnn": POOR})
     page = comparison_markdown(comparison)
-    assert "| gcn | graph | 100.0 ± 0.0 | 100.0 ± 0.0 | 50.0 ± 0.0 | +75.0 \\* |" in page
+    assert "| gcn | graph | 100.0 ± 0.0 | 100.0 ± 0.0 | 50.0 ± 0.0 | +75.0 * |" in page
     assert "48 samples, 12 trials; 3 folds by trial, stratified by y, 3 splits" in page
     lines = comparison_csv(comparison).splitlines()
     assert lines[0].startswith("model,kind,metric,mean,sd,splits,difference,over_splits")

@@ -33,7 +33,8 @@ def balanced_protocol(
     Args:
         dataset (StaticDataset): The samples.
         by (str): :obj:`"frame"`, :obj:`"trial"` or :obj:`"group"`.
-        folds (int): Number of folds, at most; fewer if there are fewer units.
+        folds (int): Number of folds, at most; fewer if there are fewer units, in all or of the most
+            frequent class.
         quiet (bool): Whether to leave out the warning of classes with fewer units than folds.
 
     Raises:
@@ -46,15 +47,18 @@ def balanced_protocol(
     y = dataset.column("y")
     if y is None or y.dim() != 1 or y.is_floating_point():
         return plain
-    stratified = Protocol(by, folds=min(folds, count), stratify="y")  # type: ignore[arg-type]
-    with warnings.catch_warnings():
-        if quiet:
-            warnings.simplefilter("ignore")
-        try:
-            splits = [stratified.split(dataset, 0, fold) for fold in range(min(folds, count))]
-        except ValueError:  # the most frequent class has fewer units than folds
-            return plain
-    return stratified if all(len(split.test) for split in splits) else plain
+    for number in range(min(folds, count), 1, -1):
+        stratified = Protocol(by, folds=number, stratify="y")  # type: ignore[arg-type]
+        with warnings.catch_warnings():
+            if quiet:
+                warnings.simplefilter("ignore")
+            try:
+                splits = [stratified.split(dataset, 0, fold) for fold in range(number)]
+            except ValueError:  # the most frequent class has fewer units than folds
+                continue
+        if all(len(split.test) for split in splits):
+            return stratified
+    return plain
 
 
 def num_units(dataset: StaticDataset, by: str) -> int:

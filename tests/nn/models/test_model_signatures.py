@@ -10,13 +10,14 @@ from torch_geometric_tactile.nn import (
     MTGCN,
     GraspGCN,
     HandCNN,
+    SmallCNN,
     TactileFNN,
     TactileGCN,
     TaxelNet,
 )
 from torch_geometric_tactile.sensors import stock_path
 
-CLASSES = [MTCNN, MTGCN, GraspGCN, HandCNN, TactileFNN, TactileGCN, TaxelNet]
+CLASSES = [MTCNN, MTGCN, GraspGCN, HandCNN, SmallCNN, TactileFNN, TactileGCN, TaxelNet]
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
 
@@ -109,7 +110,12 @@ def test_model_layout_bad(cls):
     more = {"num_edges": 3} if cls is MTGCN else {}
     with pytest.raises(ValueError, match=r"'layout' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
         cls("hand", **more)
-    needs = {HandCNN: "image map", MTCNN: "image map", TaxelNet: "neighbours"}
+    needs = {
+        HandCNN: "image map",
+        MTCNN: "image map",
+        SmallCNN: "image map",
+        TaxelNet: "neighbours",
+    }
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):
         cls(0, **more)
