@@ -89,7 +89,7 @@ def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
 
 
 @pytest.mark.parametrize(
-    ("num_train", "batch_size", "epochs"), [(100, 64, 150), (4000, 64, 48), (10**6, 128, 8)]
+    ("num_train", "batch_size", "epochs"), [(100, 32, 100), (4000, 64, 32), (10**6, 128, 8)]
 )
 def test_epochs_follow_from_the_number_of_samples(num_train, batch_size, epochs):
     task = Task(grid(3, 4, 0.01), "accuracy", num_train)

@@ -108,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what models are chosen and compared by (default: accuracy, or mae of numbers)",
     )
     parser.add_argument(
-        "--epochs", metavar="N", type=positive, help="most epochs of a network (default: 8 to 150)"
+        "--epochs", metavar="N", type=positive, help="most epochs of a network (default: 8 to 100)"
     )
     parser.add_argument(
         "--stride", metavar="N", type=positive, help="every N-th frame of a folder of recordings"

@@ -13,9 +13,9 @@ from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_l
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-_STEPS = 3000
-_EPOCHS = (8, 150)
-_MANY_SAMPLES = 4000
+_STEPS = 2000
+_EPOCHS = (8, 100)
+_BATCHES = {1000: 32, 4000: 64, math.inf: 128}  # by the most samples that are trained on
 _MOST_SVM_SAMPLES = 10_000
 
 Settings = Sequence[dict[str, Any]]
@@ -63,11 +63,11 @@ class Task:
     @property
     def batch_size(self) -> int:
         r"""Number of samples of a batch."""
-        return 64 if self.num_train <= _MANY_SAMPLES else 128
+        return next(size for most, size in _BATCHES.items() if self.num_train <= most)
 
     @property
     def max_epochs(self) -> int:
-        r"""The most epochs: about three thousand steps, between 8 and 150 epochs."""
+        r"""The most epochs: about two thousand steps, between 8 and 100 epochs."""
         if self.epochs is not None:
             return self.epochs
         few, many = _EPOCHS
