@@ -25,6 +25,7 @@ import torch_geometric
 from hand_frames import LAYOUT, Frames, fused_adam, pose_and_edges, train_step
 from plain_pyg import PlainGCN, PlainSegmented
 from throughput_memory import measured
+from throughput_precision import measure_precision
 from throughput_report import describe_machine, lines_of
 from torch import Tensor, nn
 from torch_geometric.data import Data
@@ -38,7 +39,7 @@ from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileGCN
 from torch_geometric_tactile.transforms import ZScore, fit_transform
 
-_PARTS = ("train", "latency", "data", "memory")
+_PARTS = ("train", "precision", "latency", "data", "memory")
 
 
 def parse(argv: list[str] | None = None) -> argparse.Namespace:
@@ -63,6 +64,9 @@ def parse(argv: list[str] | None = None) -> argparse.Namespace:
         type=_positive,
         default=136_000,
         help="frames of the data set whose memory is measured (default: 80 trials x 1700)",
+    )
+    parser.add_argument(
+        "--root", type=Path, help="recordings of the hand, for the accuracy with bfloat16"
     )
     parser.add_argument("--out", type=Path, help="folder for throughput.json and throughput.md")
     return parser.parse_args(argv)
@@ -256,6 +260,9 @@ def main(argv: list[str] | None = None) -> int:
     args = parse(argv)
     measures: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
         "train": measure_training,
+        "precision": lambda args: measure_precision(
+            args.batch_size, args.rounds, args.threads, args.root
+        ),
         "latency": measure_latency,
         "data": measure_data,
         "memory": measure_memory,

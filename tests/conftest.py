@@ -97,6 +97,30 @@ def bts3_root(bts3_recordings, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def icub_root(tmp_path_factory):
+    """A root of ICubGrasp with the 230 published files in it."""
+    shared = Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("TACTILE_TEST_DATA") or shared)
+    inner = (
+        "icub_grasp/iCubGraspDataset",
+        "iCubGraspDataset",
+        ".",
+        "../icub_grasp/iCubGraspDataset",
+    )
+    found = [folder / name for name in inner if (folder / name / "blue_bear_1.txt").is_file()]
+    if not found:
+        pytest.skip(
+            f"the iCub Grasp data set is not in '{folder}/iCubGraspDataset'; "
+            "set TACTILE_TEST_DATA to the folder that has it"
+        )
+    root = tmp_path_factory.mktemp("icub")
+    (root / "raw").mkdir()
+    for path in found[0].glob("*_*.txt"):
+        shutil.copyfile(path, root / "raw" / path.name)
+    return root
+
+
+@pytest.fixture(scope="session")
 def write_bts3():
     """Writes six small files with the upstream names: ``write_bts3(folder)``."""
 

@@ -1,9 +1,10 @@
+import json
 import sys
 
 import pytest
 
 from torch_geometric_tactile.cli import build_parser, main
-from torch_geometric_tactile.commands.simulate import _OBJECT_SETS, _PRESETS
+from torch_geometric_tactile.commands.simulate import _OBJECT_SETS, _PRESETS, _SPREADS
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
@@ -13,6 +14,7 @@ from torch_geometric_tactile.sim import (
     OBJECT_SETS,
     PHASES,
     PRESETS,
+    SPREADS,
     GraspPlan,
     paper8,
     plan_grasp,
@@ -59,6 +61,7 @@ def files(folder):
 def test_choices_are_those_of_the_simulation():
     assert tuple(OBJECT_SETS) == _OBJECT_SETS
     assert tuple(PRESETS) == _PRESETS
+    assert tuple(SPREADS) == _SPREADS
     assert len(twenty()) == 20
 
 
@@ -91,6 +94,25 @@ def test_trials_by_the_preset(quick, capsys):
     out, _ = quick
     assert main(["simulate", "--out", str(out), "--preset", "ci", "--jobs", "1"]) == 0
     assert capsys.readouterr().out.startswith("6 trials")
+
+
+def test_shapes_with_a_wide_spread(quick, capsys):
+    out, run = quick
+    chosen = ["--objects", "shapes", "--num-objects", 3, "--spread", "wide", "--seconds", 4]
+    assert run(*chosen) == 0
+    assert capsys.readouterr().out.startswith("6 trials (0 kept from before), 6 attempts")
+    summary = json.loads((out / "simulation.json").read_text())
+    assert summary["spread"]["lazy_finger"] == 0.3
+    assert summary["preset"]["duration"] == 4.0
+    assert run(*chosen[:-1], 5) == 1
+    assert "was made with another 'preset'" in capsys.readouterr().err
+
+
+def test_number_of_objects_of_a_fixed_set(quick, capsys):
+    out, run = quick
+    assert run("--num-objects", 3) == 1
+    assert "'num_objects' must be left out for objects other than" in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_given_up_trials_are_listed_and_the_status_is_1(quick, capsys, monkeypatch):
@@ -208,6 +230,12 @@ def test_other_wrong_arguments_are_refused(capsys):
         (["--seed", "-1"], "argument --seed: must not be negative (got -1)"),
         (["--objects", "nine"], "argument --objects: invalid choice: 'nine'"),
         (["--preset", "slow"], "argument --preset: invalid choice: 'slow'"),
+        (["--spread", "narrow"], "argument --spread: invalid choice: 'narrow'"),
+        (["--seconds", "0.5"], "--seconds: must be a number of seconds from 1 to 3600 (got '0.5')"),
+        (["--seconds", "nan"], "--seconds: must be a number of seconds from 1 to 3600 (got 'nan')"),
+        (["--seconds", "1_0"], "--seconds: must be a number of seconds from 1 to 3600 (got '1_0')"),
+        (["--seconds", "long"], "must be a number of seconds from 1 to 3600 (got 'long')"),
+        (["--num-objects", "0"], "argument --num-objects: must be at least 1 (got 0)"),
     ]:
         with pytest.raises(SystemExit, match="2"):
             build_parser().parse_args(["simulate", "--out", "a", *arguments])

@@ -24,7 +24,7 @@ def samples(num_samples=3, **kwargs):
 def test_known_attributes_are_shared_by_their_dimensions(key, level, rank, num_samples):
     if key in ("x", "edge_index", "adj", "adj_t"):
         return
-    size = (NODES if level == "node" else EDGES, 3)[:rank]
+    size = (NODES if level == "node" else EDGES, 3, 3)[:rank]
     data = samples(num_samples, **{key: torch.zeros(size)})
     assert data.level(key) == level
     assert data.is_shared(key)

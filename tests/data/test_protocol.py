@@ -74,7 +74,7 @@ def test_from_dict_rejects_unknown_keys():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"by": "object"}, r"'by' must be 'frame', 'trial', 'group' or 'given' \(got 'object'\)"),
+        ({"by": "object"}, r"'by' must be 'frame', .*, 'size' or 'given' \(got 'object'\)"),
         ({"folds": 1}, r"'folds' must be at least 2 \(got 1\)"),
         ({"folds": 3, "test": 0.2}, r"'test' must be None where a fold is tested on \(got 0.2\)"),
         ({"leave_one_out": True, "folds": 3}, r"'folds' must be None with 'leave_one_out'"),

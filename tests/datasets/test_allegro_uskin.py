@@ -286,9 +286,9 @@ def test_summary(root):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"task": "shape"}, r"'task' must be 'object' or 'property' \(got 'shape'\)"),
+        ({"task": "mass"}, r"'task' must be one of \('object', .*, 'yaw'\) \(got 'mass'\)"),
         ({"split": "all"}, r"'split' must be 'train', 'val', 'test' or None \(got 'all'\)"),
-        ({"split_by": "object"}, r"'split_by' must be 'trial' or 'frame' \(got 'object'\)"),
+        ({"split_by": "object"}, r"'split_by' must be one of \('trial', .* \(got 'object'\)"),
         ({"stride": 0}, r"'stride' must be at least 1 \(got 0\)"),
         ({"phases": ["hold", "fly"]}, r"'phases' must be some of \['reach', 'lift', 'hold'\]"),
         ({"phases": []}, r"'phases' must be some of .* \(got \[\]\)"),

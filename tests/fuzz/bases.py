@@ -106,6 +106,16 @@ def biotac_csv(folder: Path) -> None:
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
 
 
+def icub_txt(folder: Path) -> None:
+    lines = ["-10000"]
+    for frame in range(4):
+        rows = [[240 - (7 * i + 5 * k + frame) % 19 for k in range(12)] for i in range(5)]
+        lines.append(" ".join(f"{10.5 * i + frame:g}" for i in range(9)) + " ")
+        lines.append(" ".join(f"{255 - min(row)}.0" for row in rows))
+        lines += [" ".join(f"{cell}.0" for cell in row) for row in rows]
+    (folder / "cup_1.txt").write_bytes("".join(f"{line}\r\n" for line in lines).encode())
+
+
 def npz(folder: Path) -> None:
     from torch_geometric_tactile.io import write_npz
 

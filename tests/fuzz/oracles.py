@@ -191,6 +191,28 @@ def biotac_csv(data: bytes) -> Any:
     return [values.astype(np.float32), found[:, 0].astype(np.int64), objects]
 
 
+def icub_txt(data: bytes) -> Any:
+    """Seven lines a frame, with 9, 5 and five times 12 numbers."""
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError as error:
+        raise Refused(str(error)) from error
+    _need(text.endswith("\n") and not re.search(r"[^ -~\t\n\r]|\r(?!\n)", text))
+    lines = [line.split() for line in text.split("\n")[:-1]]
+    _need([number(cell) for cell in lines[0]] == [-10000.0])
+    frames = [lines[i : i + 7] for i in range(1, len(lines), 7)]
+    _need(len(frames) > 0 and all(list(map(len, f)) == [9, 5] + 5 * [12] for f in frames))
+    _need(not any("_" in cell for line in lines for cell in line))
+    cells = [numbers(frame) for i in range(7) for frame in [[f[i] for f in frames]]]
+    encoder, maximum, reading = cells[0], cells[1], np.concatenate(cells[2:], axis=1)
+    for values in (maximum, reading):
+        _need(bool(np.isin(values, np.arange(256)).all()))
+    _need(bool((np.abs(encoder) <= 360).all()))
+    lowest = np.stack([part.min(axis=1) for part in cells[2:]], axis=1)
+    _need(bool((np.abs(255 - lowest - maximum) <= 6).all()))
+    return [v.astype(np.float32) for v in (reading, np.deg2rad(encoder), maximum)]
+
+
 _LEFT = re.compile(r'}|"\s*:')
 
 

@@ -86,6 +86,12 @@ def biotac_csv(path: Path) -> Any:
     return plain(tuple(read_biotac_sp_csv(path)))
 
 
+def icub_txt(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_icub_grasp_txt
+
+    return plain(tuple(read_icub_grasp_txt(path)))
+
+
 def npz(path: Path) -> Any:
     from torch_geometric_tactile.io import read_npz
 

@@ -88,6 +88,17 @@ def _text(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return JUDGED
 
 
+def _spaced(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """Text mutations of cells that are separated by blanks."""
+    if draw.random() < 0.4:
+        return _bytes(path, data, draw, other)
+    text = "\n".join(",".join(line.split()) for line in data.decode().splitlines()) + "\n"
+    for _ in range(draw.choice([1, 1, 1, 2])):
+        text = draw.choice(TEXT)(text, draw) or "\n"
+    path.write_bytes(encoded(text.replace(",", " "), draw))
+    return JUDGED
+
+
 def _json(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     if draw.random() < 0.4:
         return _bytes(path, data, draw, other)
@@ -204,6 +215,7 @@ TARGETS: Sequence[Target] = (
         7,
     ),
     Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
+    Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
     Target("npz", bases.npz, readers.npz, _npz, weight=8),
     Target("samples npz", bases.samples_npz, readers.samples_npz, _samples_npz, weight=4),
     Target("HDF5", bases.hdf5, readers.hdf5, _hdf5, weight=7),

@@ -44,8 +44,10 @@ OTHER = TaxelLayout("other", pos=LAYOUT.pos + 1, patch=LAYOUT.patch, patch_names
 def samples():
     draw = torch.Generator().manual_seed(1)
     return StaticData(
-        x=torch.randn(8, 6, 2, generator=draw) + 3,
+        x=torch.randn(8, 6, 3, generator=draw) + 3,
         pos=LAYOUT.pos,
+        normal=LAYOUT.normal,
+        tangent=LAYOUT.axes()[:, :2],
         edge_index=LAYOUT.edge_index("ring"),
         edge_attr=torch.rand(6, 2, generator=draw),
         joint=torch.randn(8, 2, generator=draw),
@@ -59,6 +61,11 @@ OURS = {
     "AbsoluteMorphology": [
         lambda: transforms.AbsoluteMorphology(),
         lambda: transforms.AbsoluteMorphology((0.1, 0.2, 0.3), cat=True),
+    ],
+    "CommonMode": [
+        lambda: transforms.CommonMode(),
+        lambda: transforms.CommonMode("patch", LAYOUT),
+        lambda: transforms.CommonMode([4, 4, 7, 7, 7, 9]),
     ],
     "DropPatches": [
         lambda: transforms.DropPatches(LAYOUT, patches=["right"], value=float("nan")),
@@ -92,9 +99,14 @@ OURS = {
         lambda: transforms.Tare("trial", first=1),
         lambda: transforms.Tare(seconds=0.15),
     ],
+    "TaxelForce": [
+        lambda: transforms.TaxelForce(),
+        lambda: transforms.TaxelForce("force"),
+    ],
     "TaxelPose": [
         lambda: transforms.TaxelPose(LAYOUT, HAND),
         lambda: transforms.TaxelPose(LAYOUT, HAND, normal=False),
+        lambda: transforms.TaxelPose(LAYOUT, HAND, tangent=True),
     ],
     "TopologicalSegmentation": [
         lambda: transforms.TopologicalSegmentation("patch", LAYOUT),

@@ -8,6 +8,7 @@ once more, and compares what it made with an undisturbed run. No temporary may b
 """
 
 import argparse
+import json
 import logging
 import os
 import signal
@@ -47,7 +48,7 @@ class Job(NamedTuple):
 def jobs() -> list[Job]:
     """Returns all jobs whose extras are installed."""
     found = [processing(), convert()]
-    for make in (append, store, fit, demo, simulation):
+    for make in (append, store, fit, report, demo, simulation):
         try:
             found.append(make())
         except ImportError:
@@ -226,7 +227,7 @@ def fit() -> Job:
     return Job("fit", nothing, run, read, 2)
 
 
-def demo() -> Job:
+def report() -> Job:
     """Writes the pages of a report as the demo does, without its training."""
     from torch_geometric_tactile import Predictor
     from torch_geometric_tactile.nn import TactileFNN
@@ -258,6 +259,35 @@ def demo() -> Job:
         return {path.name: path.read_bytes() for name in names for path in folder.glob(name)}
 
     return Job("report", nothing, run, read, 2)
+
+
+def demo() -> Job:
+    """Runs the whole demo: generated data, one seed, one epoch."""
+    from torch_geometric_tactile.commands import demo as verb
+    from torch_geometric_tactile.experiments import grasp_table
+
+    grasp_table._GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
+    given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+
+    def run(folder, tell):
+        assert verb.run(parser.parse_args([*given, "--out", str(folder / "report")])) == 0
+
+    def read(folder):
+        made = {}
+        for path in folder.glob("report/runs/*.json"):
+            content = json.loads(path.read_text(encoding="utf-8"))
+            made[path.name] = content["result"]["predictions"]
+        for path in folder.glob("report/metrics.json"):
+            made[path.name] = json.loads(path.read_text(encoding="utf-8"))["results"]
+        for path in folder.glob("report/*.ckpt"):
+            weights = torch.load(path, weights_only=True)["state_dict"].values()
+            made[path.name] = sum(value.double().sum().item() for value in weights)
+        made |= {path.name: path.read_bytes() for path in folder.glob("report/*.png")}
+        return made
+
+    return Job("demo", nothing, run, read, 1)
 
 
 def simulation() -> Job:

@@ -6,6 +6,7 @@ import torch
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
 from torch_geometric_tactile.sim import (
     PHASES,
@@ -13,6 +14,7 @@ from torch_geometric_tactile.sim import (
     paper8,
     plan_grasp,
 )
+from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()
 # A palm of one taxel: quick to build.
@@ -40,11 +42,10 @@ def rotation(quaternion):
 
 def on_the_taxels(result):
     """Sum of the forces of the object on the skin, in the world's frame."""
-    links = HAND.link_pose(torch.from_numpy(result.joint).double()).rotation.numpy()
-    number = [HAND.link_names.index(LAYOUT.link_names[i]) for i in LAYOUT.link.tolist()]
-    axes = LAYOUT.axes(torch.double).mT.numpy()
-    turn = rotation(result.palm_pose[:, 3:])[:, None] @ links[:, number] @ axes
-    return np.einsum("tnia,tna->ti", turn, result.force * [1.0, 1.0, -1.0])
+    data = StaticData(x=torch.from_numpy(result.force), joint=torch.from_numpy(result.joint))
+    data = TaxelForce("force")(TaxelPose(LAYOUT, HAND, tangent=True)(data))
+    palm = rotation(result.palm_pose[:, 3:])
+    return np.einsum("tij,tj->ti", palm, data.force.double().sum(dim=1).numpy())
 
 
 def test_at_least_four_of_five_attempts_lift_and_hold(paper8_grasps):
@@ -77,6 +78,22 @@ def test_taxels_and_bones_together_support_the_object(paper8_grasps):
         assert (rest <= bones + 0.003 * pressure + 0.01)[hold].all()
         alone += int(((result.bone_force == 0) & (pressure > 1)).sum())
     assert alone > 50  # frames in which taxels alone are the balance
+
+
+def test_handedness_of_readings_is_that_of_the_support(paper8_grasps):
+    """TaxelForce turns clean readings into the force on the skin, where no bone helps; with
+    pressure along the normal, or with axes the other way round, it would not."""
+    mirrors = ([1, 1, 1], [1, 1, -1], [-1, 1, 1], [1, -1, 1])
+    errors, size = np.zeros(len(mirrors)), 0.0
+    for grasp in paper8_grasps:
+        result = grasp.result
+        alone = (result.bone_force == 0) & (result.force[..., 2].clip(0).sum(axis=1) > 1)
+        size += np.linalg.norm(result.support[alone], axis=1).sum()
+        for i, mirror in enumerate(mirrors):
+            force = on_the_taxels(result._replace(force=result.force * np.float32(mirror)))
+            errors[i] += np.linalg.norm(force + result.support, axis=1)[alone].sum()
+    assert errors[0] < 0.05 * size
+    assert errors[1:].min() > 0.2 * size
 
 
 def test_taxels_are_pressed_and_hardly_ever_pulled(paper8_grasps):

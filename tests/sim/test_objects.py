@@ -69,6 +69,10 @@ def test_object_sets_are_made_anew():
 
 
 def test_bad_values_are_named():
+    with pytest.raises(
+        ValueError, match=r"a sphere must have one size .* \(got \(0.07, 0.12, 0.07"
+    ):
+        replace(CAN, shape="sphere")
     with pytest.raises(ValueError, match=r"'shape' must be .* \(got 'cone'\)"):
         replace(CAN, shape="cone")
     with pytest.raises(ValueError, match=r"as wide as it is high \(got \(0.07, 0.12, 0.08\)\)"):

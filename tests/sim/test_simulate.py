@@ -1,7 +1,7 @@
 import json
 import signal
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import comb
 
 import numpy as np
@@ -21,9 +21,12 @@ from torch_geometric_tactile.sim import (
     PHASES,
     PRESETS,
     PROPERTIES,
+    GraspObject,
     GraspPlan,
+    GraspSpread,
     SkinModel,
     TrialReport,
+    drawn_objects,
     paper8,
     plan_grasp,
     simulate,
@@ -113,22 +116,23 @@ def test_truth_is_kept_apart(undisturbed):
     assert np.abs(change[recording.privileged["phase"] == 0]).max() < 100
 
 
-def test_order_of_work_does_not_matter(undisturbed, tmp_path, objects, same_arrays):
+def test_order_of_work_does_not_matter(undisturbed, tmp_path, same_arrays):
     out, _ = undisturbed
     # Alone, and after another trial of the same model, in place of second of eight.
-    objects("paper8", *paper8()[:2])
     module._simulator.cache_clear()
     tasks = [
         module._Task(
             out=str(tmp_path),
             hand="allegro_uskin",
             object_set="paper8",
+            item=SPONGE,
             index=1,
             trial=trial,
             seed=0,
             max_attempts=5,
             preset=PRESETS["ci"],
             skin=SkinModel(),
+            spread=GraspSpread(),
         )
         for trial in (1, 0)
     ]
@@ -162,6 +166,8 @@ def test_finished_trials_are_kept(undisturbed):
         ({"seed": 1}, "seed"),
         ({"preset": "full"}, "preset"),
         ({"skin": SkinModel(noise=0)}, "skin"),
+        ({"plan": GraspSpread.wide()}, "spread"),
+        ({"seconds": 4}, "preset"),
         ({"objects": "renamed"}, "object_set"),
     ],
 )
@@ -284,6 +290,61 @@ def test_hand_is_that_of_the_objects_paper_unless_told(tmp_path, objects, hoveri
         assert stock_layout(recording.meta["sensor"]).num_taxels == num_taxels
 
 
+def test_plan_and_length_are_recorded(tmp_path, hovering):
+    wide = GraspSpread.wide()
+    names = []
+    for report in simulate(
+        tmp_path, "shapes", 2, preset="ci", plan=wide, seconds=4, num_objects=3, seed=2
+    ):
+        names.append((report.object_name, report.trial))
+        meta = read_recording(report.path).meta
+        (item,) = (item for item in drawn_objects(3, 2) if item.name == report.object_name)
+        assert meta["object_set"] == "shapes"
+        assert meta["spread"] == asdict(wide)
+        assert meta["preset"]["duration"] == 4.0
+        assert (meta["shape"], meta["width"]) == (item.shape, item.size[0])
+        assert (meta["mass"], meta["friction"]) == (item.mass, item.friction)
+        assert meta["size"] == int(item.size[0] * 100 + 1e-9)
+        lateral, yaw = meta["palm_lateral"], meta["palm_yaw"]
+        assert meta["placement"] == wide.placement(lateral, yaw)
+        assert meta["labels"] == list(item.labels)
+    shapes = ["sphere_000", "cylinder_000", "box_000"]
+    assert names == [(name, trial) for trial in range(2) for name in shapes]
+    summary = json.loads((tmp_path / "simulation.json").read_text())
+    assert summary["spread"] == asdict(wide)
+
+
+def test_wide_trials_are_the_same_on_two_processes_and_after_a_stop(tmp_path, same_arrays):
+    arguments = {"preset": "ci", "plan": GraspSpread.wide(), "seconds": 2.0, "num_objects": 2}
+    for out, jobs in (("one", 1), ("two", 2)):
+        list(simulate(tmp_path / out, "shapes", 1, jobs=jobs, max_attempts=20, **arguments))
+    names = [path.name for path in sorted((tmp_path / "one").glob("*.h5"))]
+    assert len(names) == 2
+    assert all(same_arrays(tmp_path / "one" / name, tmp_path / "two" / name) for name in names)
+    (tmp_path / "two" / names[0]).unlink()
+    running = list(simulate(tmp_path / "two", "shapes", 1, max_attempts=20, **arguments))
+    assert sorted(report.kept for report in running) == [False, True]
+    assert all(same_arrays(tmp_path / "one" / name, tmp_path / "two" / name) for name in names)
+
+
+def test_folder_of_before_the_spread_had_a_name_is_kept(tmp_path, objects, hovering):
+    name = objects("one", SPONGE)
+    (report,) = simulate(tmp_path, name, trials=1, preset="ci")
+    recording = read_recording(report.path)
+    meta = {key: value for key, value in recording.meta.items() if key != "spread"}
+    write_recording(replace(recording, meta=meta), report.path)
+    assert [r.kept for r in simulate(tmp_path, name, trials=1, preset="ci")] == [True]
+    with pytest.raises(ValueError, match="was made with another 'spread'"):
+        list(simulate(tmp_path, name, trials=1, preset="ci", plan=GraspSpread.wide()))
+
+
+def test_objects_of_ones_own(tmp_path, hovering):
+    ball = GraspObject("ball", "sphere", (0.07, 0.07, 0.07), mass=0.1, friction=1.0, soft=False)
+    (report,) = simulate(tmp_path, [ball], 1, preset="ci")
+    meta = read_recording(report.path).meta
+    assert (meta["object_set"], meta["object"], meta["shape"]) == ("own", "ball", "sphere")
+
+
 def test_bad_arguments_are_named(tmp_path):
     for arguments, message in [
         ({"objects": "nine"}, r"'objects' must be one of \['paper8', .*\] \(got 'nine'\)"),
@@ -293,6 +354,13 @@ def test_bad_arguments_are_named(tmp_path):
         ({"max_attempts": 0}, r"'max_attempts' must be at least 1 \(got 0\)"),
         ({"hand": "glove"}, r"'hand' must be one of \['allegro_uskin', .*\] \(got 'glove'\)"),
         ({"seed": -1}, r"'seed' must not be negative \(got -1\)"),
+        ({"seconds": 0.9}, r"'seconds' must be at least 1 \(got 0.9\)"),
+        ({"seconds": float("inf")}, r"'seconds' must be at least 1 \(got inf\)"),
+        ({"seconds": float("nan")}, r"'seconds' must be at least 1 \(got nan\)"),
+        ({"objects": "shapes", "num_objects": 0}, r"'num_objects' must be at least 1 \(got 0\)"),
+        ({"num_objects": 3}, r"'num_objects' must be left out for .* 'shapes' \(got 3\)"),
+        ({"objects": []}, r"'objects' must be objects with different names \(got \[\]\)"),
+        ({"objects": [SPONGE, SPONGE]}, r"different names \(got \['sponge', 'sponge'\]\)"),
     ]:
         with pytest.raises(ValueError, match=message):
             simulate(tmp_path, **arguments)

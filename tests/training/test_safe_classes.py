@@ -19,7 +19,7 @@ import yaml
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.reports.run_data import load_data, open_predictor
-from torch_geometric_tactile.training import AtomicCheckpointIO, TactileModule
+from torch_geometric_tactile.training import AtomicCheckpointIO, TactileModule, safe_classes
 from torch_geometric_tactile.training.safe_classes import DENIED, PACKAGES, safe_section
 
 LINEAR = {"class_path": "torch.nn.Linear", "init_args": {"in_features": 2, "out_features": 2}}
@@ -289,6 +289,17 @@ def test_settings_without_end_are_refused():
             safe_section("model", settings, "a.ckpt")
     with pytest.raises(ValueError, match=r"'model\.model' must have a 'class_path'"):
         safe_section("model", {"model": {"in_features": 1}}, "a.ckpt")
+
+
+def test_limits_of_settings(monkeypatch):
+    monkeypatch.setattr(safe_classes, "_MAX_VALUES", 7)
+    safe_section("model", {"task": "multiclass", "other": [1, 2, [3, 4]]}, "a.ckpt")  # seven
+    with pytest.raises(ValueError, match=r"'model.other\[3\]' must hold at most 7 values"):
+        safe_section("model", {"task": "multiclass", "other": [1, 2, [3, 4], 5]}, "a.ckpt")
+    monkeypatch.setattr(safe_classes, "_MAX_DEPTH", 2)
+    safe_section("model", {"other": [[1]]}, "a.ckpt")
+    with pytest.raises(ValueError, match=r"must hold at most 7 values, nested 2 deep"):
+        safe_section("model", {"other": [[[1]]]}, "a.ckpt")
 
 
 def test_own_classes_are_allowed_by_name(tmp_path):

@@ -10,6 +10,7 @@ from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
 LAYOUT = allegro_uskin()
 NAMES = {
     "absolute_morphology": ("AbsoluteMorphology", ()),
+    "common_mode": ("CommonMode", ()),
     "drop_patches": ("DropPatches", (LAYOUT,)),
     "drop_taxels": ("DropTaxels", ()),
     "select_channels": ("SelectChannels", ([0],)),
@@ -19,6 +20,7 @@ NAMES = {
     "sector_graph": ("SectorGraph", (LAYOUT,)),
     "session_z_score": ("SessionZScore", ()),
     "tare": ("Tare", ()),
+    "taxel_force": ("TaxelForce", ()),
     "taxel_knn_graph": ("KNNGraph", (2,)),
     "taxel_pose": ("TaxelPose", (LAYOUT, HandKinematics.allegro())),
     "topological_segmentation": ("TopologicalSegmentation", ("digit", LAYOUT)),
@@ -31,6 +33,8 @@ def sample():
     return Data(
         x=torch.ones(384, 3),
         pos=LAYOUT.pos,
+        normal=LAYOUT.normal,
+        tangent=LAYOUT.tangent,
         edge_index=LAYOUT.edge_index("sparse"),
         joint=torch.zeros(1, 16),
     )

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from torch_geometric.data import Batch, Data
@@ -188,3 +190,35 @@ def test_layout_is_found_by_name_or_file(tmp_path):
     PAIR.save(tmp_path / "pair.json")
     assert TaxelPose("allegro_uskin_240").layout.num_taxels == 240
     assert TaxelPose(tmp_path / "pair.json", FINGER).layout.matches(PAIR)
+
+
+def test_taxel_pose_with_tangents_by_hand():
+    tangent = torch.tensor([[[0.0, 1, 0], [0, 0, 1]], [[1, 0, 0], [0, 1, 0]]])
+    layout = replace(PAIR, tangent=tangent)
+    data = TaxelPose(layout, FINGER, tangent=True)(Data(joint=torch.tensor([torch.pi / 2])))
+    expected = torch.tensor([[[-1.0, 0, 0], [0, 0, 1]], [[0, 1, 0], [-1, 0, 0]]])
+    torch.testing.assert_close(data.tangent, expected, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("num_samples", [1, 2, 9])
+def test_taxel_pose_tangents_laws(num_samples):
+    transform = TaxelPose(LAYOUT, HAND, tangent=True)
+    assert_transform_static_equals_batched(transform, recording(num_samples), atol=1e-7)
+    data = transform(recording(num_samples))
+    assert data.tangent.shape == (num_samples, 384, 2, 3)
+    axes = torch.cat([data.tangent, data.normal.unsqueeze(2)], dim=2)
+    torch.testing.assert_close(axes, HAND.taxel_axes(LAYOUT, data.joint), atol=1e-6, rtol=0)
+    eye = torch.eye(3).expand_as(axes)
+    torch.testing.assert_close(axes @ axes.mT, eye, atol=1e-5, rtol=0)
+    alone = TaxelPose(LAYOUT, HAND)(recording(num_samples))
+    assert "tangent" not in alone
+    assert alone.pos.equal(data.pos)
+
+
+def test_taxel_pose_tangents_of_shared_angles_and_batches():
+    shared = StaticData(x=torch.zeros(3, 384, 3), joint=angles(1)[0], shared=["joint"])
+    transform = TaxelPose(LAYOUT, HAND, tangent=True)
+    assert transform(shared).tangent.shape == (384, 2, 3)
+    assert shared.is_shared("tangent")
+    batch = Batch.from_data_list(recording().to_data_list())
+    assert transform(batch).tangent.shape == (3 * 384, 2, 3)

@@ -35,6 +35,23 @@ few = _whole(1, 10_000, "must be at least 1")
 not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
 
 
+def seconds(text: str) -> float:
+    r"""Reads a length of a trial in seconds, from one second to an hour.
+
+    Args:
+        text (str): The argument.
+    """
+    try:
+        number = float(text) if text.isascii() and "_" not in text else None
+    except ValueError:
+        number = None
+    if number is None or not 1 <= number <= 3600:
+        raise argparse.ArgumentTypeError(
+            f"must be a number of seconds from 1 to 3600 (got {text[:40]!r})"
+        )
+    return number
+
+
 def add_allow(parser: argparse.ArgumentParser) -> None:
     r"""Adds the option for classes of one's own in the configuration beside a checkpoint.
 

@@ -3,12 +3,13 @@ r"""``tactile simulate``: grasps of a simulated hand."""
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import few, not_negative
+from torch_geometric_tactile.commands.arguments import few, not_negative, seconds
 
 # The names in `sim`, which is too heavy to import for them.
-_OBJECT_SETS = ("paper8", "control8", "twenty")
+_OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
 _HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
+_SPREADS = ("careful", "wide")
 
 HELP = "simulate grasps with an Allegro hand of 384 taxels, and write recordings"
 DESCRIPTION = """\
@@ -22,6 +23,8 @@ examples:
   tactile simulate --out grasps                          80 trials of 17 s of eight objects
   tactile simulate --out small --preset ci --preview     24 short and coarse trials in a minute
   tactile simulate --out control --objects control8      objects of one shape and size
+  tactile simulate --out wide --objects shapes --num-objects 40 --trials 10 \\
+    --spread wide --seconds 5                            400 short trials that differ widely
 
 Finished trials are kept: the same command goes on where a run was stopped, and with
 --preview draws the pictures of a finished one. The same seed gives the same recordings,
@@ -44,7 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="paper8",
         help="which objects: eight of different shapes, every combination of light or heavy, hard "
         "or soft, slippery or not (paper8, the default); the same combinations in one shape and "
-        "size (control8); five shapes in four sizes (twenty)",
+        "size (control8); five shapes in four sizes (twenty); spheres, cylinders, boxes and "
+        "ellipsoids with drawn sizes, masses and frictions (shapes)",
+    )
+    parser.add_argument(
+        "--num-objects",
+        metavar="N",
+        type=few,
+        help="how many objects of shapes are drawn (default: 40); --seed decides which",
     )
     parser.add_argument(
         "--hand",
@@ -68,6 +78,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="full",
         help="trials of 17 s with 100 frames a second (full, the default), or of 5 s with 50, "
         "coarser and about ten times as fast (ci)",
+    )
+    parser.add_argument(
+        "--seconds",
+        metavar="S",
+        type=seconds,
+        help="length of a trial, from 1 on (default: the preset's)",
+    )
+    parser.add_argument(
+        "--spread",
+        choices=_SPREADS,
+        default="careful",
+        help="how much the grasps differ in place, turn and posture: an operator who takes care "
+        "(careful, the default), or up to twice as much, and now and then a finger that hardly "
+        "closes (wide)",
     )
     parser.add_argument(
         "--max-attempts",
@@ -105,11 +129,14 @@ def run(arguments: argparse.Namespace) -> int:
         preset=arguments.preset,
         max_attempts=arguments.max_attempts,
         hand=arguments.hand,
+        spread=arguments.spread,
+        seconds=arguments.seconds,
+        num_objects=arguments.num_objects,
     )
     print(printable(finished.describe()), flush=True)
     if finished.given_up:
         print(f"tactile: error: {finished.describe_given_up()}", file=sys.stderr, flush=True)
     if arguments.preview and len(finished.given_up) < len(finished.reports):
-        for path in simulation.draw_preview(finished, arguments.objects):
+        for path in simulation.draw_preview(finished):
             print(printable(f"drew {path}"))
     return 1 if finished.given_up else 0

@@ -28,6 +28,7 @@ KNOWN_ATTRIBUTES: Mapping[str, Known] = {
     "x": Known("node", (2,)),
     "pos": Known("node", (2,)),
     "normal": Known("node", (2,)),
+    "tangent": Known("node", (3,)),
     "norm": Known("node", (2,)),  # PyG's name of the normals
     "absolute": Known("node", (2,)),
     "dropped": Known("node", (1,)),

@@ -17,8 +17,8 @@ from torch import Tensor
 from torch_geometric_tactile.data.sample_classes import Classes, Samples, column
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
-Unit = Literal["frame", "trial", "group"]
-_UNITS = ("frame", "trial", "group")
+Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
+_UNITS = ("frame", "trial", "group", "session", "placement", "size")
 _TRAIN, _VAL, _TEST, _NONE = range(4)
 
 
@@ -60,8 +60,9 @@ class Protocol:
       names it.
 
     Args:
-        by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"` or :obj:`"group"`;
-            or :obj:`"given"`.
+        by (str): What stays together: :obj:`"frame"` (nothing), :obj:`"trial"`, :obj:`"group"` (an
+            object), :obj:`"session"`, :obj:`"placement"` (of the hand) or :obj:`"size"` (of the
+            object), of which the samples have one each; or :obj:`"given"`.
         val (float, optional): The part of the units held out for validation; of those that are not
             tested on, where there are folds. If left out, 0.1 with fractions and 0 otherwise.
         test (float, optional): The part of the units held out for the test, with fractions; 0.2 if
@@ -90,7 +91,7 @@ class Protocol:
         [[1, 1], [1, 1]]
     """
 
-    by: Literal["frame", "trial", "group", "given"] = "trial"
+    by: Literal[Unit, "given"] = "trial"
     _: KW_ONLY
     val: float | None = None
     test: float | None = None
@@ -101,7 +102,8 @@ class Protocol:
 
     def __post_init__(self) -> None:
         if self.by not in (*_UNITS, "given"):
-            raise ValueError(f"'by' must be 'frame', 'trial', 'group' or 'given' (got '{self.by}')")
+            listed = ", ".join(f"'{unit}'" for unit in _UNITS)
+            raise ValueError(f"'by' must be {listed} or 'given' (got '{self.by}')")
         if self.by == "given":
             for field in fields(self)[1:]:
                 if getattr(self, field.name) != field.default:

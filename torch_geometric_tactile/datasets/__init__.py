@@ -3,6 +3,7 @@ r"""Frames of your own recordings, published data sets, and a generated one."""
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
+from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.samples_file import SamplesFile
@@ -11,6 +12,7 @@ __all__ = [
     "AllegroUSkin",
     "BioTacSP",
     "FakeTactileDataset",
+    "ICubGrasp",
     "RecordingFrames",
     "SamplesFile",
     "default_root",

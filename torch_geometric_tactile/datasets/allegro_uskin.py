@@ -1,17 +1,22 @@
 r"""Grasps with an Allegro hand covered with uSkin."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from torch import Tensor
 
-from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.data import Protocol, StaticData
+from torch_geometric_tactile.datasets.grasp_targets import GRASP_TARGETS, grasp_targets
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.trial import Trial, checked_labels, checked_names
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
 from torch_geometric_tactile.sim import PROPERTIES, paper8
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
+
+Task = Literal["object", "property", "shape", "width", "centre", "yaw"]
+_TASKS = ("object", "property", *GRASP_TARGETS)
+_SPLITS_BY = ("trial", "frame", "group", "placement", "size")
 
 
 class AllegroUSkin(RecordingFrames):
@@ -35,12 +40,18 @@ class AllegroUSkin(RecordingFrames):
     * for :obj:`task="property"`, 0 or 1 for each property in :obj:`meta["labels"]`, in the order of
       :obj:`property_names` or of :obj:`meta["label_names"]`; needless for objects named as in
       :func:`~torch_geometric_tactile.sim.paper8`;
-    * if known, the integers :obj:`privileged["phase"]` with their :obj:`meta["phase_names"]`.
+    * if known, the integers :obj:`privileged["phase"]` with their :obj:`meta["phase_names"]`;
+    * for other tasks, what ``tactile simulate`` writes: :obj:`meta["shape"]`, :obj:`meta["width"]`
+      in metres, and :obj:`privileged["object_pose"]` and :obj:`privileged["palm_pose"]`, positions
+      and quaternions :math:`(T, 7)`; to split by them, texts or integers :obj:`meta["placement"]`
+      and :obj:`meta["size"]`.
 
     A sample is a frame. Beside :obj:`x` and :obj:`y` it has :obj:`joint`, :obj:`time` in seconds,
     :obj:`trial` (the file), :obj:`group` (the object), :obj:`property` and :obj:`phase` where
-    known (-1 in files that know none). Missing readings stay NaN. Positions depend on the joint
-    angles and are not stored; the transforms of the example below compute them batch by batch.
+    known (-1 in files that know none), and likewise :obj:`shape`, :obj:`width`, :obj:`centre`,
+    :obj:`yaw`, :obj:`placement` and :obj:`size`. Missing readings stay NaN. Positions depend on the
+    joint angles and are not stored; the transforms of the example below compute them batch by
+    batch.
 
     All files are processed once, and anew when one of them was added, removed or changed.
     :obj:`task`, :obj:`split`, :obj:`adjacency`, :obj:`phases` and :obj:`stride` select from the
@@ -81,14 +92,21 @@ class AllegroUSkin(RecordingFrames):
     Args:
         root (str or PathLike, optional): Folder of the data set. If left out,
             :obj:`$TACTILE_DATA/AllegroUSkin` or a folder in the user's cache.
-        task (str): :obj:`"object"`, where :obj:`y` is the index of the object, or
-            :obj:`"property"`, where it has a 0 or 1 for each property.
+        task (str): What :obj:`y` is: of :obj:`"object"` and :obj:`"shape"` the index, of
+            :obj:`"property"` a 0 or 1 for each property, and of the regressions :obj:`"width"` the
+            object's extent between fingers and thumb in metres, :obj:`"centre"` its place in the
+            palm's frame in metres :math:`(S, 3)`, and :obj:`"yaw"` the turn of its long axis about
+            the palm's normal in radians, from -pi/2 to pi/2: 0 across the fingers. Frames of
+            spheres, which have no yaw, are left out then.
         split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
             :obj:`None`.
         split_by (str): :obj:`"trial"` keeps whole trials together and holds out some of each
             object. :obj:`"frame"` draws single frames, and is the optimistic one: neighbours in
             time are nearly equal, so that the test frames were nearly seen before. The papers do
-            not say which of them they used.
+            not say which of them they used. :obj:`"group"` holds out whole objects,
+            :obj:`"placement"` placements of the hand (one of nine, see
+            :class:`~torch_geometric_tactile.sim.GraspSpread`), and :obj:`"size"` all objects of the
+            same width in whole centimetres.
         fractions (tuple of float): The parts for training, validation and test. With whole trials,
             each object has at least one to train and to test on, and from three trials on one for
             validation. The second paper has :obj:`(0.6, 0.1, 0.3)`.
@@ -127,15 +145,16 @@ class AllegroUSkin(RecordingFrames):
 
     num_channels = 3
     num_joints = 16
+    _stored = _TASKS
     _needs = ("object", "trial")
 
     def __init__(
         self,
         root: PathLike | None = None,
-        task: Literal["object", "property"] = "object",
+        task: Task = "object",
         split: Literal["train", "val", "test"] | None = "train",
         *,
-        split_by: Literal["trial", "frame"] = "trial",
+        split_by: Literal["trial", "frame", "group", "placement", "size"] = "trial",
         fractions: tuple[float, float, float] = (0.7, 0.1, 0.2),
         split_seed: int = 0,
         adjacency: str = "original",
@@ -147,10 +166,10 @@ class AllegroUSkin(RecordingFrames):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        if task not in ("object", "property"):
-            raise ValueError(f"'task' must be 'object' or 'property' (got '{task}')")
-        if split_by not in ("trial", "frame"):
-            raise ValueError(f"'split_by' must be 'trial' or 'frame' (got '{split_by}')")
+        if task not in _TASKS:
+            raise ValueError(f"'task' must be one of {_TASKS} (got '{task}')")
+        if split_by not in _SPLITS_BY:
+            raise ValueError(f"'split_by' must be one of {_SPLITS_BY} (got '{split_by}')")
         self.task = task
         self.split_by = split_by
         self.fractions = _checked_fractions(fractions)
@@ -177,6 +196,18 @@ class AllegroUSkin(RecordingFrames):
     def processed_file_names(self) -> str:
         r"""One file for all splits, phases and strides."""
         return "allegro_uskin.pt"
+
+    @property
+    def class_names(self) -> list[str]:
+        r"""The names of the classes, labels or numbers of :obj:`y`."""
+        if self.task in GRASP_TARGETS:
+            return list(GRASP_TARGETS[self.task]) or self.shape_names
+        return super().class_names
+
+    @property
+    def shape_names(self) -> list[str]:
+        r"""The names of the shapes in :obj:`shape`; empty if a recording knows none."""
+        return list(self._names["shape"])
 
     @property
     def property_names(self) -> list[str]:
@@ -218,6 +249,26 @@ class AllegroUSkin(RecordingFrames):
                     f"(got {list(labels)})"
                 )
         return PROPERTIES, tuple(values.values())
+
+    def _more(self, trials: Sequence[Trial], names: dict[str, list[str]]) -> dict[str, Tensor]:
+        names["shape"], targets = grasp_targets(trials)
+        return targets
+
+    def _target(self, data: StaticData, names: Mapping[str, list[str]]) -> Tensor:
+        if self.task not in GRASP_TARGETS:
+            return super()._target(data, names)
+        target: Tensor | None = data[self.task] if self.task in data else None  # noqa: SIM401
+        if target is None or not target.isfinite().any():
+            needed = (
+                "privileged 'object_pose' and 'palm_pose' (T, 7), of objects that are no spheres"
+                if self.task in ("centre", "yaw")
+                else f"'{self.task}' in their metadata"
+            )
+            raise ValueError(
+                f"task='{self.task}' must have a target in all recordings in '{self.root}': "
+                f"{needed}, as tactile simulate writes them; or choose task='object'"
+            )
+        return target.clone()
 
     def _no_trials(self) -> str:
         return f"{super()._no_trials()}, or simulate some: tactile simulate --out '{self.root}'"

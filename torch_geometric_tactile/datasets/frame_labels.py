@@ -9,6 +9,8 @@ from torch import Tensor
 
 from torch_geometric_tactile.datasets.trial import Trial
 
+# What else trials may be split by, if all of them name it in their metadata.
+GROUPINGS = ("session", "placement", "size")
 Properties = Callable[[Trial], tuple[tuple[str, ...], tuple[int, ...]] | None]
 
 
@@ -42,9 +44,11 @@ def frame_labels(
     if all(trial.object_name is not None for trial in trials):
         group = [objects.index(trial.object_name or "") for trial in trials]
         out["group"] = torch.tensor(group).repeat_interleave(num_frames)
-    if all("session" in trial.meta for trial in trials):
-        names["session"], session = _numbered([trial.meta["session"] for trial in trials])
-        out["session"] = session.repeat_interleave(num_frames)
+    for key in GROUPINGS:
+        values = [trial.meta.get(key) for trial in trials]
+        if all(isinstance(value, str | int) and not isinstance(value, bool) for value in values):
+            names[key], numbers = _numbered(values)
+            out[key] = numbers.repeat_interleave(num_frames)
     names["property"], rows, names["unknown"] = _property_rows(trials, properties)
     if not names["unknown"]:
         out["property"] = torch.tensor(rows).repeat_interleave(num_frames, dim=0)

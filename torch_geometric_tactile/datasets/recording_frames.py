@@ -27,7 +27,7 @@ from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
-_CONTENT = "content=3"  # to be raised when the processed file gets other columns
+_CONTENT = "content=4"  # to be raised when the processed file gets other columns
 # Arguments, also of subclasses, that choose from the processed frames.
 _SELECTION_ARGS = (
     "split",
@@ -39,7 +39,6 @@ _SELECTION_ARGS = (
     "phases",
     "stride",
 )
-_STORED = ("object", "property")
 _logger = logging.getLogger(__name__)
 
 
@@ -50,8 +49,9 @@ class RecordingFrames(SelectedFrames):
     The folder has one trial a file, in :obj:`root/raw` or in :obj:`root` itself: ``.h5``,
     ``.hdf5``, ``.npz`` or ``.csv``, as :func:`~torch_geometric_tactile.io.read_recording` reads
     them. Beside :obj:`x` and :obj:`y` a sample has :obj:`trial` (the file), :obj:`time` in seconds,
-    and, where all files know them, :obj:`joint`, :obj:`group` (the object), :obj:`session` and
-    :obj:`property`; :obj:`phase` is -1 in files that know none. Missing readings stay NaN. If the
+    and, where all files know them, :obj:`joint`, :obj:`group` (the object), :obj:`session`,
+    :obj:`placement` (of the hand), :obj:`size` (of the object) and :obj:`property`; :obj:`phase` is
+    -1 in files that know none. Missing readings stay NaN. If the
     layout has one link, the samples share its :obj:`pos` and :obj:`normal`; those of a hand follow
     from the joint angles, see :class:`~torch_geometric_tactile.transforms.TaxelPose`.
 
@@ -123,6 +123,7 @@ class RecordingFrames(SelectedFrames):
 
     num_channels: int | None = None  # of a taxel; any number with None
     num_joints: int | None = None
+    _stored: tuple[str, ...] = ("object", "property")  # targets that are in every processed file
     _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
 
     def __init__(
@@ -232,7 +233,7 @@ class RecordingFrames(SelectedFrames):
         # with several links nothing else is stored.
         if self._is_filtered:
             return ()
-        target = ("target", "task") if self.target in _STORED else ()
+        target = ("target", "task") if self.target in self._stored else ()
         layout = ("layout",) if len(self.layout.link_names) > 1 else ()
         return ("adjacency", *target, *layout)
 
@@ -280,7 +281,7 @@ class RecordingFrames(SelectedFrames):
         names, labels = frame_labels(
             trials,
             self._object_names(trials),
-            None if self.target in _STORED else self.target,
+            None if self.target in self._stored else self.target,
             self._properties,
         )
         data = StaticData(
@@ -293,8 +294,14 @@ class RecordingFrames(SelectedFrames):
             data.edge_index = self.layout.edge_index(self.adjacency)
         if len(self.layout.link_names) == 1:
             data.pos, data.normal = self.layout.pos, self.layout.normal
+        for key, value in self._more(trials, names).items():
+            data[key] = value
         data.y = self._target(data, names)
         return data, names
+
+    def _more(self, trials: Sequence[Trial], names: dict[str, list[str]]) -> dict[str, Tensor]:
+        # Further attributes of the frames; their names are added to those there are.
+        return {}
 
     def _object_names(self, trials: Sequence[Trial]) -> list[str]:
         return sorted({trial.object_name for trial in trials if trial.object_name is not None})

@@ -36,6 +36,8 @@ class SelectedFrames(StaticDataset):
             kept &= (torch.arange(len(kept)) - first) % self.stride == 0
         if self.phases is not None:
             kept &= self._in_phases(self.phases)
+        if self._data.y.is_floating_point():  # what has no target cannot be learned from
+            kept &= self._data.y.view(len(kept), -1).isfinite().all(dim=1)
         if not kept.any():
             raise ValueError(
                 f"split='{self.split}' with {self._held_out} and phases={self.phases} must leave "
@@ -76,6 +78,16 @@ class SelectedFrames(StaticDataset):
     def phase_names(self) -> list[str]:
         r"""The names of the phases in :obj:`phase`; empty if no recording knows its phases."""
         return list(self._names["phase"])
+
+    @property
+    def placement_names(self) -> list[str]:
+        r"""The names of the placements in :obj:`placement`; empty if a recording knows none."""
+        return list(self._names.get("placement", ()))
+
+    @property
+    def size_names(self) -> list[str]:
+        r"""The names of the sizes in :obj:`size`; empty if a recording knows none."""
+        return list(self._names.get("size", ()))
 
     @property
     def synthetic(self) -> bool:

@@ -2,7 +2,7 @@ r"""One recording as a trial of a data set: its object, labels and phases, check
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ class Trial:
         number (int, optional): Number of the trial with this object.
         phase (numpy.ndarray, optional): Indices into :obj:`phase_names` :math:`(T,)`.
         phase_names (tuple of str): Names of the phases.
+        pose (Mapping of str to numpy.ndarray): Positions and quaternions :math:`(T, 7)`.
     """
 
     where: str
@@ -42,6 +43,7 @@ class Trial:
     number: int | None = None
     phase: np.ndarray | None = None
     phase_names: tuple[str, ...] = ()
+    pose: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def num_frames(self) -> int:
@@ -155,6 +157,11 @@ def make_trial(
         number=number,
         phase=phase,
         phase_names=phase_names,
+        pose={
+            key: value
+            for key, value in recording.privileged.items()
+            if value.shape[1:] == (7,) and value.dtype.kind == "f"
+        },
     )
 
 

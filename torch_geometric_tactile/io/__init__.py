@@ -1,6 +1,7 @@
 r"""File formats: one per file, the only home of byte layouts."""
 
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
+from torch_geometric_tactile.io.icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_files import (
     read_recording,
@@ -26,6 +27,7 @@ from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_x
 
 __all__ = [
     "GraspTable",
+    "ICubGraspFrames",
     "XelaFrame",
     "append_hdf5",
     "format_xela_message",
@@ -33,6 +35,7 @@ __all__ = [
     "read_biotac_sp_csv",
     "read_hdf5",
     "read_hdf5_head",
+    "read_icub_grasp_txt",
     "read_named_csv",
     "read_npz",
     "read_recording",

@@ -31,6 +31,7 @@ _GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
 # frame, and so is everything after it.
 _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.AbsoluteMorphology: (("pos",), ("absolute",)),
+    T.CommonMode: (("x",), ("x",)),
     T.DropPatches: (("x", "dropped"), ("x", "dropped")),
     T.DropTaxels: (("x", "dropped"), ("x", "dropped")),
     T.FillMissing: (("x", "missing"), ("x", "missing")),
@@ -38,7 +39,7 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.KNNGraph: (("pos", *_EDGES), _EDGES),
     T.SelectChannels: (("x",), ("x",)),
     T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
-    T.TaxelPose: (("x", "joint"), ("pos", "normal")),
+    T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),
         (*_EDGES, "segment_batch", "edge_is_within"),
@@ -264,6 +265,8 @@ def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
     if isinstance(part, FittedTransform):
         return (part.attr, *((part.key, "x") if part.key else ())), (part.attr,)
     reads, writes = _ACCESS.get(type(part), (None, None))
+    if isinstance(part, T.TaxelForce):
+        return ("x", "tangent", "normal"), (part.out,)
     if isinstance(part, T.AbsoluteMorphology) and part.cat:
         return ("pos", "x"), ("x",)
     return reads, writes

@@ -9,18 +9,21 @@ from typing import NamedTuple
 
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import HandKinematics, stock_layout
-from torch_geometric_tactile.sim import OBJECT_SETS, PRESETS, TrialReport, simulate
+from torch_geometric_tactile.sim import PRESETS, SPREADS, TrialReport, object_set, simulate
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import new_figure, save_figure
 from torch_geometric_tactile.visualization.grasp_film import plot_grasp_film, plot_grasp_forces
 
 
 class SimulatedRun(NamedTuple):
-    r"""A finished run: the reports of its trials, how many seconds it took, and its folder."""
+    r"""A finished run: the reports of its trials, how many seconds it took, its folder, and the
+    names of its objects in their order.
+    """
 
     reports: list[TrialReport]
     seconds: float
     out: Path
+    object_names: list[str]
 
     @property
     def given_up(self) -> list[TrialReport]:
@@ -55,6 +58,9 @@ def run_simulation(
     preset: str = "full",
     max_attempts: int = 10,
     hand: str | None = None,
+    spread: str = "careful",
+    seconds: float | None = None,
+    num_objects: int | None = None,
 ) -> SimulatedRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
 
@@ -67,6 +73,9 @@ def run_simulation(
         preset (str): Name of the preset.
         max_attempts (int): Attempts at a trial before it is given up.
         hand (str, optional): Name of the hand; that of the objects' paper if left out.
+        spread (str): How much the grasps differ, a key of :obj:`SPREADS`.
+        seconds (float, optional): Length of a trial; the preset's if left out.
+        num_objects (int, optional): How many objects of :obj:`"shapes"` are drawn.
 
     Raises:
         ImportError: If MuJoCo, h5py or joblib is missing.
@@ -78,9 +87,20 @@ def run_simulation(
 
     start = time.monotonic()
     running = simulate(
-        out, objects, trials, seed, jobs, preset=preset, max_attempts=max_attempts, hand=hand
+        out,
+        objects,
+        trials,
+        seed,
+        jobs,
+        preset=preset,
+        max_attempts=max_attempts,
+        hand=hand,
+        plan=SPREADS[spread],
+        seconds=seconds,
+        num_objects=num_objects,
     )
-    total = len(OBJECT_SETS[objects]()) * (trials or PRESETS[preset].trials)
+    names = [item.name for item in object_set(objects, num_objects, seed)[1]]
+    total = len(names) * (trials or PRESETS[preset].trials)
     reports: list[TrialReport] = []
     attempts = 0
     try:
@@ -102,7 +122,7 @@ def run_simulation(
             "a process of the simulation was killed, for want of memory perhaps: run the same "
             "command with fewer jobs (finished trials are kept)"
         ) from error
-    return SimulatedRun(reports, time.monotonic() - start, Path(out))
+    return SimulatedRun(reports, time.monotonic() - start, Path(out), names)
 
 
 def check_preview() -> None:
@@ -114,19 +134,18 @@ def check_preview() -> None:
     new_figure(1.0, 1.0)
 
 
-def draw_preview(run: SimulatedRun, objects: str) -> list[Path]:
+def draw_preview(run: SimulatedRun) -> list[Path]:
     r"""Draws the first trial of the first object, as a film and as forces, to the folder
     :obj:`preview` below the recordings, and returns the files.
 
     Args:
         run (SimulatedRun): The run.
-        objects (str): Name of the object set.
 
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If no trial succeeded.
     """
-    first = _first_trial(run.reports, [item.name for item in OBJECT_SETS[objects]()])
+    first = _first_trial(run.reports, run.object_names)
     if first is None:
         raise ValueError("a preview must have a trial to show (got none that succeeded)")
     recording, hand = read_recording(first), HandKinematics.allegro()

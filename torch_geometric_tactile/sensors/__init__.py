@@ -4,6 +4,7 @@ from torch_geometric_tactile.sensors.allegro import allegro_uskin, allegro_uskin
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment
 from torch_geometric_tactile.sensors.grid import grid
+from torch_geometric_tactile.sensors.icub import icub_fingertip, icub_hand
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
@@ -33,6 +34,8 @@ __all__ = [
     "check_segment",
     "expand_patches",
     "grid",
+    "icub_fingertip",
+    "icub_hand",
     "layout_sectors",
     "sector_edges",
     "stock_layout",

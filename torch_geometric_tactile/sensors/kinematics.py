@@ -13,6 +13,7 @@ from torch_geometric_tactile.sensors.content_checks import need_text, only_keys,
 from torch_geometric_tactile.sensors.joints import Joint, link_tree
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.pose_tables import (
+    Level,
     LinkTable,
     few_tables,
     link_tables,
@@ -184,28 +185,12 @@ class HandKinematics:
         Shapes:
             - **output:** booleans :math:`(..., J)`
         """
-        self._check(joint)
+        _check_joint(self, joint)
         moving = [one for one in self.joints if one.axis is not None]
         # Not from float32: a double angle at its limit would be beyond the rounded limit.
         lower = joint.new_tensor([float(one.lower) for one in moving])
         upper = joint.new_tensor([float(one.upper) for one in moving])
         return ~((joint >= lower) & (joint <= upper))
-
-    def _check(self, joint: Tensor) -> None:
-        if joint.dim() == 0 or joint.size(-1) != self.num_joints:
-            raise ValueError(
-                f"'joint' must have shape (..., {self.num_joints}), as '{self.name}' has joints "
-                f"(got {tuple(joint.shape)})"
-            )
-        if not joint.is_floating_point():
-            raise ValueError(f"'joint' must be floating-point angles (got {joint.dtype})")
-        # No hand turns this far.
-        if joint.numel() and bool((joint.detach().abs() > 2 * math.pi).any()):
-            warnings.warn(
-                f"'joint' must be in radians; an angle of {float(joint.detach().abs().max()):.4g} "
-                "looks like degrees (torch.deg2rad converts them)",
-                stacklevel=3,
-            )
 
     def link_pose(self, joint: Tensor) -> LinkPose:
         r"""Returns the pose of every link, in the order of :obj:`link_names`.
@@ -216,7 +201,7 @@ class HandKinematics:
         Raises:
             ValueError: If :obj:`joint` has another number of angles, or no floating-point ones.
         """
-        self._check(joint)
+        _check_joint(self, joint)
         return LinkPose(*pose_links(self._levels, joint))
 
     def taxel_pose(self, layout: TaxelLayout, joint: Tensor, normal: bool = True) -> PosedTaxels:
@@ -231,7 +216,7 @@ class HandKinematics:
             ValueError: If a link of the layout is not one of this hand, or :obj:`joint` has another
                 number of angles.
         """
-        self._check(joint)
+        _check_joint(self, joint)
         shape, num_taxels = joint.shape[:-1], layout.num_taxels
         flat = joint.reshape(-1, self.num_joints)
         with_normal = normal and layout.normal is not None
@@ -246,14 +231,41 @@ class HandKinematics:
             out = [flat.new_empty(len(flat), num_taxels * 3) for _ in range(1 + with_normal)]
             targets = zip(*(value.split(_CHUNK) for value in out), strict=True)
             for part, target in zip(parts, targets, strict=True):
-                for values, whole in zip(self._taxels(tables, part, normal), target, strict=True):
+                for values, whole in zip(
+                    _pose_tables(self._levels, tables, part, normal), target, strict=True
+                ):
                     torch.cat(values, dim=1, out=whole)
         else:
-            out = [torch.cat(values, dim=1) for values in self._taxels(tables, flat, normal)]
+            out = [
+                torch.cat(values, dim=1)
+                for values in _pose_tables(self._levels, tables, flat, normal)
+            ]
         values = [value.view(*shape, num_taxels, 3) for value in out]
         if place is not None:
             values = [value[..., place, :] for value in values]
         return PosedTaxels(values[0], values[1] if with_normal else None)
+
+    def taxel_axes(self, layout: TaxelLayout, joint: Tensor) -> Tensor:
+        r"""Returns the axes of the taxels, :meth:`TaxelLayout.axes`, in the frame of the root link.
+
+        Args:
+            layout (TaxelLayout): The layout; its links are links of this hand.
+            joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
+
+        Shapes:
+            - **output:** the unit axes :math:`x`, :math:`y` and normal as rows
+              :math:`(..., N, 3, 3)`
+
+        Raises:
+            ValueError: If a link of the layout is not one of this hand, or :obj:`joint` has another
+                number of angles.
+        """
+        self.require_links(layout)
+        assert layout.link is not None
+        number = {name: i for i, name in enumerate(self.link_names)}
+        links = torch.tensor([number.get(name, 0) for name in layout.link_names])[layout.link]
+        turn = self.link_pose(joint).rotation[..., links.to(joint.device), :, :]
+        return layout.axes(torch.double).to(joint) @ turn.mT
 
     def require_links(self, layout: TaxelLayout) -> list[str]:
         r"""Returns the links that carry taxels of a layout.
@@ -288,20 +300,38 @@ class HandKinematics:
             self._kept[few] = kept = (layout, (like.dtype, like.device), made)
         return kept[2]
 
-    def _taxels(
-        self, tables: list[LinkTable], joint: Tensor, with_normal: bool
-    ) -> list[list[Tensor]]:
-        rotation, translation = pose_links(self._levels, joint)
-        pos, normal = [], []
-        for link, pos_table, normal_table in tables:
-            turn = rotation[:, link].reshape(-1, 9)
-            pos.append(torch.cat([turn, translation[:, link]], dim=1) @ pos_table)
-            if with_normal and normal_table is not None:
-                normal.append(turn @ normal_table)
-        return [pos, normal] if normal else [pos]
-
     def __repr__(self) -> str:
         return (
             f"{type(self).__name__}('{self.name}', num_joints={self.num_joints}, "
             f"num_links={len(self.link_names)})"
         )
+
+
+def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
+    if joint.dim() == 0 or joint.size(-1) != hand.num_joints:
+        raise ValueError(
+            f"'joint' must have shape (..., {hand.num_joints}), as '{hand.name}' has joints "
+            f"(got {tuple(joint.shape)})"
+        )
+    if not joint.is_floating_point():
+        raise ValueError(f"'joint' must be floating-point angles (got {joint.dtype})")
+    # No hand turns this far.
+    if joint.numel() and bool((joint.detach().abs() > 2 * math.pi).any()):
+        warnings.warn(
+            f"'joint' must be in radians; an angle of {float(joint.detach().abs().max()):.4g} "
+            "looks like degrees (torch.deg2rad converts them)",
+            stacklevel=3,
+        )
+
+
+def _pose_tables(
+    levels: list[Level], tables: list[LinkTable], joint: Tensor, with_normal: bool
+) -> list[list[Tensor]]:
+    rotation, translation = pose_links(levels, joint)
+    pos, normal = [], []
+    for link, pos_table, normal_table in tables:
+        turn = rotation[:, link].reshape(-1, 9)
+        pos.append(torch.cat([turn, translation[:, link]], dim=1) @ pos_table)
+        if with_normal and normal_table is not None:
+            normal.append(turn @ normal_table)
+    return [pos, normal] if normal else [pos]

@@ -1,6 +1,7 @@
 r"""Generators of recordings."""
 
 from torch_geometric_tactile.sim.biotac_grasp import SimulatedGrasps, simulate_grasps
+from torch_geometric_tactile.sim.drawn_objects import SHAPES, drawn_objects
 from torch_geometric_tactile.sim.grasp import (
     PHASES,
     GraspPlan,
@@ -13,16 +14,23 @@ from torch_geometric_tactile.sim.hand_model import (
     grasp_mjcf,
     stock_bodies,
 )
+from torch_geometric_tactile.sim.object_sets import OBJECT_SETS, object_set
 from torch_geometric_tactile.sim.objects import (
-    OBJECT_SETS,
     PROPERTIES,
     GraspObject,
     control8,
     paper8,
     twenty,
 )
-from torch_geometric_tactile.sim.simulate import HANDS, PRESETS, Preset, TrialReport, simulate
+from torch_geometric_tactile.sim.simulate import (
+    HANDS,
+    PRESETS,
+    Preset,
+    TrialReport,
+    simulate,
+)
 from torch_geometric_tactile.sim.skin import SkinModel
+from torch_geometric_tactile.sim.spread import SPREADS, GraspSpread
 
 __all__ = [
     "HANDS",
@@ -30,17 +38,22 @@ __all__ = [
     "PHASES",
     "PRESETS",
     "PROPERTIES",
+    "SHAPES",
+    "SPREADS",
     "ContactParameters",
     "GraspObject",
     "GraspPlan",
     "GraspResult",
     "GraspSimulator",
+    "GraspSpread",
     "Preset",
     "SimulatedGrasps",
     "SkinModel",
     "TrialReport",
     "control8",
+    "drawn_objects",
     "grasp_mjcf",
+    "object_set",
     "paper8",
     "plan_grasp",
     "simulate",

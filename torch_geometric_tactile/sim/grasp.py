@@ -12,6 +12,7 @@ from torch_geometric_tactile.sim.hand_model import (
     grasp_mjcf,
 )
 from torch_geometric_tactile.sim.objects import GraspObject
+from torch_geometric_tactile.sim.spread import GraspSpread
 
 PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
 
@@ -68,6 +69,7 @@ def plan_grasp(
     rng: np.random.Generator,
     duration: float = _FULL_LENGTH,
     step: float = 0.01,
+    spread: GraspSpread | None = None,
 ) -> GraspPlan:
     r"""Plans a grasp from above, as an operator would who sees the object: its size is known, its
     mass, friction and softness are not.
@@ -77,10 +79,12 @@ def plan_grasp(
         rng (numpy.random.Generator): Draws durations, alignment errors and tremor.
         duration (float): Length of the trial in seconds; the phases are scaled with it.
         step (float): Time between targets in seconds.
+        spread (GraspSpread, optional): How large the errors are.
 
     Raises:
         ValueError: If the step is not positive, or longer than the trial.
     """
+    spread = spread or GraspSpread()
     if not 0 < step <= duration:
         raise ValueError(f"'step' must be positive and below 'duration' (got {step}, {duration})")
     lengths = [rng.uniform(*span) * duration / _FULL_LENGTH for span in _SCHEDULE]
@@ -95,19 +99,20 @@ def plan_grasp(
     top = STAND[2] + height + _PALM
     rise = rng.uniform(0.09, 0.13)
     gantry = np.empty((len(ticks), 4))
-    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, 0.008)
-    gantry[:, 1] = rng.normal(0.0, 0.014)
+    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, spread.forward)
+    gantry[:, 1] = rng.normal(0.0, spread.lateral)
     descent = (_HOVER - _ABOVE) * reach + (_ABOVE + _PRESS) * close
     gantry[:, 2] = top + _HOVER - descent + rise * lift
-    gantry[:, 3] = rng.normal(0.0, 0.16)
+    gantry[:, 3] = rng.normal(0.0, spread.yaw)
     gantry[:, :3] += _tremor(rng, step, (len(ticks), 3), sd=0.0008)
 
-    start = np.array(_OPEN) + rng.normal(0.0, 0.05, 16)
-    end = np.array(_CLOSED) + rng.normal(0.0, 0.08, 16)
+    start = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
+    end = np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
     firmness = rng.uniform(0.6, 1.4)
-    joint = start + (end - start) * close[:, None]
+    tremor = _tremor(rng, step, (len(ticks), 16), sd=0.008)
+    joint = start + spread.close_less(end - start, rng) * close[:, None]
     joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]
-    joint += _tremor(rng, step, (len(ticks), 16), sd=0.008)
+    joint += tremor
     return GraspPlan(gantry, joint, phase, step)
 
 

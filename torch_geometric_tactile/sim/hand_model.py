@@ -162,7 +162,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
         "geom",
         name="object",
         type=item.shape,
-        size=_text((x, y) if lying else (x, y, z)),
+        size=_text({"cylinder": (x, y), "sphere": (x,)}.get(item.shape, (x, y, z))),
         quat=_text((0.5**0.5, 0.5**0.5, 0, 0) if lying else (1, 0, 0, 0)),
         mass=repr(item.mass),
         friction=_friction(item),

@@ -10,7 +10,8 @@ PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg
 _FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
 
-Shape = Literal["box", "cylinder", "ellipsoid"]
+Shape = Literal["box", "cylinder", "ellipsoid", "sphere"]
+_SHAPES = ("box", "cylinder", "ellipsoid", "sphere")
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,8 @@ class GraspObject:
 
     Args:
         name (str): Its name.
-        shape (str): :obj:`"box"`, :obj:`"cylinder"` (axis along :math:`y`) or :obj:`"ellipsoid"`.
+        shape (str): :obj:`"box"`, :obj:`"cylinder"` (axis along :math:`y`), :obj:`"ellipsoid"` or
+            :obj:`"sphere"`.
         size (tuple of float): Full extent along :math:`x` (between fingers and thumb), :math:`y`
             (across the fingers) and :math:`z` (upwards), in metres. The controller may know it.
         mass (float): Mass in kilograms. The controller must not know it, nor what follows.
@@ -43,12 +45,12 @@ class GraspObject:
     soft: bool
 
     def __post_init__(self) -> None:
-        if self.shape not in ("box", "cylinder", "ellipsoid"):
-            raise ValueError(
-                f"'shape' must be 'box', 'cylinder' or 'ellipsoid' (got '{self.shape}')"
-            )
+        if self.shape not in _SHAPES:
+            raise ValueError(f"'shape' must be one of {_SHAPES} (got '{self.shape}')")
         if self.shape == "cylinder" and self.size[0] != self.size[2]:
             raise ValueError(f"a cylinder must be as wide as it is high (got {self.size})")
+        if self.shape == "sphere" and len(set(self.size)) > 1:
+            raise ValueError(f"a sphere must have one size in all directions (got {self.size})")
         for key, numbers in (
             ("size", self.size),
             ("mass", [self.mass]),
@@ -56,6 +58,11 @@ class GraspObject:
         ):
             if not all(0 < number < float("inf") for number in numbers):
                 raise ValueError(f"'{key}' must be positive (got {numbers})")
+
+    @property
+    def width(self) -> float:
+        r"""Extent between fingers and thumb in metres."""
+        return self.size[0]
 
     @property
     def labels(self) -> tuple[int, ...]:
@@ -132,6 +139,3 @@ def twenty() -> list[GraspObject]:
 def _scaled(size: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
     x, y, z = size
     return (round(x * factor, 4), round(y * factor, 4), round(z * factor, 4))
-
-
-OBJECT_SETS = {"paper8": paper8, "control8": control8, "twenty": twenty}

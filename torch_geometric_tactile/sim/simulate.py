@@ -2,10 +2,11 @@ r"""Recordings of simulated grasps: many trials, on many processes, finished one
 
 import json
 import logging
+import math
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -19,14 +20,23 @@ from torch_geometric_tactile.files import atomic_path, remove_leftovers
 from torch_geometric_tactile.io import read_hdf5_head, write_hdf5
 from torch_geometric_tactile.parallel import run_parallel
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
-from torch_geometric_tactile.sim.grasp import PHASES, GraspResult, GraspSimulator, plan_grasp
+from torch_geometric_tactile.sim.grasp import (
+    PHASES,
+    GraspPlan,
+    GraspResult,
+    GraspSimulator,
+    plan_grasp,
+)
 from torch_geometric_tactile.sim.hand_model import ContactParameters
-from torch_geometric_tactile.sim.objects import OBJECT_SETS, PROPERTIES, GraspObject
+from torch_geometric_tactile.sim.object_sets import object_set
+from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
 from torch_geometric_tactile.sim.skin import SkinModel
+from torch_geometric_tactile.sim.spread import GraspSpread
 from torch_geometric_tactile.typing import PathLike
 
 _ENCODER_NOISE = 0.0015  # rad
 _SUMMARY = "simulation.json"
+_SHORTEST = 1.0  # s
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
 
@@ -74,16 +84,14 @@ class _Task:
     out: str
     hand: str
     object_set: str
+    item: GraspObject
     index: int
     trial: int
     seed: int
     max_attempts: int
     preset: Preset
     skin: SkinModel
-
-    @property
-    def item(self) -> GraspObject:
-        return OBJECT_SETS[self.object_set]()[self.index]
+    spread: GraspSpread
 
     @property
     def path(self) -> Path:
@@ -101,6 +109,7 @@ class _Task:
                     "seed": self.seed,
                     "preset": asdict(self.preset),
                     "skin": asdict(self.skin),
+                    "spread": asdict(self.spread),
                 }
             )
         )
@@ -109,7 +118,7 @@ class _Task:
 
 def simulate(
     out: PathLike,
-    objects: str = "paper8",
+    objects: str | Sequence[GraspObject] = "paper8",
     trials: int | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -118,6 +127,9 @@ def simulate(
     max_attempts: int = 10,
     skin: SkinModel | None = None,
     hand: str | None = None,
+    plan: GraspSpread | None = None,
+    seconds: float | None = None,
+    num_objects: int | None = None,
 ) -> Generator[TrialReport, None, None]:
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording a trial. Yields a
     report for each trial when its file is finished, and writes :obj:`simulation.json` at the end.
@@ -128,7 +140,8 @@ def simulate(
 
     Args:
         out (str or PathLike): Folder of the recordings.
-        objects (str): :obj:`"paper8"`, :obj:`"control8"` or :obj:`"twenty"`.
+        objects (str or sequence of GraspObject): :obj:`"paper8"`, :obj:`"control8"`,
+            :obj:`"twenty"` or :obj:`"shapes"` (:func:`drawn_objects`), or objects of your own.
         trials (int, optional): Trials of each object; the preset's if left out.
         seed (int): Seed, not negative.
         jobs (int): Processes.
@@ -138,38 +151,61 @@ def simulate(
         hand (str, optional): :obj:`"allegro_uskin"` (384 taxels) or :obj:`"allegro_uskin_240"`
             (none on the palm). If left out, that of the paper which the objects are of: the
             second for :obj:`"twenty"`, else the first.
+        plan (GraspSpread, optional): How much the grasps differ from each other; that of an
+            operator who takes care if left out.
+        seconds (float, optional): Length of a trial, from 1 on; the preset's if left out.
+        num_objects (int, optional): How many objects of :obj:`"shapes"` are drawn; 40 if left out.
+            The seed decides which.
 
     Raises:
         ImportError: If MuJoCo or h5py is missing.
         ValueError: If an argument is unknown or too small, or the folder holds recordings that were
             made with other arguments.
     """
-    if objects not in OBJECT_SETS:
-        raise ValueError(f"'objects' must be one of {list(OBJECT_SETS)} (got '{objects}')")
-    if preset not in PRESETS:
-        raise ValueError(f"'preset' must be one of {list(PRESETS)} (got '{preset}')")
+    settings = _settings(preset, seconds)
     hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
     if hand not in HANDS:
         raise ValueError(f"'hand' must be one of {list(HANDS)} (got '{hand}')")
-    settings = PRESETS[preset]
     trials = settings.trials if trials is None else trials
     for name, number in (("trials", trials), ("jobs", jobs), ("max_attempts", max_attempts)):
         if number < 1:
             raise ValueError(f"'{name}' must be at least 1 (got {number})")
     if seed < 0:
         raise ValueError(f"'seed' must not be negative (got {seed})")
+    set_name, items = object_set(objects, num_objects, seed)
     for package in ("mujoco", "h5py"):
         if find_spec(package) is None:
             raise ImportError(
                 f"the simulated hand needs {package}: pip install 'torch-geometric-tactile[sim]'"
             )
-    skin = skin or SkinModel()
     tasks = [
-        _Task(str(out), hand, objects, index, trial, seed, max_attempts, settings, skin)
+        _Task(
+            out=str(out),
+            hand=hand,
+            object_set=set_name,
+            item=item,
+            index=index,
+            trial=trial,
+            seed=seed,
+            max_attempts=max_attempts,
+            preset=settings,
+            skin=skin or SkinModel(),
+            spread=plan or GraspSpread(),
+        )
         for trial in range(trials)
-        for index in range(len(OBJECT_SETS[objects]()))
+        for index, item in enumerate(items)
     ]
     return _run(tasks, Path(out), jobs)
+
+
+def _settings(preset: str, seconds: float | None) -> Preset:
+    if preset not in PRESETS:
+        raise ValueError(f"'preset' must be one of {list(PRESETS)} (got '{preset}')")
+    if seconds is None:
+        return PRESETS[preset]
+    if not _SHORTEST <= seconds < math.inf:
+        raise ValueError(f"'seconds' must be at least {_SHORTEST:g} (got {seconds})")
+    return replace(PRESETS[preset], duration=float(seconds))
 
 
 def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, None, None]:
@@ -195,7 +231,8 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, Non
 
 
 def _kept(task: _Task) -> TrialReport:
-    meta = read_hdf5_head(task.path).meta
+    # Recordings of earlier versions do not name the spread: it was always this one.
+    meta = {"spread": asdict(GraspSpread()), **read_hdf5_head(task.path).meta}
     for key, wanted in task.identity().items():
         if meta.get(key) != wanted:
             raise ValueError(
@@ -213,15 +250,16 @@ def _kept(task: _Task) -> TrialReport:
 
 def _simulate_trial(task: _Task, parent: int) -> TrialReport:
     name = task.item.name
-    simulator = _simulator(task.hand, task.object_set, task.index, task.preset.timestep)
+    simulator = _simulator(task.hand, task.item, task.preset.timestep)
     for attempt in range(task.max_attempts):
         if parent not in (os.getpid(), os.getppid()):
             os._exit(1)  # the run was killed: its workers would go on with what was dispatched
         rng = np.random.default_rng([task.seed, task.index, task.trial, attempt])
-        plan = plan_grasp(task.item.size, rng, task.preset.duration, task.preset.step)
+        plan = plan_grasp(task.item.size, rng, task.preset.duration, task.preset.step, task.spread)
         result = simulator.run(plan, task.preset.rate)
         if result.success:
-            write_hdf5(_recording(task, attempt, result, simulator.layout, rng), task.path)
+            recording = _recording(task, attempt, plan, result, simulator.layout, rng)
+            write_hdf5(recording, task.path)
             return TrialReport(name, task.trial, attempt + 1, task.path, kept=False)
     _logger.warning("%s, trial %d: not lifted in %d attempts", name, task.trial, task.max_attempts)
     return TrialReport(name, task.trial, task.max_attempts, None, kept=False)
@@ -233,15 +271,15 @@ def _hand(name: str) -> tuple[TaxelLayout, HandKinematics]:
 
 
 @lru_cache(maxsize=4)
-def _simulator(hand: str, object_set: str, index: int, timestep: float) -> GraspSimulator:
+def _simulator(hand: str, item: GraspObject, timestep: float) -> GraspSimulator:
     layout, kinematics = _hand(hand)
-    item = OBJECT_SETS[object_set]()[index]
     return GraspSimulator(layout, kinematics, item, ContactParameters(timestep=timestep))
 
 
 def _recording(
     task: _Task,
     attempt: int,
+    plan: GraspPlan,
     result: GraspResult,
     layout: TaxelLayout,
     rng: np.random.Generator,
@@ -255,6 +293,7 @@ def _recording(
         label=task.item.name,
         meta={
             **task.identity(),
+            **_facts(task, plan),
             "attempt": attempt,
             "unit": "count",
             "rate": task.preset.rate,
@@ -275,6 +314,21 @@ def _recording(
     )
 
 
+def _facts(task: _Task, plan: GraspPlan) -> dict[str, Any]:
+    # What a data set may ask for, or split by.
+    item, (lateral, yaw) = task.item, plan.gantry[:, [1, 3]].mean(axis=0).tolist()
+    return {
+        "shape": item.shape,
+        "width": item.width,
+        "mass": item.mass,
+        "friction": item.friction,
+        "palm_lateral": lateral,
+        "palm_yaw": yaw,
+        "placement": task.spread.placement(lateral, yaw),
+        "size": int(item.width * 100 + 1e-9),
+    }
+
+
 def _write_summary(out: Path, tasks: list[_Task], reports: list[TrialReport]) -> None:
     given_up = [report for report in reports if report.path is None]
     content = {
@@ -285,6 +339,7 @@ def _write_summary(out: Path, tasks: list[_Task], reports: list[TrialReport]) ->
         "object_set": tasks[0].object_set,
         "seed": tasks[0].seed,
         "preset": asdict(tasks[0].preset),
+        "spread": asdict(tasks[0].spread),
         "trials": len(reports),
         "attempts": sum(report.attempts for report in reports),
         "successes": len(reports) - len(given_up),

@@ -2,6 +2,7 @@ r"""Transforms: from data to data, one per file."""
 
 from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform
+from torch_geometric_tactile.transforms.common_mode import CommonMode
 from torch_geometric_tactile.transforms.drop_patches import DropPatches
 from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
 from torch_geometric_tactile.transforms.fill_missing import FillMissing
@@ -14,12 +15,14 @@ from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.static_transform import static_transform
 from torch_geometric_tactile.transforms.tare import Tare
+from torch_geometric_tactile.transforms.taxel_force import TaxelForce
 from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
 from torch_geometric_tactile.transforms.topological_segmentation import TopologicalSegmentation
 from torch_geometric_tactile.transforms.z_score import ZScore
 
 __all__ = [
     "AbsoluteMorphology",
+    "CommonMode",
     "DropPatches",
     "DropTaxels",
     "FillMissing",
@@ -31,6 +34,7 @@ __all__ = [
     "SelectChannels",
     "SessionZScore",
     "Tare",
+    "TaxelForce",
     "TaxelPose",
     "TopologicalSegmentation",
     "ZScore",

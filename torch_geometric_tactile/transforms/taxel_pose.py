@@ -30,13 +30,17 @@ class TaxelPose(BaseTransform):
         kinematics (HandKinematics, optional): The hand that these links belong to; the Allegro
             hand if left out.
         normal (bool): Whether to set :obj:`normal` as well, which costs as much as :obj:`pos`.
+        tangent (bool): Whether to set :obj:`tangent` as well: the taxels' :math:`x` and :math:`y`
+            axes (:meth:`~torch_geometric_tactile.sensors.TaxelLayout.axes`), which
+            :class:`~torch_geometric_tactile.transforms.TaxelForce` needs.
 
     Shapes:
         - **input:** joint angles in radians :math:`(J,)` or :math:`(1, J)`, :math:`(B, J)` for many
           samples, or those of a PyG batch
         - **output:** :obj:`pos` in metres and unit :obj:`normal` (if the layout has normals) in the
-          hand's root frame :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`. Angles
-          that many samples share (declared as :obj:`shared=["joint"]`) give one :math:`(N, 3)`.
+          hand's root frame :math:`(N, 3)`, :math:`(B, N, 3)` or :math:`(B \cdot N, 3)`, and unit
+          :obj:`tangent` :math:`(N, 2, 3)`, likewise. Angles that many samples share (declared as
+          :obj:`shared=["joint"]`) give one :math:`(N, 3)`.
 
     Raises:
         ValueError: If a link of the layout is not one of the hand, there are no angles, their
@@ -56,6 +60,7 @@ class TaxelPose(BaseTransform):
         layout: TaxelLayout | PathLike | None = None,
         kinematics: HandKinematics | None = None,
         normal: bool = True,
+        tangent: bool = False,
     ) -> None:
         layout = allegro_uskin() if layout is None else as_layout(layout)
         kinematics = HandKinematics.allegro() if kinematics is None else kinematics
@@ -63,20 +68,24 @@ class TaxelPose(BaseTransform):
         self.layout = layout
         self.kinematics = kinematics
         self.normal = normal
+        self.tangent = tangent
 
     def forward(self, data: Data) -> Data:
-        r"""Sets :obj:`pos`, and :obj:`normal` if wanted."""
+        r"""Sets :obj:`pos`, and :obj:`normal` and :obj:`tangent` if wanted."""
         joint = require(self, data, "joint")
         if getattr(data, "x", None) is not None:
             name = f"layout '{self.layout.name}'"
             check_num_taxels(data, self.layout.num_taxels, name)
         rows = self._rows(data, joint)
         posed = self.kinematics.taxel_pose(self.layout, rows, self.normal)
+        values = {"pos": posed.pos, "normal": posed.normal}
+        if self.tangent:
+            values["tangent"] = self.kinematics.taxel_axes(self.layout, rows)[..., :2, :]
         one_for_all = not isinstance(data, StaticData) or data.is_shared("joint")
-        for key, value in (("pos", posed.pos), ("normal", posed.normal)):
+        for key, value in values.items():
             if value is not None:
                 if isinstance(data, Batch):
-                    value = value.reshape(-1, 3)
+                    value = value.flatten(0, 1)
                 elif one_for_all:
                     value = value[0]
                 data[key] = value

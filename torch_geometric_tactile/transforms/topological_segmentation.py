@@ -11,8 +11,9 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.sensors import TaxelLayout, as_layout, check_segment
+from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+from torch_geometric_tactile.transforms._segments import segment_numbers
 from torch_geometric_tactile.typing import PathLike
 
 _SET_HERE = ("segment_batch", "edge_is_within")
@@ -76,22 +77,8 @@ class TopologicalSegmentation(BaseTransform):
         self.by = by if isinstance(by, str) else "numbers"
         self.layout = layout
         self.drop = drop
-        layout = None if layout is None else as_layout(layout)
-        if isinstance(by, str):
-            if layout is None:
-                raise ValueError(f"'by' must come with a layout if it is a name (got '{by}')")
-            numbers = layout.segments(by)  # type: ignore[arg-type]
-        else:
-            what = "'by', if neither 'digit' nor 'patch',"
-            numbers = check_segment(torch.as_tensor(by).cpu(), what=what, gaps=True)
-            if layout is not None and len(numbers) != layout.num_taxels:
-                raise ValueError(
-                    f"'by' must have {layout.num_taxels} numbers, as layout '{layout.name}' has "
-                    f"taxels (got {len(numbers)})"
-                )
-        values, segment = numbers.unique(return_inverse=True)
-        self.segment: Tensor = segment  # (N,), from zero without gaps
-        self.num_segments = len(values)
+        self.segment = segment_numbers(by, layout, "by")  # (N,), from zero without gaps
+        self.num_segments = int(self.segment.max()) + 1
 
     def arguments(self) -> dict[str, Any]:
         r"""Returns the arguments of the constructor; segments that were given are numbered anew."""

@@ -1,0 +1,103 @@
+r"""What a fused optimizer and bfloat16 are worth in training, in speed and in accuracy."""
+
+import copy
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from hand_frames import LAYOUT, Frames
+from torch import nn
+
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.datasets import AllegroUSkin
+from torch_geometric_tactile.experiments.run import fit_classifier
+from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.nn.models import TactileGCN
+from torch_geometric_tactile.training import TactileDataModule, classification_metrics
+from torch_geometric_tactile.training.config import expand_template
+from torch_geometric_tactile.training.predictions import collect_predictions
+from torch_geometric_tactile.transforms import ZScore
+
+WAYS = {
+    "loop, float32": (False, False),
+    "fused, float32": (True, False),
+    "fused, bfloat16": (True, True),
+}
+_SEEDS = 5
+
+
+def measure_precision(
+    batch_size: int, rounds: int, threads: int, root: Path | None
+) -> dict[str, Any]:
+    """Frames per second of X and II in each way and, with recordings, their accuracy by trial."""
+    torch.set_num_threads(threads)
+    found: dict[str, Any] = {"frames_per_second": {}, "ratios": {}}
+    for name, segments in (("X", None), ("II", "patch")):
+        speed = _speed(segments, batch_size, rounds)
+        found["frames_per_second"][name] = {
+            way: {"median": statistics.median(values), "min": min(values), "max": max(values)}
+            for way, values in speed.items()
+        }
+        for way in ("fused, float32", "fused, bfloat16"):
+            pairs = zip(speed[way], speed["loop, float32"], strict=True)
+            found["ratios"][f"{name}: {way} against loop, float32"] = statistics.median(
+                a / b for a, b in pairs
+            )
+    if root is not None:
+        found["accuracy"] = {
+            name: {
+                way: _accuracies(root, experiment, bf16)
+                for way, bf16 in (("float32", False), ("bfloat16", True))
+            }
+            for name, experiment in (("X", "x_tac"), ("II", "ii_tac"))
+        }
+    return found
+
+
+def _speed(segments: str | None, batch_size: int, rounds: int) -> dict[str, list[float]]:
+    torch.manual_seed(0)
+    dataset = Frames(6 * batch_size)
+    dataset.data.x.sub_(30_000).div_(100)
+    loader = StaticLoader(dataset, batch_size, shuffle=True)
+    first = TactileGCN(LAYOUT, 8, segments=segments)
+    sides = {}
+    for way, (fused, bf16) in WAYS.items():
+        model = copy.deepcopy(first)
+        options = {"fused": True} if fused else {"foreach": False}
+        sides[way] = (model, torch.optim.Adam(model.parameters(), **options), bf16)
+    speed: dict[str, list[float]] = {way: [] for way in sides}
+    for round_ in range(rounds + 1):
+        for way, (model, optimizer, bf16) in sides.items():
+            start = time.perf_counter()
+            for _ in range(2):
+                for batch in loader:
+                    optimizer.zero_grad()
+                    with torch.autocast("cpu", torch.bfloat16, enabled=bf16):
+                        loss = nn.functional.cross_entropy(
+                            model(batch.x, batch.edge_index), batch.y
+                        )
+                    loss.backward()
+                    optimizer.step()
+            if round_ > 0:  # the first warms up
+                speed[way].append(2 * len(dataset) / (time.perf_counter() - start))
+    return speed
+
+
+def _accuracies(root: Path, experiment: str, bf16: bool) -> list[float]:
+    config = expand_template("p2_table2")[experiment]
+    dataset = AllegroUSkin(root, task="object", split=None, stride=50)
+    protocol = Protocol("trial", val=0.1, test=0.3, stratify="group")
+    out = []
+    for seed in range(_SEEDS):
+        train, _, test = protocol.split(dataset, seed)
+        data = TactileDataModule(
+            dataset[train], dataset[test], split="frame", val=0.0, transform=ZScore(per="channel")
+        )
+        settings = {"accelerator": "cpu", "precision": "bf16-mixed" if bf16 else "32-true"}
+        section = {**config["model"], "num_classes": dataset.num_classes}
+        classifier = fit_classifier(section, data, seed, settings, 30)
+        said = collect_predictions(classifier, data.test_dataloader())
+        out.append(classification_metrics(said.probability, said.y)["accuracy"])
+    return out

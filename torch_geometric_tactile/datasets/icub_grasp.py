@@ -1,0 +1,227 @@
+r"""Real grasps with the hand of an iCub robot."""
+
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data.file_state import file_state
+from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.io import read_icub_grasp_txt
+from torch_geometric_tactile.sensors import icub_hand
+from torch_geometric_tactile.typing import Filter, PathLike, Transform
+
+_NAME = re.compile(r"(?P<object>.+)_(?P<trial>[0-9]{1,9})\.txt", re.ASCII)
+_UNRELIABLE = "full_coke"
+_FOLDERS = ("raw", "iCubGraspDataset", ".")
+_FULL = 255.0
+
+
+class _TrialFile(NamedTuple):
+    object_name: str
+    number: int
+    path: Path
+
+
+class ICubGrasp(StaticDataset):
+    r"""The iCub Grasp data set of the "Online Spatio-Temporal Gaussian Process Experts with
+    Application to Tactile Classification" paper (Soh, Su and Demiris, IROS 2012): real grasps with
+    a hand of the iCub robot of ten everyday objects, and of none.
+
+    A sample is a frame: 60 taxels (thumb, index, middle, ring and little finger, twelve each) with
+    one channel, in raw counts, and nine joint angles :obj:`joint` in radians (iCub's joints 7 to
+    15: spread of the fingers, opposition of the thumb, its two angles, two each of index and middle
+    finger, ring and little finger together). :obj:`y` and :obj:`group` number the objects,
+    :obj:`trial` the files, :obj:`step` the frames of a trial. The files hold no times. Untouched
+    taxels read 239 to 249 of 255, pressed ones less, down to 142: with :obj:`contact`, 255 less the
+    reading.
+
+    .. warning::
+        This data set tests formats and pipelines; **it does not rank models.** A random forest that
+        sees nothing but the *first* frame of a trial tells the object in 100.0 % of the trials,
+        from the encoders alone in 99.2 %, from the taxels alone in 99.3 % (203 trials, 10 classes,
+        5 folds by trial, stratified, 3 seeds; ``benchmarks/icub_first_frame.py``). The trials of an
+        object are too much alike: most joints start within a degree of each other, and some fingers
+        touch already. Frames of a trial belong on one side of a split, and even that asks nothing.
+
+    .. list-table:: STATS
+        :header-rows: 1
+
+        * - objects
+          - #trials
+          - #graphs
+          - #nodes
+          - #edges
+          - #features
+          - #classes
+        * - without the unreliable one
+          - 203
+          - 2,520
+          - 60
+          - 190
+          - 1
+          - 10
+        * - all
+          - 230
+          - 2,883
+          - 60
+          - 190
+          - 1
+          - 11
+
+    The files are not downloaded and do not come with this package: the author gives them away on
+    `haroldsoh.com <http://www.haroldsoh.com>`_, free to use with their notice and a citation.
+
+    Args:
+        root (str or PathLike, optional): Folder of the data set; its files, named
+            ``<object>_<number>.txt``, are in its folder :obj:`raw` or :obj:`iCubGraspDataset` or in
+            itself. If left out, :obj:`$TACTILE_DATA/ICubGrasp` or a folder in the user's cache.
+        unreliable (bool): Whether to take the object ``full_coke`` as well, whose data "should not
+            be considered reliable", as their author says.
+        contact (bool): Whether :obj:`x` is 255 less the reading, so that it grows with pressure.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once, before the samples are saved.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+        force_reload (bool): Whether to process the raw files anew.
+
+    Raises:
+        FileNotFoundError: If there are no files.
+        ValueError: If a file cannot be read, two hold the same trial, or only unreliable ones are
+            there.
+
+    Examples:
+        >>> from torch_geometric_tactile.data import Protocol
+        >>> dataset = ICubGrasp("icub")  # doctest: +SKIP
+        >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
+    """
+
+    selection_args = ("unreliable",)
+
+    def __init__(
+        self,
+        root: PathLike | None = None,
+        *,
+        unreliable: bool = False,
+        contact: bool = False,
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        force_reload: bool = False,
+    ) -> None:
+        self.layout = icub_hand()
+        self.unreliable = unreliable
+        self.contact = contact
+        super().__init__(
+            default_root("ICubGrasp") if root is None else root,
+            transform,
+            pre_transform,
+            pre_filter,
+            force_reload,
+        )
+        if not unreliable and _UNRELIABLE in self._names["group"]:
+            number = self._names["group"].index(_UNRELIABLE)
+            kept = self._data.group != number
+            if not kept.any():
+                raise ValueError(
+                    f"'{self.root}' must hold trials of other objects than '{_UNRELIABLE}' (got "
+                    "none): add them, or choose unreliable=True"
+                )
+            self._data = self._data.index_select(kept)
+
+    @property
+    def raw_dir(self) -> str:
+        r"""The folder of the files: :obj:`root/raw`, :obj:`root/iCubGraspDataset` or :obj:`root`,
+        the first that has some.
+        """
+        root = Path(self.root)
+        found = [root / name for name in _FOLDERS if _trial_files(root / name)]
+        return str(found[0] if found else root / _FOLDERS[0])
+
+    @property
+    def raw_file_names(self) -> list[str]:
+        r"""The files of the trials, by object and number."""
+        return [file.path.name for file in _trial_files(Path(self.raw_dir))]
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for all objects."""
+        return "icub_grasp_contact.pt" if self.contact else "icub_grasp.pt"
+
+    @property
+    def class_names(self) -> list[str]:
+        r"""The names of the objects; an unreliable one is the last."""
+        return self.group_names
+
+    @property
+    def group_names(self) -> list[str]:
+        r"""The names of the objects; an unreliable one is the last."""
+        return [name for name in super().group_names if self.unreliable or name != _UNRELIABLE]
+
+    @property
+    def num_classes(self) -> int:
+        r"""The number of objects."""
+        return len(self.class_names)
+
+    @property
+    def trial_names(self) -> list[str]:
+        r"""The names of the files behind :obj:`trial`, without their suffix."""
+        return list(self._names["trial"])
+
+    def raw_state(self) -> list[str]:
+        r"""Returns the raw files with what their contents are known by, see
+        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        """
+        return [
+            f"{file.path.name}={file_state(file.path)}" for file in _trial_files(Path(self.raw_dir))
+        ]
+
+    def _process(self) -> None:
+        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
+        if not is_processed and not self.raw_file_names:
+            raise FileNotFoundError(
+                f"there are no trials in '{self.raw_dir}' or '{self.root}': put the files of the "
+                "iCub Grasp data set there, <object>_<number>.txt (its author gives them away on "
+                "http://www.haroldsoh.com)"
+            )
+        super()._process()
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Reads all files."""
+        files = _trial_files(Path(self.raw_dir))
+        for first, other in pairwise(files):
+            if first[:2] == other[:2]:
+                raise ValueError(
+                    f"trial {first.number} of '{first.object_name}' must be in one file (got "
+                    f"'{first.path}' and '{other.path}')"
+                )
+        objects = sorted({file.object_name for file in files}, key=lambda n: (n == _UNRELIABLE, n))
+        trials = [read_icub_grasp_txt(file.path) for file in files]
+        num_frames = torch.tensor([len(trial.reading) for trial in trials])
+        group = torch.tensor([objects.index(file.object_name) for file in files])
+        reading = np.concatenate([trial.reading for trial in trials])[..., None]
+        data = StaticData(
+            x=torch.from_numpy(_FULL - reading if self.contact else reading),
+            edge_index=self.layout.edge_index("original"),
+            y=group.repeat_interleave(num_frames),
+            joint=torch.from_numpy(np.concatenate([trial.encoder for trial in trials])),
+            trial=torch.arange(len(trials)).repeat_interleave(num_frames),
+            group=group.repeat_interleave(num_frames),
+            step=torch.cat([torch.arange(count) for count in num_frames.tolist()]),
+        )
+        names = [file.path.stem for file in files]
+        return data, {"class": objects, "group": objects, "trial": names}
+
+
+def _trial_files(folder: Path) -> list[_TrialFile]:
+    if not folder.is_dir():
+        return []
+    found = [
+        _TrialFile(match["object"], int(match["trial"]), path)
+        for path in folder.iterdir()
+        if (match := _NAME.fullmatch(path.name)) and path.is_file()
+    ]
+    return sorted(found)

@@ -1,0 +1,45 @@
+r"""Sets of objects, by name."""
+
+from collections.abc import Callable, Sequence
+
+from torch_geometric_tactile.sim.drawn_objects import NUM_DRAWN, drawn_objects
+from torch_geometric_tactile.sim.objects import GraspObject, control8, paper8, twenty
+
+OBJECT_SETS: dict[str, Callable[[], list[GraspObject]]] = {
+    "paper8": paper8,
+    "control8": control8,
+    "twenty": twenty,
+    "shapes": drawn_objects,
+}
+
+
+def object_set(
+    objects: str | Sequence[GraspObject], num_objects: int | None = None, seed: int = 0
+) -> tuple[str, list[GraspObject]]:
+    r"""Returns the name and the objects of a set.
+
+    Args:
+        objects (str or sequence of GraspObject): Name of the set, or objects of your own, of which
+            each has another name.
+        num_objects (int, optional): How many of :obj:`"shapes"` are drawn.
+        seed (int): Which of them.
+
+    Raises:
+        ValueError: If there is no such set or no object, two objects have one name, or a number is
+            given for another set than :obj:`"shapes"`.
+    """
+    if num_objects is not None and not (isinstance(objects, str) and objects == "shapes"):
+        raise ValueError(
+            f"'num_objects' must be left out for objects other than 'shapes' (got {num_objects})"
+        )
+    if isinstance(objects, str):
+        if objects not in OBJECT_SETS:
+            raise ValueError(f"'objects' must be one of {list(OBJECT_SETS)} (got '{objects}')")
+        if objects == "shapes":
+            return objects, drawn_objects(NUM_DRAWN if num_objects is None else num_objects, seed)
+        return objects, OBJECT_SETS[objects]()
+    items = list(objects)
+    names = [item.name for item in items]
+    if not items or len(set(names)) < len(names):
+        raise ValueError(f"'objects' must be objects with different names (got {names})")
+    return "own", items
