@@ -5,6 +5,7 @@ import torch
 from torch_geometric_tactile.baselines import PosedSummary, posed_summary
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms import TaxelForce
 
 # Two patches of two taxels.
 LAYOUT = TaxelLayout(
@@ -28,16 +29,28 @@ def test_features_by_hand():
     assert features[6].tolist() == [*rest[:8], 2, 0, 4, 0, 0, 1, 0, 1]
 
 
-def test_places_and_forces_of_samples_are_taken():
+def test_places_of_samples_are_taken():
     pos = torch.zeros(7, 4, 3)
     pos[6, 3] = torch.tensor([9.0, 8.0, 7.0])
     normal = torch.zeros(7, 4, 3)
     normal[6, 3, 2] = -1.0
-    force = torch.ones(7, 4, 3)
-    data = StaticData(x=torch.from_numpy(X), pos=pos, normal=normal, force=force, node=["force"])
+    data = StaticData(x=torch.from_numpy(X), pos=pos, normal=normal)
     features = PosedSummary(LAYOUT).fit(data).transform(data)
-    assert features.shape == (7, 20)
-    assert features[6, 10:].tolist() == [1, 1, 1, 9, 8, 7, 0, 0, -1, 1]
+    assert features.shape == (7, 16)
+    assert features[6, 8:].tolist() == [2, 9, 8, 7, 0, 0, -1, 1]
+
+
+def test_shear_and_pressure_are_turned_to_the_palm_as_taxel_force_does():
+    tangent = torch.tensor([[0.0, 1, 0], [0, 0, 1]]).expand(4, 2, 3)
+    normal = torch.tensor([[1.0, 0, 0]]).expand(4, 3)
+    x = torch.zeros(7, 4, 3)
+    x[6, 0] = torch.tensor([2.0, 3.0, 5.0])
+    data = StaticData(x=x, pos=LAYOUT.pos, normal=normal, tangent=tangent)
+    features = PosedSummary(LAYOUT).fit(data).transform(data)
+    assert features[6, :3].tolist() == [-5, 2, 3]
+    assert TaxelForce()(data).x[6, 0].tolist() == [-5, 2, 3]
+    plain = StaticData(x=x, pos=LAYOUT.pos, normal=normal)
+    assert posed_summary(plain, LAYOUT)[6, :3].tolist() == [2, 3, 5]
 
 
 def test_missing_readings_are_not_pressed():

@@ -33,9 +33,11 @@ class PosedSummary(TransformerMixin, BaseEstimator):
 
     Samples with :obj:`pos` and :obj:`normal` of their own (see
     :class:`~torch_geometric_tactile.transforms.TaxelPose`) are summed up where their taxels are;
-    others on the layout. The force :math:`\mathbf{f}_i` is the sample's :obj:`force`
-    :math:`(S, N, 3)` in the palm's frame where it has one; otherwise the sum of each channel. A
-    patch that nothing presses has its own centre and zeros. Missing readings (NaN) are not pressed.
+    others on the layout. The force :math:`\mathbf{f}_i` is in the frame of the palm where samples
+    have three channels and :obj:`tangent` axes (see
+    :class:`~torch_geometric_tactile.transforms.TaxelForce`); otherwise it is what the channels
+    feel. A patch that nothing presses has its own centre and zeros. Missing readings (NaN) are not
+    pressed.
 
     Args:
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
@@ -43,8 +45,7 @@ class PosedSummary(TransformerMixin, BaseEstimator):
 
     Shapes:
         - **input:** samples, or readings :math:`(S, N, F)`
-        - **output:** features :math:`(S, K \cdot (F + 7))` of :math:`K` patches; with forces
-          :math:`(S, 10 K)`
+        - **output:** features :math:`(S, K \cdot (F + 7))` of :math:`K` patches
 
     Raises:
         ValueError: If the readings are not of the layout's taxels.
@@ -92,9 +93,8 @@ class PosedSummary(TransformerMixin, BaseEstimator):
         weight = np.linalg.norm(felt, axis=2)
         pressed = weight > self.threshold_
         pos, normal = _places(x, layout)
-        force = getattr(x, "force", None) if isinstance(x, StaticData) else None
-        if force is not None:
-            felt = np.nan_to_num(np.asarray(force.numpy(force=True), dtype=np.float64))
+        if felt.shape[2] == 3 and isinstance(x, StaticData) and x.get("tangent") is not None:
+            felt = _turned(felt, x["tangent"].numpy(force=True), normal)
         patch = np.asarray(layout.patch)
         rows = [
             _patch(*(values[:, patch == i] for values in (felt, weight, pressed, pos, normal)))
@@ -147,6 +147,12 @@ def _places(x: Any, layout: TaxelLayout) -> tuple[np.ndarray, np.ndarray]:
         array = np.zeros(layout.pos.shape) if value is None else value.numpy(force=True)
         found.append(np.asarray(array, dtype=np.float64).reshape(-1, layout.num_taxels, 3))
     return found[0], found[1]
+
+
+def _turned(felt: np.ndarray, tangent: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    # As TaxelForce: pressure is positive into the skin.
+    along_x, along_y = tangent[..., 0, :], tangent[..., 1, :]
+    return felt[..., :1] * along_x + felt[..., 1:2] * along_y - felt[..., 2:] * normal
 
 
 def _nanmedian(values: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ _STEPS = 2000
 _EPOCHS = (8, 100)
 _BATCHES = {1000: 32, 4000: 64, math.inf: 128}  # by the most samples that are trained on
 _MOST_SVM_SAMPLES = 10_000
+_MANY_TAXELS = 500  # above which a network is tried with one setting, for time
 
 Settings = Sequence[dict[str, Any]]
 
@@ -92,7 +93,7 @@ class Task:
         if scaled:
             steps += [_step("ZScore", {"per": "channel"}), _step("FillMissing")]
         if posed:
-            steps.append(_step("TaxelPose", {"layout": self.layout.name}))
+            steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
         return {
             "class_path": "torch_geometric.transforms.Compose",
             "init_args": {"transforms": steps},
@@ -170,7 +171,8 @@ def _network(
         },
         "trainer": {"max_epochs": task.max_epochs},
     }
-    return {"config": config, "choice": task.choice(settings)}
+    few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
+    return {"config": config, "choice": task.choice(few)}
 
 
 def _estimator(
