@@ -30,7 +30,14 @@ LAYOUT = TaxelLayout(
 )
 EDGE_INDEX = LAYOUT.adjacency["original"]
 NUM_EDGES = EDGE_INDEX.size(1)
-SIZES = {"edge_attr": (NUM_EDGES, 4), "joint": (2,), "absolute": (11, 4), "pos": (11, 3)}
+SIZES = {
+    "edge_attr": (NUM_EDGES, 4),
+    "joint": (2,),
+    "absolute": (11, 4),
+    "pos": (11, 3),
+    "normal": (11, 3),
+    "tangent": (11, 2, 3),
+}
 ALL = ("tactile", "edge", "absolute", "position")
 HEAD = {"head_widths": (6,), "head_pools": (2,)}
 NARROW = {"widths": (4, 8), "pools": (1, 4)}

@@ -86,12 +86,13 @@ class Task:
         r"""Returns what every batch goes through, as plain data.
 
         Args:
-            scaled (bool): Whether channels are scaled and missing readings filled.
+            scaled (bool): Whether each channel is scaled; what is posed keeps its directions.
             posed (bool): Whether taxels are placed by joint angles.
         """
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
         if scaled:
-            steps += [_step("ZScore", {"per": "channel"}), _step("FillMissing")]
+            steps.append(_step("ZScore", {"per": "channel"}))
+        steps.append(_step("FillMissing"))
         if posed:
             steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
         return {
@@ -149,7 +150,7 @@ def _network(
     settings: Settings,
     *,
     lr: float,
-    posed: bool = False,
+    scaled: bool = True,
     **arguments: Any,
 ) -> dict[str, Any]:
     section: dict[str, Any] = {
@@ -166,7 +167,7 @@ def _network(
     config = {
         "model": section,
         "data": {
-            "transform": task.transform(scaled=True, posed=posed),
+            "transform": task.transform(scaled=scaled, posed=not scaled),
             "batch_size": task.batch_size,
         },
         "trainer": {"max_epochs": task.max_epochs},
@@ -214,7 +215,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "posed_taxel_net",
         "PosedTaxelNet, on taxels placed by the joint angles",
         True,
-        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, lr=2e-3, posed=True),
+        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, lr=2e-3, scaled=False),
         lambda task: "" if task.posed else "the taxels are not placed by joint angles",
     ),
     ComparedModel(

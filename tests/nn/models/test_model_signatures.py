@@ -10,6 +10,7 @@ from torch_geometric_tactile.nn import (
     MTGCN,
     GraspGCN,
     HandCNN,
+    PosedTaxelNet,
     SmallCNN,
     TactileFNN,
     TactileGCN,
@@ -17,7 +18,17 @@ from torch_geometric_tactile.nn import (
 )
 from torch_geometric_tactile.sensors import stock_path
 
-CLASSES = [MTCNN, MTGCN, GraspGCN, HandCNN, SmallCNN, TactileFNN, TactileGCN, TaxelNet]
+CLASSES = [
+    MTCNN,
+    MTGCN,
+    GraspGCN,
+    HandCNN,
+    PosedTaxelNet,
+    SmallCNN,
+    TactileFNN,
+    TactileGCN,
+    TaxelNet,
+]
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
 
@@ -113,6 +124,7 @@ def test_model_layout_bad(cls):
     needs = {
         HandCNN: "image map",
         MTCNN: "image map",
+        PosedTaxelNet: "places",
         SmallCNN: "image map",
         TaxelNet: "neighbours",
     }

@@ -7,6 +7,7 @@ from torch_geometric_tactile.nn.models.hand_cnn import HandCNN
 from torch_geometric_tactile.nn.models.mt_cnn import MTCNN
 from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
+from torch_geometric_tactile.nn.models.posed_taxel_net import PosedTaxelNet
 from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
 from torch_geometric_tactile.nn.models.small_cnn import SmallCNN
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
@@ -23,6 +24,7 @@ __all__ = [
     "GraspGCN",
     "HandCNN",
     "PooledMLP",
+    "PosedTaxelNet",
     "SegmentedThread",
     "SmallCNN",
     "TactileFNN",

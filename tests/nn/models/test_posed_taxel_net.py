@@ -1,0 +1,272 @@
+import copy
+from itertools import pairwise
+
+import pytest
+import torch
+from small_models import samples
+from torch_geometric.data import Batch, Data
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn import PosedTaxelNet
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
+from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
+
+N = 20
+LAYOUT = grid(4, 5, pitch=0.004)
+MODELS = {
+    "posed": {},
+    "open": {"posed": False},
+    "pressure": {"in_channels": 1},
+    "other": {"in_channels": 2, "posed": False},
+}
+
+
+def small(name="posed", **more):
+    torch.manual_seed(0)
+    arguments = {"num_strongest": 6, "widths": (5, 7), "hidden_channels": 4, **MODELS[name], **more}
+    return PosedTaxelNet(LAYOUT, 3, **arguments)
+
+
+def unit(*size, seed):
+    return torch.nn.functional.normalize(samples(*size, seed=seed), dim=-1)
+
+
+def given(model, batch_size, seed=0):
+    """The inputs, as keywords."""
+    found = {"x": samples(batch_size, N, model.in_channels, seed=seed)}
+    places = {
+        "pos": 0.1 * samples(batch_size, N, 3, seed=1),
+        "normal": unit(batch_size, N, 3, seed=2),
+        "tangent": unit(batch_size, N, 2, 3, seed=3),
+    }
+    return found | {name: places[name] for name in model.modalities}
+
+
+def trained(model):
+    optimizer = torch.optim.SGD(model.parameters(), 0.01)
+    for seed in range(3):
+        optimizer.zero_grad()
+        model(**given(model, 16, seed)).square().mean().backward()
+        optimizer.step()
+    return model.eval()
+
+
+@pytest.fixture(params=MODELS)
+def model(request):
+    return trained(small(request.param))
+
+
+def num_parameters(module):
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
+def test_posed_taxel_net_repr():
+    assert str(small("pressure")) == (
+        "PosedTaxelNet(20, 3, in_channels=1, posed=True, num_strongest=6)"
+    )
+
+
+def test_posed_taxel_net_parameter_count():
+    def layers(*sizes):
+        return sum(a * b + 2 * b for a, b in pairwise(sizes))
+
+    expected = layers(11, 48, 48, 96) + layers(2 * 96, 48) + 48 * 6 + 6
+    assert num_parameters(PosedTaxelNet()) == expected == 17_430
+    assert num_parameters(small("posed")) == layers(11, 5, 7) + layers(14, 4) + 15
+    assert num_parameters(small("other")) == layers(13, 5, 7) + layers(14, 4) + 15
+
+
+def test_posed_taxel_net_modalities():
+    assert small("posed").modalities == ("pos", "normal", "tangent")
+    assert small("pressure").modalities == ("pos", "normal")
+    assert small("open").modalities == ()
+
+
+def test_posed_taxel_net_forms(model):
+    data = given(model, 5)
+    expected = model(**data)
+    rows = [{key: value[i] for key, value in data.items()} for i in range(5)]
+    assert torch.allclose(torch.cat([model(**row) for row in rows]), expected, atol=1e-5)
+    batch = Batch.from_data_list([Data(**row) for row in rows])
+    found = model(**{key: batch[key] for key in data})
+    assert torch.allclose(found, expected, atol=1e-5)
+    empty = {key: value[:0] for key, value in data.items()}
+    assert model(**empty).shape == (0, 3)
+
+
+def test_posed_taxel_net_places_of_all_samples():
+    model = trained(small())
+    data = given(model, 5)
+    shared = {key: value if key == "x" else value[0] for key, value in data.items()}
+    spread = {
+        key: value if key == "x" else value[:1].expand_as(value) for key, value in data.items()
+    }
+    assert torch.allclose(model(**shared), model(**spread), atol=1e-6)
+
+
+def test_posed_taxel_net_sees_the_strongest_only():
+    model = trained(small())
+    data = given(model, 5)
+    weak = data["x"][..., -1].argsort(dim=1)[:, : N - 6]
+    expected = model(**data)
+    for name, value in data.items():
+        other = value.clone()
+        rows = torch.arange(5).view(-1, 1)
+        other[rows, weak] = other[rows, weak] + 1 if name != "x" else other[rows, weak] - 1
+        assert torch.allclose(model(**{**data, name: other}), expected, atol=1e-5)
+
+
+def test_posed_taxel_net_numbering_of_the_taxels_does_not_matter(model):
+    order = torch.randperm(N, generator=torch.Generator().manual_seed(0))
+    data, other = given(model, 5), copy.deepcopy(model)
+    if not model.posed:
+        for name in ("open_pos", "open_normal", "open_tangent"):
+            setattr(other, name, getattr(model, name)[order])
+    found = other(**{key: value[:, order] for key, value in data.items()})
+    assert torch.allclose(found, model(**data), atol=1e-5)
+
+
+def test_posed_taxel_net_force_is_that_of_taxel_force():
+    model, data = small(num_strongest=N), given(small(), 5)
+    features = model._features(
+        data["x"], {key: data[key] for key in model.places}, torch.arange(N).expand(5, N)
+    )
+    assert torch.equal(features[..., :3], data["pos"])
+    force = TaxelForce()(StaticData(**data)).x
+    assert torch.allclose(features[..., 6:9], force, atol=1e-6)
+    assert torch.allclose(features[..., 9], force.norm(dim=-1), atol=1e-5)
+    assert torch.equal(features[..., 10], data["x"][..., -1])
+    # A single channel presses along the normal.
+    one = small("pressure", num_strongest=N)
+    features = one._features(
+        data["x"][..., -1:],
+        {"pos": data["pos"], "normal": data["normal"]},
+        torch.arange(N).expand(5, N),
+    )
+    assert torch.allclose(features[..., 6:9], -data["x"][..., -1:] * data["normal"])
+
+
+def test_posed_taxel_net_open_hand_is_the_posed_hand_at_zero():
+    layout, x = allegro_uskin(), samples(4, 384, 3)
+    posed = PosedTaxelNet(layout, 2).eval()
+    fixed = PosedTaxelNet(layout, 2, posed=False).eval()
+    fixed.load_state_dict(posed.state_dict())
+    data = TaxelPose(layout, HandKinematics.allegro(), tangent=True)(
+        StaticData(x=x, joint=torch.zeros(4, 16))
+    )
+    expected = posed(x, pos=data.pos, normal=data.normal, tangent=data.tangent)
+    assert torch.allclose(fixed(x), expected, atol=1e-5)
+
+
+def test_posed_taxel_net_taxel_dropout():
+    model = small(num_strongest=N, taxel_dropout=0.5, dropout=0.0)
+    data = given(model, 16)
+    assert not torch.equal(model(**data), model(**data))
+    model.eval()
+    assert torch.equal(model(**data), model(**data))
+    # Where almost all are dropped, one sample still sees something.
+    lonely = small(taxel_dropout=0.999, dropout=0.0)
+    assert lonely(**data).isfinite().all()
+    assert lonely._seen(data["x"]).any(dim=1).all()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_posed_taxel_net_gradients(name):
+    model = small(name, taxel_dropout=0.0, dropout=0.0)
+    data = {key: value.requires_grad_() for key, value in given(model, 9).items()}
+    model(**data).square().sum().backward()
+    for value in (*data.values(), *model.parameters()):
+        assert value.grad.isfinite().all()
+        assert value.grad.abs().max() > 0
+    # Nothing touched: no infinite gradient of the size of a force.
+    data["x"] = torch.zeros(9, N, model.in_channels, requires_grad=True)
+    model(**data).sum().backward()
+    assert data["x"].grad.isfinite().all()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_posed_taxel_net_compile(name):
+    torch.compiler.reset()
+    model = trained(small(name))
+    compiled = torch.compile(model, fullgraph=True, backend="aot_eager")
+    data = given(model, 9)
+    assert torch.allclose(compiled(**data), model(**data), atol=1e-5)
+    model.train()
+    compiled(**data).square().sum().backward()
+    assert model.lin.weight.grad.abs().max() > 0
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_posed_taxel_net_export(name):
+    model = trained(small(name))
+    data = given(model, 3)
+    shapes = {key: {0: torch.export.Dim("batch")} for key in data}
+    exported = torch.export.export(model, (), data, dynamic_shapes=shapes).module()
+    for size in (3, 20):
+        data = given(model, size)
+        with torch.no_grad():
+            assert torch.allclose(exported(**data), model(**data), atol=1e-5)
+
+
+def test_posed_taxel_net_seed_and_reset(model):
+    outs = []
+    for _ in range(2):
+        torch.manual_seed(3)
+        model.reset_parameters()
+        outs.append(model(**given(model, 9)))
+    assert torch.equal(*outs)
+
+
+def test_posed_taxel_net_hub(tmp_path):
+    pytest.importorskip("huggingface_hub")
+    model = trained(small("posed"))
+    model.save_pretrained(tmp_path)
+    again, data = PosedTaxelNet.from_pretrained(tmp_path), given(model, 9)
+    assert str(again) == str(model)
+    assert torch.equal(again(**data), model(**data))
+
+
+def test_posed_taxel_net_few_taxels():
+    model = PosedTaxelNet(grid(1, 2, 0.01), 2, in_channels=1, posed=False)
+    assert model(samples(5, 2, 1)).shape == (5, 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"layout": 24}, r"'layout' must be a layout, .* places of its taxels \(got the number"),
+        ({"out_channels": 0}, r"'out_channels' must be at least 1 \(got 0\)"),
+        ({"in_channels": 0}, r"'in_channels' must be at least 1 \(got 0\)"),
+        ({"num_strongest": 0}, r"'num_strongest' must be at least 1 \(got 0\)"),
+        ({"hidden_channels": 0}, r"'hidden_channels' must be at least 1 \(got 0\)"),
+        ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
+        ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
+    ],
+)
+def test_posed_taxel_net_bad_argument(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        PosedTaxelNet(**arguments)
+
+
+def test_posed_taxel_net_open_hand_of_unknown_links():
+    numbers = {"link": torch.tensor([0, 1]), "link_names": ("palm_link", "other")}
+    layout = TaxelLayout("two", grid(1, 2, 0.01).pos, **numbers)
+    with pytest.raises(ValueError, match=r"'posed' must be True .* Allegro .*the link 'other'\)"):
+        PosedTaxelNet(layout, 2, posed=False)
+    assert PosedTaxelNet(layout, 2).posed
+
+
+def test_posed_taxel_net_bad_input():
+    model = small().eval()
+    data = given(model, 5)
+    bad = [
+        ({"x": data["x"][..., :2]}, r"'x' must have 3 channels \(got shape \(5, 20, 2\)\)"),
+        ({"x": data["x"][:, :19]}, r"'x' must have 20 taxels in each sample \(got shape"),
+        ({"pos": None}, r"'pos' must be given if 'posed' is True, as TaxelPose sets it"),
+        ({"normal": data["normal"][:4]}, r"'normal' must be of 5 samples of 20 taxels.*\(4, 20, 3"),
+        ({"pos": data["pos"][..., :2]}, r"'pos' must be of 5 samples .*\(3,\) wide"),
+        ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*\(2, 3\) wide"),
+    ]
+    for arguments, match in bad:
+        with pytest.raises(ValueError, match=match):
+            model(**{**data, **arguments})
