@@ -82,17 +82,21 @@ class Task:
         """
         return Choice(settings, self.metric, patience=max(3, self.max_epochs // 5))
 
-    def transform(self, *, scaled: bool, posed: bool = False) -> dict[str, Any]:
+    def transform(
+        self, *, scaled: bool, posed: bool = False, filled: bool = True
+    ) -> dict[str, Any]:
         r"""Returns what every batch goes through, as plain data.
 
         Args:
             scaled (bool): Whether each channel is scaled; what is posed keeps its directions.
             posed (bool): Whether taxels are placed by joint angles.
+            filled (bool): Whether missing readings become zero.
         """
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
         if scaled:
             steps.append(_step("ZScore", {"per": "channel"}))
-        steps.append(_step("FillMissing"))
+        if filled:
+            steps.append(_step("FillMissing"))
         if posed:
             steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
         return {
@@ -185,7 +189,7 @@ def _estimator(
         arguments["class_weight"] = "balanced"
     return {
         "estimator": {"class_path": f"{_BASELINES}{name}", "init_args": arguments},
-        "transform": task.transform(scaled=scaled, posed=posed),
+        "transform": task.transform(scaled=scaled, posed=posed, filled=scaled),
         "choice": task.choice([{"init_args": setting} for setting in settings]),
     }
 
