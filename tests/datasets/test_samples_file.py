@@ -89,6 +89,13 @@ def test_columns_may_be_names(tmp_path):
     assert dataset.joint.shape == (6, 1)
 
 
+def test_numbers_of_any_width_are_read(tmp_path):
+    wide = {key: np.arange(6, dtype=np.longdouble) for key in ("joint", "time", "trial")}
+    dataset = samples(tmp_path, x=X.astype(np.longdouble), **wide)
+    assert dataset.joint.view(-1).tolist() == dataset.time.tolist() == [0, 1, 2, 3, 4, 5]
+    assert (dataset.joint.dtype, dataset.time.dtype) == (torch.float, torch.double)
+
+
 def test_layout_may_be_in_the_file(tmp_path):
     pos = grid(2, 3, 0.01).pos.numpy()
     edges = np.array([[0, 1], [1, 0]])

@@ -90,7 +90,9 @@ class SamplesFile(StaticDataset):
         content = self._content
         assert content is not None
         names: dict[str, list[str]] = {}
-        columns: dict[str, Any] = {key: content[key] for key in ("time",) if key in content}
+        columns: dict[str, Any] = {}
+        if "time" in content:
+            columns["time"] = content["time"].astype(np.float64)
         given = content.get("class_names")
         y, names["class"] = _target(content["y"], self.task, given, self.path)
         for key in ("trial", "group", "session"):
@@ -99,7 +101,7 @@ class SamplesFile(StaticDataset):
         if "part" in content:
             columns["part"] = _part(content["part"])
         if "joint" in content:
-            columns["joint"] = content["joint"].reshape(len(y), -1)
+            columns["joint"] = content["joint"].reshape(len(y), -1).astype(np.float32)
         edges = self.layout.adjacency.get("original")
         schema: dict[str, Any] = {"node": (), "edge": (), "shared": ()}
         data, _ = static_data_from_arrays(

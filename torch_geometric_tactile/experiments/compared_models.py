@@ -80,7 +80,7 @@ class Task:
         Args:
             settings (sequence of dict): The settings that are tried.
         """
-        return Choice(settings, self.metric, patience=max(3, self.max_epochs // 5))
+        return Choice(settings, self.metric, patience=max(3, self.max_epochs // 8))
 
     def transform(
         self, *, scaled: bool, posed: bool = False, filled: bool = True
