@@ -104,6 +104,17 @@ def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
     assert [model["name"] for model in found["models"]] == expected
 
 
+def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
+    options = ["--init", f"root={grasps}", "split=null", "task=object", "--stride", "20"]
+    options += ["--models", "posed_taxel_net,posed_forest,posed_ridge", "--by", "frame"]
+    options += ["--folds", "2", "--epochs", "1", "--out", str(tmp_path)]
+    assert main(["compare", "AllegroUSkin", *options]) == 0
+    found = json.loads((tmp_path / "AllegroUSkin.json").read_text())
+    models = [model["name"] for model in found["models"]]
+    assert models == ["posed_taxel_net", "posed_forest", "posed_ridge"]
+    assert found["data"]["num_trials"] > 1
+
+
 def command(folder):
     options = [*QUICK, *THREE, "--out", str(folder / "out")]
     code = "from torch_geometric_tactile.cli import main; raise SystemExit(main())"
