@@ -29,6 +29,7 @@ examples:
   tactile convert messages.jsonl recording.h5    another format, by the suffix
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
+  tactile compare touches.npz --grid 28x50       which model to take for data of your own
   tactile table p1-table2 --root grasps          the models of a paper, beside its published numbers
 
 Data sets are read from $TACTILE_DATA (a folder with one folder for each data set), or

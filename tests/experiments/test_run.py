@@ -111,9 +111,9 @@ def test_training_part_without_a_class_keeps_the_places_of_the_others():
         def predict_proba(self, x):
             return np.array([[0.9, 0.1], [0.2, 0.8], [0.5, 0.5]])
 
-    from torch_geometric_tactile.experiments.run import _scores
+    from torch_geometric_tactile.experiments.estimators import class_scores
 
-    assert _scores(Estimator(), x, 3).tolist() == [
+    assert class_scores(Estimator(), x, 3).tolist() == [
         [0.9, 0.1, 0.1],
         [0.2, 0.1, 0.8],
         [0.5, 0.1, 0.5],

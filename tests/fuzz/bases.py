@@ -123,6 +123,17 @@ def npz(folder: Path) -> None:
     write_npz(small_recording(joints=0), folder / "b.npz")
 
 
+def samples_npz(folder: Path) -> None:
+    draw = np.random.default_rng(0)
+    x = draw.normal(size=(6, 2, 3, 2)).astype(np.float32)
+    x[1, 0, 1] = np.nan
+    names = np.array(["mug", "cup é", "mug"] * 2)
+    columns = {"trial": np.arange(6) // 2, "joint": draw.normal(size=(6, 2)), "time": TIME}
+    np.savez(folder / "a.npz", x=x, y=names, session=names, **columns)
+    taxels = {"pos": grid(2, 3, 0.01).pos.numpy(), "edge_index": np.array([[0, 1], [1, 0]])}
+    np.savez_compressed(folder / "b.npz", x=x.reshape(6, 6, 2), y=np.arange(6) % 2, **taxels)
+
+
 def hdf5(folder: Path) -> None:
     from torch_geometric_tactile.io import write_hdf5
 

@@ -45,6 +45,33 @@ def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
     return _npz(content, draw), JUDGED
 
 
+def mutated_samples(data: bytes, draw: Random) -> tuple[bytes, str]:
+    """Of files of labelled samples, whose arrays have no list: what is gone was never there."""
+    with np.load(io.BytesIO(data)) as file:
+        content = {name: file[name] for name in file.files}
+    name = draw.choice([*content])
+    kind = draw.randrange(6)
+    if kind == 0:
+        content[draw.choice([name + "_", "labels", "x", "../" + name, "part"])] = content.pop(name)
+        return _npz(content, draw), REWRITTEN
+    if kind == 1:
+        del content[name]
+        return _npz(content, draw), REWRITTEN
+    if kind == 2:
+        content[name] = _other_shape(content[name], draw)
+        return _npz(content, draw), REWRITTEN
+    if kind == 3:
+        forms: list[Any] = [complex, "V4", "f4,f4", "S3", "datetime64[s]"]
+        content[name] = np.zeros(content[name].shape, draw.choice(forms))
+        return _npz(content, draw), REFUSED
+    if kind == 4:
+        forms = [bool, np.int8, np.uint64, ">f8", np.float16, "U3", np.longdouble]
+        content[name] = np.ones(content[name].shape, draw.choice(forms))
+        return _npz(content, draw), REWRITTEN
+    content[name] = np.array([Hostile(draw)], dtype=object)
+    return _npz(content, draw), REFUSED
+
+
 def _npz(content: dict[str, np.ndarray], draw: Random) -> bytes:
     out = io.BytesIO()
     draw.choice([np.savez, np.savez_compressed])(out, **content)

@@ -98,6 +98,14 @@ def npz(path: Path) -> Any:
     return recording(read_npz(path))
 
 
+def samples_npz(path: Path) -> Any:
+    from torch_geometric_tactile.datasets import SamplesFile
+
+    dataset = SamplesFile(path, grid="2x3")
+    names = (dataset.class_names, dataset.session_names)
+    return plain([dataset.layout.to_dict(), dataset.data.to_dict(), names])
+
+
 def hdf5(path: Path) -> Any:
     from torch_geometric_tactile.io import read_hdf5, read_hdf5_head
 

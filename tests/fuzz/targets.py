@@ -13,7 +13,7 @@ from fuzz import bases, oracles, readers
 from fuzz.bytes_mutations import BYTES
 from fuzz.hdf5_mutations import mutate_hdf5
 from fuzz.laws import JUDGED, REFUSED, REWRITTEN, Refused, equal
-from fuzz.npz_mutations import mutated_npz
+from fuzz.npz_mutations import mutated_npz, mutated_samples
 from fuzz.text_mutations import TEXT, encoded
 from fuzz.torch_mutations import harmful, mutated_torch, with_harm
 from fuzz.tree_mutations import as_json, as_yaml, mutated_tree
@@ -138,6 +138,14 @@ def _npz(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return allowed
 
 
+def _samples_npz(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    if draw.random() < 0.5:
+        return _bytes(path, data, draw, other)
+    content, allowed = mutated_samples(data, draw)
+    path.write_bytes(content)
+    return allowed
+
+
 def _hdf5(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     if draw.random() < 0.5:
         return _bytes(path, data, draw, other)
@@ -209,6 +217,7 @@ TARGETS: Sequence[Target] = (
     Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
     Target("npz", bases.npz, readers.npz, _npz, weight=8),
+    Target("samples npz", bases.samples_npz, readers.samples_npz, _samples_npz, weight=4),
     Target("HDF5", bases.hdf5, readers.hdf5, _hdf5, weight=7),
     Target("HDF5, appended", bases.hdf5_appended, readers.hdf5, _hdf5, weight=7),
     Target("recording: CSV", bases.wide_csv, readers.any_recording, _text, oracles.wide_csv, 3),

@@ -1,6 +1,29 @@
-r"""The papers' baselines as scikit-learn estimators."""
+r"""Plain models as scikit-learn estimators: those of the papers, and what to compare with."""
 
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
+from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
+from torch_geometric_tactile.baselines.plain import (
+    constant,
+    flat_forest,
+    linear_svm,
+    posed_forest,
+    posed_ridge,
+    rbf_svm,
+)
+from torch_geometric_tactile.baselines.posed_summary import PosedSummary, posed_summary
 
-__all__ = ["FEATURE_NAMES", "GraspSVM", "statistical_features"]
+__all__ = [
+    "FEATURE_NAMES",
+    "FlatReadings",
+    "GraspSVM",
+    "PosedSummary",
+    "constant",
+    "flat_forest",
+    "linear_svm",
+    "posed_forest",
+    "posed_ridge",
+    "posed_summary",
+    "rbf_svm",
+    "statistical_features",
+]

@@ -12,6 +12,7 @@ VERBS = (
     "simulate",
     "analyze",
     "table",
+    "compare",
     "fit",
     "validate",
     "test",

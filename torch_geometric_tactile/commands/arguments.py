@@ -3,6 +3,8 @@ r"""Types of arguments that several verbs share."""
 import argparse
 from collections.abc import Callable
 
+from torch_geometric_tactile.parallel import BACKENDS
+
 _MOST = 1_000_000
 
 
@@ -63,4 +65,33 @@ def add_allow(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="a package, module or class of your own that the config.yaml beside the checkpoint "
         "may name; may be given again",
+    )
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the options that say where runs are made.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument(
+        "--jobs", metavar="N", type=few, default=1, help="runs at a time (default: 1)"
+    )
+    parser.add_argument(
+        "--threads", metavar="N", type=few, default=1, help="threads of a run (default: 1)"
+    )
+    parser.add_argument(
+        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
+    )
+    parser.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="loky",
+        help="what starts the runs: processes of this machine (loky, the default), or Dask or Ray, "
+        "which know many machines; they are extras of the same names",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a running cluster of Dask or Ray; by default one of --jobs processes is started here",
     )

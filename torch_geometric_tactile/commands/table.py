@@ -3,8 +3,7 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import few, positive
-from torch_geometric_tactile.parallel import BACKENDS
+from torch_geometric_tactile.commands.arguments import add_workers, few, positive
 
 # The names in `experiments`, which is too heavy to import for them.
 TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "bts3")
@@ -107,27 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-train", action="store_true", help="train nothing: the table of the finished runs"
     )
-    parser.add_argument(
-        "--jobs", metavar="N", type=few, default=1, help="runs at a time (default: 1)"
-    )
-    parser.add_argument(
-        "--threads", metavar="N", type=few, default=1, help="threads of a run (default: 1)"
-    )
-    parser.add_argument(
-        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
-    )
-    parser.add_argument(
-        "--backend",
-        choices=BACKENDS,
-        default="loky",
-        help="what starts the runs: processes of this machine (loky, the default), or Dask or Ray, "
-        "which know many machines; they are extras of the same names",
-    )
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="a running cluster of Dask or Ray; by default one of --jobs processes is started here",
-    )
+    add_workers(parser)
 
 
 def _table_name(text: str) -> str:

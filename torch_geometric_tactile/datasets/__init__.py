@@ -6,6 +6,7 @@ from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets.samples_file import SamplesFile
 
 __all__ = [
     "AllegroUSkin",
@@ -13,5 +14,6 @@ __all__ = [
     "FakeTactileDataset",
     "ICubGrasp",
     "RecordingFrames",
+    "SamplesFile",
     "default_root",
 ]

@@ -17,6 +17,7 @@ from torch_geometric_tactile.files import file_sha256
 from torch_geometric_tactile.texts import printable, read_json
 
 _SIMULATION = "simulation.json"
+_PLACES = ("root", "path")  # of files, whose content is the fingerprint
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class DataSource:
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
-        arguments = {key: value for key, value in self.arguments.items() if key != "root"}
+        arguments = {k: value for k, value in self.arguments.items() if k not in _PLACES}
         return {
             "class_path": self.class_path,
             "arguments": arguments,
@@ -169,7 +170,7 @@ class DataFacts:
             num_samples=len(dataset if used is None else used),
             num_trials=counts[0],
             num_groups=counts[1],
-            num_classes=dataset.num_classes,
+            num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
         )
@@ -182,6 +183,10 @@ def _load(class_path: str, arguments: str, fingerprint: str) -> StaticDataset:
 
 def _count(column: Tensor | None) -> int:
     return 0 if column is None else len(column.unique())
+
+
+def _is_one_number(y: Tensor | None) -> bool:
+    return y is not None and y.dim() == 1 and y.is_floating_point()
 
 
 def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:

@@ -13,6 +13,7 @@ import torch_geometric
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.data_source import DataSource
 
 
@@ -38,6 +39,8 @@ class Experiment:
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of torch.
         measure_memory (bool): Whether it needs a process of its own, which measures its memory.
+        choice (Choice, optional): What is chosen on a validation part before the test; nothing if
+            left out.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Experiment:
     accelerator: str = "cpu"
     threads: int = 1
     measure_memory: bool = False
+    choice: Choice | None = None
 
     @property
     def is_estimator(self) -> bool:
@@ -65,7 +69,9 @@ class Experiment:
         whatever their names; threads and the place of the recordings do not count.
         """
         config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
+        chosen = {} if self.choice is None else {"choice": self.choice.to_dict()}
         return {
+            **chosen,
             "config": _sha256(config),
             "data": self.data.identity(),
             "protocol": self.protocol.to_dict(),
@@ -98,6 +104,7 @@ class Experiment:
     def to_dict(self) -> dict[str, Any]:
         r"""Returns it as plain data, for another process."""
         content = {**vars(self), "data": self.data.to_dict(), "protocol": self.protocol.to_dict()}
+        content["choice"] = None if self.choice is None else self.choice.to_dict()
         content.pop("code", None)  # a cached property
         return content
 
@@ -111,6 +118,7 @@ class Experiment:
         values = {
             "data": DataSource(**content["data"]),
             "protocol": Protocol.from_dict(content["protocol"]),
+            "choice": None if content.get("choice") is None else Choice(**content["choice"]),
         }
         return cls(**{**content, **values})
 

@@ -24,12 +24,14 @@ class Judgement:
             :math:`(S, C)`.
         y (numpy.ndarray): The classes :math:`(S,)` or labels :math:`(S, C)`.
         session (numpy.ndarray, optional): The recording session of each sample :math:`(S,)`.
+        trial (numpy.ndarray, optional): The trial of each sample :math:`(S,)`.
     """
 
     score: np.ndarray
     prediction: np.ndarray
     y: np.ndarray
     session: np.ndarray | None = None
+    trial: np.ndarray | None = None
 
     @property
     def positive_score(self) -> np.ndarray:

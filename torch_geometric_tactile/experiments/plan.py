@@ -122,6 +122,7 @@ def make_plan(
             protocol_name=protocol.name,
             accelerator=settings.accelerator,
             threads=settings.threads,
+            choice=cell.choice,
             **models[cell.experiment],
         )
         for protocol in protocols
@@ -175,7 +176,7 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
     if cell.estimator is not None:
         return {"model": cell.estimator, "transform": cell.transform}
     config = cell_config(cell)
-    if config["model"].get("task") == "regression":
+    if config["model"].get("task") == "regression" and cell.choice is None:
         raise ValueError(f"'task' of '{cell.config}' must be one of classes (got 'regression')")
     trainer = dict(config.get("trainer") or {})
     epochs = trainer.pop("max_epochs", None)

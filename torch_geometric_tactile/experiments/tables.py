@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.training.config import (
     TEMPLATES,
@@ -34,13 +35,15 @@ class Cell:
         column (str): Its inputs, or whatever else tells it from others of its row.
         experiment (str): Name of the experiment.
         section (str): The part of the table, such as :obj:`"with joint angles"`; may be empty.
-        config (str, optional): The configuration that it is trained by: a shipped one by its name,
-            or a file.
+        config (str or dict, optional): The configuration that it is trained by: a shipped one by
+            its name, a file, or its contents.
         estimator (dict, optional): A scikit-learn classifier as :obj:`{"class_path",
             "init_args"}`, instead of :obj:`config`.
         transform (dict, optional): What every batch goes through, instead of what the
             configuration says.
         data (dict): Arguments of the data set that only this place has.
+        choice (Choice, optional): What is chosen on a validation part before the test; nothing if
+            left out.
         published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`,
             :obj:`auc`, and :obj:`memory` in MB, where it does.
     """
@@ -49,11 +52,12 @@ class Cell:
     column: str
     experiment: str
     section: str = ""
-    config: str | None = None
+    config: str | dict[str, Any] | None = None
     estimator: dict[str, Any] | None = None
     transform: dict[str, Any] | None = None
     data: dict[str, Any] = field(default_factory=dict)
     published: dict[str, float] = field(default_factory=dict)
+    choice: Choice | None = None
 
     def __post_init__(self) -> None:
         if (self.config is None) == (self.estimator is None):
@@ -92,7 +96,7 @@ class Table:
         cells (tuple of Cell): Its places, row by row.
         paper (str): Title of the paper, if it is of one.
         place (str): Where in the paper it is.
-        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+        task (str): :obj:`"multiclass"`, :obj:`"multilabel"` or :obj:`"regression"`.
         shows (str): :obj:`"accuracy"` or :obj:`"memory"`.
         seeds (int): Runs of each experiment, unless told otherwise.
         measure_memory (bool): Whether every run gets a process whose memory is measured. Not worth
@@ -282,6 +286,8 @@ def cell_config(cell: Cell) -> dict[str, Any]:
     Raises:
         FileNotFoundError: If there is no such configuration.
     """
+    if isinstance(cell.config, dict):
+        return cell.config
     name = str(cell.config)
     template, slash, experiment = name.partition("/")
     if slash and template in TEMPLATES:

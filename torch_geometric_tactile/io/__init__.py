@@ -15,6 +15,7 @@ from torch_geometric_tactile.io.recording_hdf5 import (
     write_hdf5,
 )
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
+from torch_geometric_tactile.io.samples_npz import read_samples_npz
 from torch_geometric_tactile.io.wide_csv import read_wide_csv, write_wide_csv
 from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
 from torch_geometric_tactile.io.xela_message import (
@@ -38,6 +39,7 @@ __all__ = [
     "read_named_csv",
     "read_npz",
     "read_recording",
+    "read_samples_npz",
     "read_wide_csv",
     "read_xela_log_csv",
     "read_xela_messages",

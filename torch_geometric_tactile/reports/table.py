@@ -117,7 +117,7 @@ def markdown(run: PlanRun) -> str:
 
 def _config_name(cell: Cell) -> str:
     # What `tactile fit --config` takes, where that is one experiment's name only.
-    is_of_template = cell.config is not None and cell.config.endswith(f"/{cell.experiment}")
+    is_of_template = isinstance(cell.config, str) and cell.config.endswith(f"/{cell.experiment}")
     return str(cell.config) if is_of_template else cell.experiment
 
 

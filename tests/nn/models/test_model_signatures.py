@@ -11,13 +11,24 @@ from torch_geometric_tactile.nn import (
     GraspGCN,
     HandCNN,
     PosedTaxelNet,
+    SmallCNN,
     TactileFNN,
     TactileGCN,
     TaxelNet,
 )
 from torch_geometric_tactile.sensors import stock_path
 
-CLASSES = [MTCNN, MTGCN, GraspGCN, HandCNN, PosedTaxelNet, TactileFNN, TactileGCN, TaxelNet]
+CLASSES = [
+    MTCNN,
+    MTGCN,
+    GraspGCN,
+    HandCNN,
+    PosedTaxelNet,
+    SmallCNN,
+    TactileFNN,
+    TactileGCN,
+    TaxelNet,
+]
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
 
@@ -114,6 +125,7 @@ def test_model_layout_bad(cls):
         HandCNN: "image map",
         MTCNN: "image map",
         PosedTaxelNet: "places",
+        SmallCNN: "image map",
         TaxelNet: "neighbours",
     }
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"

@@ -9,6 +9,7 @@ from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.posed_taxel_net import PosedTaxelNet
 from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
+from torch_geometric_tactile.nn.models.small_cnn import SmallCNN
 from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
@@ -25,6 +26,7 @@ __all__ = [
     "PooledMLP",
     "PosedTaxelNet",
     "SegmentedThread",
+    "SmallCNN",
     "TactileFNN",
     "TactileGCN",
     "TactileModel",

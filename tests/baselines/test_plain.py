@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+import torch
+from sklearn.base import clone
+
+from torch_geometric_tactile import baselines
+from torch_geometric_tactile.baselines import FlatReadings, constant, flat_forest, rbf_svm
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.sensors import grid
+
+LAYOUT = grid(2, 3, pitch=0.01)
+DRAW = np.random.default_rng(0)
+Y = np.arange(60) % 2
+X = DRAW.normal(size=(60, 6, 2)) + 4 * (np.arange(6) == 2)[:, None] * Y[:, None, None]
+NUMBERS = np.stack([X[:, 0, 0], 1000 * X[:, 1, 1]], axis=1)
+NAMES = ["flat_forest", "posed_forest", "posed_ridge", "linear_svm", "rbf_svm", "constant"]
+
+
+def model(name, task="multiclass", **more):
+    layout = {"layout": LAYOUT} if name.startswith("posed") else {}
+    estimator = getattr(baselines, name)(task=task, **layout, **more)
+    drawn = [key for key in estimator.get_params() if key.endswith("__random_state")]
+    return estimator.set_params(**dict.fromkeys(drawn, 0))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_classes_are_told_apart_in_one_line(name):
+    estimator = clone(model(name))
+    predicted = estimator.fit(X[:40], Y[:40]).predict(X[40:])
+    assert (predicted == Y[40:]).mean() > (0.4 if name == "constant" else 0.8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("columns", [0, slice(0, 2)])
+def test_numbers_of_any_size_are_predicted(name, columns):
+    y = NUMBERS[:, columns]
+    predicted = clone(model(name, "regression")).fit(X, y).predict(X).reshape(y.shape)
+    error, floor = np.abs(predicted - y).mean(), np.abs(y.mean(axis=0) - y).mean()
+    assert np.isfinite(predicted).all()
+    assert error <= (floor * 1.000001 if name in ("constant", "posed_ridge") else 0.8 * floor)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_samples_and_their_readings_are_one(name):
+    first = model(name).fit(X, Y).predict(X)
+    data = StaticData(x=torch.from_numpy(X))
+    assert np.array_equal(model(name).fit(data, Y).predict(data), first)
+
+
+def test_flat_readings_are_side_by_side():
+    x = np.array([[[1.0, 2.0], [np.nan, 4.0]]])
+    assert FlatReadings().transform(x).tolist() == [[1.0, 2.0, 0.0, 4.0]]
+    with pytest.raises(ValueError, match=r"'x' must have shape \(num_samples, num_taxels"):
+        FlatReadings().transform(x[0])
+
+
+def test_many_samples_are_thinned_for_the_kernel():
+    few = rbf_svm(most_samples=20).fit(X, Y)
+    assert few[-1].shape_fit_[0] == 20
+    assert rbf_svm(most_samples=60).fit(X, Y)[-1].shape_fit_[0] == 60
+
+
+def test_width_of_the_kernel_follows_the_readings():
+    narrow = rbf_svm(width=2.0).fit(X, Y)[-1]
+    assert narrow.gamma == pytest.approx(2.0 / (12 * X.var()))
+
+
+def test_rare_classes_may_weigh_as_much():
+    y = (np.arange(60) < 4).astype(int)
+    x = DRAW.normal(size=(60, 6, 1)) + 1.0 * y[:, None, None]
+    found = [
+        rbf_svm(class_weight=weight).fit(x, y).predict(x)[y == 1].mean()
+        for weight in (None, "balanced")
+    ]
+    assert found[1] > found[0]
+
+
+@pytest.mark.parametrize("make", [flat_forest, constant, rbf_svm])
+def test_unknown_task_is_refused(make):
+    with pytest.raises(ValueError, match=r"'task' must be one of \['multiclass', 'regression'\]"):
+        make("multilabel")

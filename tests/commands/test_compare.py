@@ -1,0 +1,185 @@
+"""The verb, on tiny files: whole runs, stops and kills, and what it says of bad input."""
+
+# ruff: noqa: E402
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+for extra in ("lightning", "sklearn", "matplotlib"):
+    pytest.importorskip(extra, reason="needs the extras 'train' and 'viz'")
+
+from compared import touches
+
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.commands import compare
+from torch_geometric_tactile.experiments import compared_models
+
+QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3"]
+THREE = ["--models", "fnn,svm_linear,constant"]
+
+
+def run(folder, *options):
+    return main(["compare", str(folder / "a.npz"), *QUICK, "--out", str(folder / "out"), *options])
+
+
+def results(folder):
+    """What was found in each run, without the times that it took."""
+    found = {}
+    for path in sorted((folder / "out" / "runs").glob("*.json")):
+        result = json.loads(path.read_text())["result"]
+        found[path.name] = [result[key] for key in ("metrics", "chosen", "predictions")]
+    return found
+
+
+def test_names_are_those_of_the_models():
+    assert list(compare.MODELS) == [model.name for model in compared_models.MODELS]
+
+
+def test_table_ends_with_a_sentence(tmp_path, capsys):
+    touches(tmp_path / "a.npz")
+    assert run(tmp_path, *THREE) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0].startswith(
+        "48 samples, 12 trials; 3 folds by trial, stratified by y; 3 models x "
+    )
+    assert "at most (" in out[0]
+    assert out[1].split()[:2] == ["model", "kind"]
+    assert "a: 9 of 9 runs finished" in out
+    assert out[-1].startswith("Take ")
+    for suffix in (".md", ".csv", ".json", ".png"):
+        assert (tmp_path / "out" / f"a{suffix}").stat().st_size > 100
+        assert f"wrote {tmp_path / 'out' / f'a{suffix}'}" in out
+    before = results(tmp_path)
+    assert run(tmp_path, *THREE) == 0
+    assert "all runs are finished" in capsys.readouterr().out
+    assert results(tmp_path) == before
+
+
+def test_json_is_all_that_is_printed(tmp_path, capsys):
+    touches(tmp_path / "a.npz")
+    assert run(tmp_path, "--models", "svm_linear,constant", "--json") == 0
+    said = capsys.readouterr()
+    content = json.loads(said.out)
+    assert content == json.loads((tmp_path / "out" / "a.json").read_text())
+    assert (content["format"], content["version"]) == ("tactile comparison", 1)
+    assert [model["name"] for model in content["models"]] == ["svm_linear", "constant"]
+    assert content["num_splits"] == 3
+    assert "48 samples" in said.err
+
+
+def test_nothing_is_trained_if_not_wanted(tmp_path, capsys):
+    touches(tmp_path / "a.npz")
+    assert run(tmp_path, *THREE, "--no-train") == 0
+    out = capsys.readouterr().out
+    assert "0 of 9 runs finished, 9 missing" in out
+    assert "No model has a result for every split yet" in out
+    assert not (tmp_path / "out" / "a.png").exists()
+
+
+def test_numbers_are_predicted(tmp_path, capsys):
+    x = np.random.default_rng(0).normal(size=(48, 3, 4))
+    touches(tmp_path / "a.npz", x=x, y=0.01 * x[:, 0, 0])
+    assert run(tmp_path, "--models", "svm_linear,constant") == 0
+    out = capsys.readouterr().out
+    assert "MAE" in out
+    assert "Take svm_linear (MAE " in out
+
+
+def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
+    content = touches(tmp_path / "a.npz")
+    x = content["x"].copy()
+    x[::5, 1, 1] = np.nan
+    names = np.array(["mug", "ball", "box"])[content["y"]]
+    touches(tmp_path / "a.npz", x=x, y=names)
+    assert run(tmp_path, "--folds", "2", "--epochs", "1", "--rest", "1") == 0
+    found = json.loads((tmp_path / "out" / "a.json").read_text())
+    assert found["data"]["class_names"] == ["ball", "box", "mug"]
+    expected = [name for name in compare.MODELS if name != "posed_taxel_net"]
+    assert [model["name"] for model in found["models"]] == expected
+
+
+def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
+    options = ["--init", f"root={grasps}", "split=null", "task=object", "--stride", "20"]
+    options += ["--models", "posed_taxel_net,posed_forest,posed_ridge", "--by", "frame"]
+    options += ["--folds", "2", "--epochs", "1", "--out", str(tmp_path)]
+    assert main(["compare", "AllegroUSkin", *options]) == 0
+    found = json.loads((tmp_path / "AllegroUSkin.json").read_text())
+    models = [model["name"] for model in found["models"]]
+    assert models == ["posed_taxel_net", "posed_forest", "posed_ridge"]
+    assert found["data"]["num_trials"] > 1
+
+
+def command(folder):
+    options = [*QUICK, *THREE, "--out", str(folder / "out")]
+    code = "from torch_geometric_tactile.cli import main; raise SystemExit(main())"
+    return [sys.executable, "-c", code, "compare", str(folder / "a.npz"), *options]
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
+def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
+    whole, halved = tmp_path / "whole", tmp_path / "halved"
+    for folder in (whole, halved):
+        folder.mkdir()
+        touches(folder / "a.npz")
+    assert run(whole, *THREE) == 0
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        command(halved), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment
+    )
+    runs = halved / "out" / "runs"
+    deadline = time.monotonic() + 120
+    while not list(runs.glob("*.json")) and time.monotonic() < deadline:
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(stop)
+    said = process.communicate(timeout=60)[1].decode()
+    if stop == signal.SIGINT:
+        assert process.returncode == 130
+        assert "of 9 runs are finished and kept" in said
+    kept = {path: path.stat().st_mtime_ns for path in runs.glob("*.json")}
+    assert 1 <= len(kept) < 9
+    assert run(halved, *THREE) == 0
+    assert results(halved) == results(whole)
+    assert all(path.stat().st_mtime_ns == written for path, written in kept.items())
+    assert not list(runs.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (["--models", "svm"], "'models' must be some of taxel_net, posed_taxel_net, gcn, fnn"),
+        (["--models", ","], "'models' must be some of"),
+        (["--by", "group"], "'dataset' must have 'group'"),
+        (["--metric", "mae"], "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
+        (["--init", "stride"], "'--init' must be KEY=VALUE, such as root=DIR (got 'stride')"),
+        (["--init", "stride=[1"], "'--init stride' must be a plain value"),
+        (["--init", "no=1"], "'no' must be an argument of SamplesFile"),
+        (["--layout", "biotac"], "only one of 'layout' and 'grid'"),
+        (["--grid", "8x8"], "'x' must have shape (num_samples, 64, ...)"),
+        (["--stride", "2"], "'stride' must be an argument of SamplesFile"),
+        (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
+        (["--task", "regression", "--metric", "accuracy"], "'metric' must be 'mae' for numbers"),
+    ],
+)
+def test_bad_options_are_one_line(tmp_path, capsys, options, match):
+    touches(tmp_path / "a.npz")
+    assert run(tmp_path, *options) == 1
+    said = capsys.readouterr().err
+    assert match in said
+    assert len([line for line in said.splitlines() if line.startswith("tactile: error:")]) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_has_examples(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["compare", "--help"])
+    assert end.value.code == 0
+    out = capsys.readouterr().out
+    assert "tactile compare touches.npz --grid 28x50" in out
+    assert all(name in out for name in compare.MODELS)

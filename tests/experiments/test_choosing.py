@@ -1,0 +1,215 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from compared import GIVEN, SCALED, SVM, experiment, touches
+
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.datasets import SamplesFile
+from torch_geometric_tactile.experiments.averaging import AveragedWeights, EarlyEnd, Scored
+from torch_geometric_tactile.experiments.choice import Choice
+from torch_geometric_tactile.experiments.choosing import TargetScale
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.run import run_experiment
+from torch_geometric_tactile.experiments.worker import run_here
+
+FOREST = {
+    "class_path": "torch_geometric_tactile.baselines.flat_forest",
+    "init_args": {"num_trees": 5},
+}
+FNN = {
+    "model": {
+        "class_path": "torch_geometric_tactile.nn.models.TactileFNN",
+        "init_args": {"widths": [8], "pools": [1]},
+    },
+    "optimizer": {"class_path": "torch.optim.Adam", "init_args": {"lr": 0.01}},
+}
+
+
+def told(result):
+    return {key: result[key] for key in ("metrics", "chosen", "predictions")}
+
+
+def test_best_setting_on_the_validation_part_is_taken(tmp_path):
+    touches(tmp_path / "a.npz")
+    settings = [
+        {"class_path": "torch_geometric_tactile.baselines.constant"},
+        {"init_args": {"C": 1.0}},
+        {"init_args": {"C": 1.0}},
+    ]
+    result = run_experiment(experiment(tmp_path / "a.npz", settings=settings))
+    chosen = result["chosen"]
+    assert chosen["number"] == 1  # the first of equals
+    assert chosen["setting"] == settings[1]
+    assert chosen["validation"][0] < chosen["validation"][1]
+    assert result["metrics"]["accuracy"] > 0.7
+    assert (result["num_train"], result["num_test"]) == (32, 16)
+    json.dumps(result, allow_nan=False)
+
+
+def test_network_gives_the_same_numbers_again(tmp_path):
+    touches(tmp_path / "a.npz")
+    one = experiment(tmp_path / "a.npz", FNN, epochs=30)
+    result = run_experiment(one)
+    assert 1 <= result["chosen"]["epochs"] <= 30
+    assert result["metrics"]["accuracy"] > 0.5
+    assert result["num_parameters"] == 12 * 8 + 8 + 8 * 3 + 3
+    again = run_experiment(Experiment.from_dict(json.loads(json.dumps(one.to_dict()))))
+    assert told(again) == told(result)
+
+
+@pytest.mark.parametrize("model", [FOREST, FNN], ids=["forest", "fnn"])
+@pytest.mark.parametrize("what", ["y", "x"])
+def test_garbage_in_the_test_part_changes_no_choice(tmp_path, model, what):
+    settings = [{"init_args": {"min_samples_leaf": 3}}, {}] if model is FOREST else [{}]
+    content = touches(tmp_path / "a.npz", part=GIVEN)
+    garbage = content[what].copy()
+    is_test = GIVEN == 2
+    garbage[is_test] = (content["y"][is_test] + 1) % 3 if what == "y" else 1e3
+    touches(tmp_path / "b.npz", part=GIVEN, **{what: garbage})
+    given = {"protocol": Protocol("given")}
+    found = [
+        run_experiment(experiment(tmp_path / name, model, settings, **given))
+        for name in ("a.npz", "b.npz")
+    ]
+    assert found[0]["chosen"] == found[1]["chosen"]
+    if what == "y":  # nor what is predicted
+        said = [result["predictions"]["prediction"] for result in found]
+        assert said[0] == said[1]
+        assert found[1]["metrics"] != found[0]["metrics"]
+
+
+def test_labels_that_are_chosen_on_do_change_the_choice(tmp_path):
+    content = touches(tmp_path / "a.npz", part=GIVEN)
+    garbage = np.where(GIVEN == 1, (content["y"] + 1) % 3, content["y"])
+    touches(tmp_path / "b.npz", part=GIVEN, y=garbage)
+    found = [
+        run_experiment(experiment(tmp_path / name, protocol=Protocol("given")))["chosen"]
+        for name in ("a.npz", "b.npz")
+    ]
+    assert found[0] != found[1]
+
+
+def test_numbers_of_any_unit_are_predicted(tmp_path):
+    x = np.random.default_rng(0).normal(size=(48, 3, 4))
+    y = 1e-6 * x[:, 0, 0] + 5e-5
+    touches(tmp_path / "a.npz", x=x, y=y)
+    network = {**FNN, "task": "regression"}
+    result = run_experiment(experiment(tmp_path / "a.npz", network, metric="mae", epochs=60))
+    assert result["metrics"]["mae"] < 0.5e-6
+    assert result["metrics"]["r2"] > 0.5
+    assert result["chosen"]["validation"][0] < 0
+
+
+def test_setting_that_diverges_is_not_chosen(tmp_path):
+    touches(tmp_path / "a.npz")
+    wild = {"optimizer": {"class_path": "torch.optim.SGD", "init_args": {"lr": 1e38}}}
+    one = experiment(tmp_path / "a.npz", FNN, [wild, {}])
+    chosen = run_experiment(one)["chosen"]
+    assert chosen["number"] == 1
+    assert chosen["validation"][0] is None
+    alone = replace(one, choice=Choice([wild]))
+    assert "finite" in run_here(alone)["error"]
+
+
+def test_missing_readings_are_filled(tmp_path):
+    x = touches(tmp_path / "a.npz")["x"].copy()
+    x[::7, 0, 1] = np.nan
+    x[:, 2, 3] = np.nan
+    touches(tmp_path / "a.npz", x=x)
+    fill = {"class_path": "torch_geometric_tactile.transforms.FillMissing"}
+    both = {
+        "class_path": "torch_geometric.transforms.Compose",
+        "init_args": {"transforms": [SCALED, fill]},
+    }
+    for model in (FNN, SVM, FOREST):
+        result = run_experiment(experiment(tmp_path / "a.npz", model, transform=both, epochs=10))
+        assert result["metrics"]["accuracy"] > 0.5
+
+
+def test_no_checkpoint_of_a_choice(tmp_path):
+    touches(tmp_path / "a.npz")
+    with pytest.raises(ValueError, match="'checkpoint' must be None for an experiment with a ch"):
+        run_experiment(experiment(tmp_path / "a.npz", FNN), checkpoint=tmp_path / "c.ckpt")
+
+
+def test_choice_is_part_of_the_identity(tmp_path):
+    touches(tmp_path / "a.npz")
+    one = experiment(tmp_path / "a.npz")
+    assert one.code != replace(one, choice=Choice(metric="balanced_accuracy")).code
+    assert "choice" not in replace(one, choice=None).identity()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"metric": "f1"}, r"'metric' must be one of \['accuracy'"),
+        ({"settings": ()}, "'settings' must hold at least one setting"),
+        ({"patience": 0}, r"'patience' must be at least 1 \(got 0\)"),
+    ],
+)
+def test_wrong_choice_is_refused(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        Choice(**arguments)
+
+
+class Model(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.model = torch.nn.Linear(1, 1, bias=False)
+        self.model.register_buffer("count", torch.tensor(0))
+
+    def put(self, weight, count):
+        self.model.weight.data.fill_(weight)
+        self.model.count.fill_(count)
+
+
+def test_mean_of_weights_by_hand():
+    average, module = AveragedWeights(decay=0.5), Model()
+    for step, weight in enumerate([1.0, 3.0, 5.0]):
+        module.put(weight, step)
+        average.on_train_batch_end(None, module)
+    # The second step keeps 2/11 of the mean, the third 3/12.
+    mean = 1.0 * 2 / 11 + 3.0 * 9 / 11
+    mean = mean * 0.25 + 5.0 * 0.75
+    average.swap(module)
+    assert float(module.model.weight) == pytest.approx(mean)
+    assert int(module.model.count) == 2
+    average.swap(module)
+    assert float(module.model.weight) == 5.0
+    average.on_train_end(None, module)
+    assert float(module.model.weight) == pytest.approx(mean)
+
+
+def test_training_ends_after_epochs_without_improvement(monkeypatch):
+    from torch_geometric_tactile.experiments import averaging
+
+    values = iter([(0.5, 1.0), (0.7, 1.0), (0.7, 0.9), (0.7, 0.9), (0.6, 0.1)])
+    monkeypatch.setattr(averaging, "collect_predictions", lambda module, batches: None)
+    module, average = Model(), AveragedWeights()
+    average.on_train_batch_end(None, module)
+    end = EarlyEnd([], average, lambda said: next(values), patience=2)
+
+    class Trainer:
+        current_epoch = 0
+        should_stop = False
+
+    ended = []
+    for epoch in range(5):
+        Trainer.current_epoch = epoch
+        end.on_train_epoch_end(Trainer, module)
+        ended.append(Trainer.should_stop)
+    assert ended == [False, False, False, False, True]
+    assert end.best == Scored(0.7, 0.9, 3)
+
+
+def test_scaled_targets_come_back(tmp_path):
+    y = np.array([[1.0, 7.0], [3.0, 7.0]] * 24)
+    touches(tmp_path / "a.npz", y=y)
+    dataset = SamplesFile(tmp_path / "a.npz", grid="3x4")
+    scale = TargetScale.of(dataset)
+    data = scale(dataset.data)
+    assert data.y[:2].tolist() == [[-1.0, 0.0], [1.0, 0.0]]
+    assert scale.back(data.y).tolist() == y.tolist()

@@ -1,0 +1,304 @@
+import json
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from compared import GIVEN, touches
+
+from torch_geometric_tactile.experiments.advice import advice, to_dict
+from torch_geometric_tactile.experiments.compared_data import data_source
+from torch_geometric_tactile.experiments.compared_models import MODELS, Task, chosen_models
+from torch_geometric_tactile.experiments.comparison import (
+    ComparisonSettings,
+    comparison_plan,
+    summarize,
+)
+from torch_geometric_tactile.experiments.estimate import estimate_seconds
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.reports.compare import comparison_csv, comparison_markdown
+from torch_geometric_tactile.sensors import biotac_sp, grid
+
+
+def plan(folder, settings=None, grid="3x4", **changes):
+    touches(folder / "a.npz", **changes)
+    return comparison_plan(data_source(folder / "a.npz", grid=grid), settings)
+
+
+def made_up(plan, parts, failed=()):
+    """A run whose models are right on given parts of the samples of each split."""
+    results = []
+    for experiment in plan.experiments:
+        if experiment.name not in parts or experiment.label in failed:
+            continue
+        _, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+        y = test.data.y.numpy()
+        right = parts[experiment.name][experiment.fold] * len(y)
+        prediction = np.where(np.arange(len(y)) < round(right), y, (y + 1) % 3)
+        judgement = Judgement(prediction, prediction, y, trial=test.data.trial.numpy())
+        accuracy = float((prediction == y).mean())
+        results.append(
+            (
+                experiment,
+                {
+                    "metrics": {"accuracy": accuracy, "balanced_accuracy": accuracy, "f1": 0.5},
+                    "predictions": judgement.to_dict(),
+                    "num_parameters": 10,
+                    "choose_seconds": 2.0,
+                    "train_seconds": 1.0,
+                    "chosen": {"setting": {}, "number": 0, "epochs": 3, "validation": [0.5]},
+                },
+            )
+        )
+    missing = len(plan.experiments) - len(results)
+    return summarize(PlanRun(plan, results, 0, dict.fromkeys(failed, "it must not"), missing))
+
+
+THREE = ComparisonSettings(models=("gcn", "fnn", "forest", "constant"), folds=3)
+
+
+def test_all_models_that_fit_the_data_are_planned(tmp_path):
+    found = plan(tmp_path)
+    names = [cell.experiment for cell in found.table.cells]
+    assert "cnn" in names
+    assert "posed_taxel_net" not in names
+    assert len(found.experiments) == 4 * len(names)
+    assert found.protocols[0].protocol.describe() == "4 folds by trial, stratified by y"
+
+
+def test_models_without_a_place_are_told():
+    task = Task(biotac_sp(), "accuracy", 100)
+    assert "cnn" not in [model.name for model in chosen_models(None, task)]
+    with pytest.raises(ValueError, match=r"got 'cnn', but the layout has no image_map"):
+        chosen_models(["cnn"], task)
+    with pytest.raises(ValueError, match=r"'models' must be some of taxel_net, .* \(got 'cnnn'\)"):
+        chosen_models(["cnnn"], task)
+
+
+def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
+    source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
+    dataset = source.resolve()[0].load()
+    assert Task.of(dataset, "accuracy", 0.6).posed
+    arrays = {"x": torch.zeros(6, 12, 1), "y": torch.tensor([0, 1] * 3), "layout": grid(3, 4, 0.01)}
+    from torch_geometric_tactile.data import StaticDataset
+
+    other = StaticDataset.from_arrays(joint=torch.zeros(6, 16), **arrays)
+    assert not Task.of(other, "accuracy", 0.6).posed
+
+
+@pytest.mark.parametrize(
+    ("num_train", "batch_size", "epochs"), [(100, 32, 100), (4000, 64, 32), (10**6, 128, 8)]
+)
+def test_epochs_follow_from_the_number_of_samples(num_train, batch_size, epochs):
+    task = Task(grid(3, 4, 0.01), "accuracy", num_train)
+    assert (task.batch_size, task.max_epochs) == (batch_size, epochs)
+    assert Task(grid(3, 4, 0.01), "accuracy", num_train, epochs=7).max_epochs == 7
+
+
+@pytest.mark.parametrize("metric", ["balanced_accuracy", "mae"])
+def test_every_model_is_told_what_counts(metric):
+    task = Task(grid(3, 4, 0.01), metric, 100, posed=True)
+    for model in MODELS:
+        cell = model.to_cell(task)
+        assert cell.choice.metric == metric
+        section = cell.config["model"] if cell.config else cell.estimator["init_args"]
+        if metric == "mae":
+            assert section["task"] == "regression"
+        elif model.name != "constant":
+            assert "balanced" in (section.get("class_weights"), section.get("class_weight"))
+
+
+def test_samples_without_trials_are_split_by_frame_with_a_word(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING):
+        found = plan(tmp_path, trial=None)
+    assert found.protocols[0].name == "by frame"
+    assert "the samples have no 'trial', and are split one by one" in caplog.text
+
+
+def test_given_parts_are_one_split(tmp_path):
+    found = plan(tmp_path, replace(THREE, by="given"), part=GIVEN)
+    assert len(found.experiments) == 4
+    assert found.protocols[0].name == "given"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"models": ("svm",)}, "'models' must be some of taxel_net"),
+        ({"models": ()}, r"'models' must be some of .* \(got none\)"),
+        ({"by": "object"}, r"'by' must be one of \['trial', 'group', 'frame', 'given'\]"),
+        ({"metric": "f1"}, "'metric' must be 'accuracy', 'balanced_accuracy' or 'mae'"),
+        ({"folds": 1}, "'folds' must be at least 2"),
+        ({"epochs": 0}, "'epochs' must be at least 1"),
+    ],
+)
+def test_wrong_settings_are_refused(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        ComparisonSettings(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("settings", "changes", "match"),
+    [
+        ({"metric": "mae"}, {}, "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
+        ({"metric": "accuracy"}, {"y": np.arange(48) / 7 + 0.1}, "'metric' must be 'mae' for num"),
+        ({"by": "group"}, {}, "'dataset' must have 'group'"),
+        ({"by": "given"}, {}, "'dataset' must bring its parts to be split as given"),
+        ({}, {"trial": np.arange(48) % 2}, "at least 3 trials, to train, to choose and to test on"),
+        ({}, {"y": np.zeros(48, int)}, "'y' must have at least 2 classes"),
+    ],
+)
+def test_data_that_cannot_be_compared_on_is_refused(tmp_path, settings, changes, match):
+    with pytest.raises(ValueError, match=match):
+        plan(tmp_path, ComparisonSettings(**settings), **changes)
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "match"),
+    [
+        ({"data": "none.npz"}, FileNotFoundError, "'none.npz' does not exist"),
+        ({"data": "none/of/these"}, FileNotFoundError, "give an npz file of samples, a folder of"),
+        ({"data": "Gloves"}, FileNotFoundError, "nor one of our data sets: AllegroUSkin"),
+        ({"data": "my.Gloves"}, ValueError, "'class_path' must be the import path of a class"),
+        ({"data": __file__}, ValueError, "'data' must be an npz file, a folder or a class"),
+        ({"data": "BioTacSP", "grid": "3x4"}, ValueError, "'grid' must be left out for a class"),
+        ({"data": ".", "task": "regression"}, ValueError, "'task' must be left out for anything"),
+        ({"data": ".", "grid": "3by4"}, ValueError, "'grid' must be rows and columns"),
+    ],
+)
+def test_what_is_no_data_is_told(given, kind, match):
+    with pytest.raises(kind, match=match):
+        data_source(**given).resolve()
+
+
+def test_folder_of_recordings_is_a_data_source(tmp_path):
+    from torch_geometric_tactile.data import Recording
+    from torch_geometric_tactile.io import write_npz
+
+    for name in ("mug_001", "mug_002", "cup_001", "cup_002"):
+        recording = Recording(time=[0.0, 0.1], tactile=np.zeros((2, 6, 1)))
+        write_npz(recording, tmp_path / f"{name}.npz")
+    source, facts = data_source(tmp_path, grid="2x3").resolve()
+    assert facts.class_names == ("cup", "mug")
+    assert facts.num_trials == 4
+    assert source.load().layout.matches(grid(2, 3, 0.005))
+
+
+def test_place_of_the_file_is_no_part_of_a_result(tmp_path):
+    codes = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        codes.append([e.code for e in plan(tmp_path / name, THREE).experiments])
+    assert codes[0] == codes[1]
+    other = plan(tmp_path / "one", THREE, seed=1).experiments
+    assert not {e.code for e in other} & set(codes[0])
+
+
+GOOD, FAIR, POOR = [1.0, 1.0, 1.0], [0.75, 0.75, 0.75], [0.25, 0.25, 0.25]
+
+
+@pytest.mark.parametrize(
+    ("parts", "sentence"),
+    [
+        (
+            {"gcn": GOOD, "fnn": POOR, "forest": [0.5] * 3, "constant": [0.3] * 3},
+            "Take gcn (accuracy 100.0 %): 50.0 points better than forest, the best plain model, "
+            "which is beyond the noise",
+        ),
+        (
+            {"gcn": FAIR, "fnn": [0.75, 0.8, 0.69], "forest": POOR, "constant": [0.1] * 3},
+            "gcn, the best graph model, is 0.0 points",
+        ),
+        (
+            {"gcn": POOR, "fnn": GOOD, "forest": FAIR, "constant": POOR},
+            "Take fnn (accuracy 100.0 %): gcn, the best graph model, is 75.0 points worse, which "
+            "is beyond the noise",
+        ),
+        ({"fnn": GOOD, "constant": POOR}, "Take fnn (accuracy 100.0 %); no graph model was comp"),
+        ({"gcn": GOOD}, "Take gcn (accuracy 100.0 %); no plain model was compared."),
+        ({"gcn": POOR, "fnn": POOR, "constant": FAIR}, "Take none: no model is better than 'const"),
+        (
+            {"gcn": POOR, "fnn": [0.3, 0.6, 0.1], "constant": [0.25] * 3},
+            "Take none yet: fnn (accuracy 35.4 %) is not beyond the noise above 'constant'",
+        ),
+        ({}, "No model has a result for every split yet"),
+    ],
+)
+def test_sentence_says_which_model_to_take(tmp_path, parts, sentence):
+    comparison = made_up(plan(tmp_path, THREE), parts)
+    assert sentence in advice(comparison)
+    content = to_dict(comparison)
+    assert content["advice"] == advice(comparison)
+    json.dumps(content, allow_nan=False)
+
+
+def test_within_the_noise_the_plain_model_is_taken(tmp_path):
+    parts = {"gcn": [1.0, 0.5, 0.75], "fnn": [0.5, 0.75, 0.75], "constant": [0.0] * 3}
+    text = advice(made_up(plan(tmp_path, THREE), parts))
+    assert text.startswith(
+        "Take fnn (accuracy 66.7 %): gcn, the best graph model, is 8.3 points be"
+    )
+    assert text.endswith("and the plain model is the simpler one.")
+    assert "within the noise (standard error" in text
+    assert "over 3 splits and" in text
+    assert "over 12 trials" in text
+
+
+def test_model_that_lacks_a_split_is_left_out(tmp_path):
+    found = plan(tmp_path, THREE)
+    parts = {"gcn": GOOD, "fnn": FAIR}
+    comparison = made_up(found, parts, failed=["gcn, by trial, seed 0, fold 1"])
+    assert [result.model.name for result in comparison.results] == ["fnn"]
+    assert to_dict(comparison)["failed"] == {"gcn, by trial, seed 0, fold 1": "it must not"}
+    assert "it must not" in comparison_markdown(comparison)
+    with pytest.raises(ValueError, match=r"'name' must be one of \['fnn'\] \(got 'gcn'\)"):
+        comparison.of("gcn")
+
+
+def test_pages_hold_the_numbers(tmp_path):
+    comparison = made_up(plan(tmp_path, THREE), {"gcn": GOOD, "fnn": POOR})
+    page = comparison_markdown(comparison)
+    assert "| gcn | graph | 100.0 ± 0.0 | 100.0 ± 0.0 | 50.0 ± 0.0 | +75.0 * |" in page
+    assert "48 samples, 12 trials; 3 folds by trial, stratified by y, 3 splits" in page
+    lines = comparison_csv(comparison).splitlines()
+    assert lines[0].startswith("model,kind,metric,mean,sd,splits,difference,over_splits")
+    assert lines[1].startswith("gcn,graph,accuracy,1.0,0.0,3,0.75,0.0,")
+    assert len(lines) == 1 + 2 * 3
+
+
+def test_json_has_one_form(tmp_path):
+    content = to_dict(made_up(plan(tmp_path, THREE), {"gcn": GOOD, "fnn": POOR}))
+    assert list(content) == [
+        *("format", "version", "data", "protocol", "num_splits", "task", "metric", "best_plain"),
+        *("models", "failed", "missing", "advice"),
+    ]
+    gcn, fnn = content["models"]
+    assert list(gcn) == [
+        *("name", "title", "kind", "scores", "difference", "num_parameters", "seconds", "chosen"),
+    ]
+    assert gcn["scores"]["accuracy"] == {"mean": 1.0, "sd": 0.0}
+    assert gcn["difference"]["mean"] == 0.75
+    assert gcn["difference"]["beyond_noise"]
+    assert fnn["difference"] is None
+    assert content["missing"] == 6
+
+
+def test_estimate_counts_what_is_not_finished(tmp_path):
+    settings = ComparisonSettings(models=("fnn", "svm_linear"), folds=3, epochs=2)
+    found = plan(tmp_path, settings)
+    seconds = estimate_seconds(found, tmp_path / "out")
+    assert set(seconds) == {"fnn", "svm_linear"}
+    assert all(value > 0 for value in seconds.values())
+    (tmp_path / "out" / "runs").mkdir(parents=True)
+    for experiment in found.experiments:
+        (tmp_path / "out" / "runs" / experiment.file_name).touch()
+    assert estimate_seconds(found, tmp_path / "out") == {}
+
+
+def test_run_of_a_table_is_no_comparison(tmp_path):
+    found = plan(tmp_path, THREE)
+    plain = replace(found, experiments=tuple(replace(e, choice=None) for e in found.experiments))
+    with pytest.raises(ValueError, match="'run' must be of a comparison"):
+        summarize(PlanRun(plain, [], 0, {}, 0))

@@ -1,0 +1,109 @@
+import math
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.scores import prediction_scores, sample_scores
+
+Y = np.array([0, 0, 1, 1])
+
+
+def said(*hits, y=Y, trial=(0, 0, 1, 1)):
+    hit = np.array(hits, dtype=bool)
+    prediction = np.where(hit, y, 1 - y)
+    return Judgement(prediction, prediction, y, trial=None if trial is None else np.array(trial))
+
+
+def test_difference_by_hand():
+    # Gains: 1, 0, 0, 0 and 1, 1, -1, 0; trial 0 adds 1/4 and 2/4, trial 1 adds 0 and -1/4.
+    first = [said(1, 1, 0, 1), said(1, 1, 0, 1, trial=(2, 2, 3, 3))]
+    second = [said(0, 1, 0, 1), said(0, 0, 1, 1, trial=(2, 2, 3, 3))]
+    found = paired_difference(first, second, "accuracy")
+    assert found.mean == 0.25
+    assert found.over_splits == 0.0
+    gains = [(0.75 - 0.25) / 8, (-0.25 - 0.25) / 8, (0.75 + 0.75) / 8, (-1.25 - 0.25) / 8]
+    assert found.over_trials == pytest.approx(math.sqrt(4 / 3 * np.square(gains).sum()))
+    assert (found.num_splits, found.num_trials) == (2, 4)
+
+
+def test_trial_of_several_splits_is_one_observation():
+    first, second = said(1, 1, 1, 1), said(0, 0, 1, 1)
+    once = paired_difference([first], [second], "accuracy")
+    twice = paired_difference([first] * 2, [second] * 2, "accuracy")
+    assert once.over_trials == pytest.approx(twice.over_trials)
+    assert math.isnan(once.over_splits)
+    assert twice.over_splits == 0.0
+    assert twice.num_trials == 2
+
+
+def test_frames_of_a_trial_do_not_make_it_sure():
+    few = paired_difference([said(1, 1, 1, 1)], [said(0, 0, 1, 1)], "accuracy")
+    y = Y.repeat(10)
+    many = paired_difference(
+        [said(*[1] * 40, y=y, trial=[0] * 20 + [1] * 20)],
+        [said(*[0] * 20, *[1] * 20, y=y, trial=[0] * 20 + [1] * 20)],
+        "accuracy",
+    )
+    assert many.over_trials == pytest.approx(few.over_trials)
+    alone = paired_difference(
+        [said(*[1] * 40, y=y, trial=None)],
+        [said(*[0] * 20, *[1] * 20, y=y, trial=None)],
+        "accuracy",
+    )
+    assert alone.num_trials == 40
+    assert alone.over_trials < many.over_trials / 3
+
+
+def test_samples_without_trials_of_two_splits_are_different():
+    pair = [said(1, 1, 1, 1, trial=None)] * 2, [said(0, 1, 1, 1, trial=None)] * 2
+    assert paired_difference(*pair, "accuracy").num_trials == 8
+
+
+@pytest.mark.parametrize("metric", ["accuracy", "balanced_accuracy"])
+def test_mean_of_sample_scores_is_the_score(metric):
+    draw = np.random.default_rng(0)
+    y, prediction = draw.integers(0, 4, 50), draw.integers(0, 4, 50)
+    expected = prediction_scores(y, prediction, numbers=False)[metric]
+    assert sample_scores(y, prediction, metric).mean() == pytest.approx(expected)
+
+
+def test_errors_of_numbers():
+    y = np.array([[0.0, 1.0], [2.0, 3.0]])
+    prediction = np.array([[1.0, 1.0], [0.0, 3.0]])
+    assert sample_scores(y, prediction, "mae").tolist() == [0.5, 1.0]
+    assert prediction_scores(y, prediction, numbers=True)["mae"] == 0.75
+
+
+def test_scores_are_those_of_scikit_learn():
+    from sklearn.metrics import balanced_accuracy_score, f1_score
+
+    draw = np.random.default_rng(1)
+    y, prediction = draw.integers(0, 3, 40), draw.integers(0, 5, 40)
+    found = prediction_scores(y, prediction, numbers=False)
+    assert found["f1"] == pytest.approx(f1_score(y, prediction, average="macro"))
+    seen = prediction < 3
+    found = prediction_scores(y[seen], prediction[seen], numbers=False)
+    expected = balanced_accuracy_score(y[seen], prediction[seen])
+    assert found["balanced_accuracy"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("mean", "over_splits", "over_trials", "beyond"),
+    [
+        (0.3, 0.1, 0.14, True),
+        (-0.3, 0.1, 0.14, True),
+        (0.3, 0.1, 0.16, False),
+        (0.3, 0.16, 0.1, False),
+        (0.3, math.nan, 0.1, True),
+        (0.3, math.nan, math.nan, False),
+    ],
+)
+def test_noise_is_the_larger_error(mean, over_splits, over_trials, beyond):
+    assert Difference(mean, over_splits, over_trials, 5, 9).is_beyond_noise is beyond
+
+
+def test_other_samples_are_refused():
+    with pytest.raises(ValueError, match="'second' must be of the same samples as 'first'"):
+        paired_difference([said(1, 1, 1, 1)], [said(1, 1, 1, 1, y=1 - Y)], "accuracy")

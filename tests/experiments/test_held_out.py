@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+import torch
+from compared import GIVEN, experiment, touches
+
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.datasets import SamplesFile
+from torch_geometric_tactile.experiments.compared_data import predicts_numbers
+from torch_geometric_tactile.experiments.held_out import (
+    balanced_protocol,
+    check_units,
+    choice_parts,
+)
+
+
+def dataset(folder, **changes):
+    touches(folder / "a.npz", **changes)
+    return SamplesFile(folder / "a.npz", grid="3x4")
+
+
+def trials(part):
+    return set(part.trial.tolist())
+
+
+@pytest.mark.parametrize("fold", [0, 1, 2])
+def test_no_trial_is_in_two_parts_and_each_has_all_classes(tmp_path, fold):
+    touches(tmp_path / "a.npz", num_trials=18)
+    parts = choice_parts(experiment(tmp_path / "a.npz", fold=fold))
+    assert not trials(parts.fit) & trials(parts.val)
+    assert not trials(parts.train) & trials(parts.test)
+    assert trials(parts.fit) | trials(parts.val) == trials(parts.train)
+    assert len(trials(parts.train) | trials(parts.test)) == 18
+    assert all(part.y.unique().tolist() == [0, 1, 2] for part in parts[:1] + parts[2:])
+
+
+def test_given_parts_bring_their_own(tmp_path):
+    touches(tmp_path / "a.npz", part=GIVEN)
+    parts = choice_parts(experiment(tmp_path / "a.npz", protocol=Protocol("given")))
+    assert [len(part) for part in parts] == [24, 12, 36, 12]
+    assert trials(parts.val) == {6, 7, 8}
+    touches(tmp_path / "b.npz", part=np.where(GIVEN == 1, 0, GIVEN))
+    parts = choice_parts(experiment(tmp_path / "b.npz", protocol=Protocol("given")))
+    assert len(parts.train) == 36
+    assert not trials(parts.fit) & trials(parts.val)
+
+
+def test_classes_within_a_trial_are_spread_over_folds(tmp_path):
+    found = dataset(tmp_path, y=np.arange(48) % 4)
+    protocol = balanced_protocol(found, "trial", 3)
+    assert protocol == Protocol("trial", folds=3, stratify="y")
+
+
+def test_numbers_and_rare_classes_are_not_stratified(tmp_path):
+    numbers = dataset(tmp_path, y=np.arange(48) / 7)
+    assert balanced_protocol(numbers, "trial", 3).stratify is None
+    each = dataset(tmp_path, y=np.arange(12).repeat(4))
+    assert balanced_protocol(each, "trial", 3).stratify is None
+
+
+def test_no_more_folds_than_trials(tmp_path):
+    found = dataset(tmp_path, num_trials=3)
+    assert balanced_protocol(found, "trial", 5).folds == 3
+    one = dataset(tmp_path, trial=np.zeros(48, int))
+    with pytest.raises(ValueError, match="at least 2 trials to be split by trial"):
+        balanced_protocol(one, "trial")
+
+
+@pytest.mark.parametrize(
+    ("changes", "by", "match"),
+    [
+        ({"trial": np.arange(48) % 2}, "trial", r"3 trials, .* \(got 2\); compare by frame, which"),
+        ({"group": np.arange(48) % 2}, "group", r"3 groups, .* compare by trial or by frame"),
+        ({"trial": None}, "trial", "'dataset' must have 'trial', a number or name for each sample"),
+    ],
+)
+def test_too_few_units_are_refused(tmp_path, changes, by, match):
+    with pytest.raises(ValueError, match=match):
+        check_units(dataset(tmp_path, **changes), by)
+
+
+def test_what_is_predicted_follows_from_the_labels(tmp_path):
+    assert not predicts_numbers(dataset(tmp_path))
+    assert predicts_numbers(dataset(tmp_path, y=np.arange(48) / 7))
+    found = dataset(tmp_path)
+    found._data.y = torch.zeros(48, 2)
+    with pytest.raises(ValueError, match="got 0 and 1 for each of 2 labels"):
+        predicts_numbers(found)
+    del found._data.y
+    with pytest.raises(ValueError, match=r"'data' must have 'y', .* \(got none\)"):
+        predicts_numbers(found)

@@ -1,0 +1,61 @@
+import logging
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.io import read_samples_npz
+
+X = np.arange(12.0).reshape(4, 3)
+Y = np.array([0, 1, 0, 1])
+
+
+def write(path, **arrays):
+    np.savez(path, **arrays)
+    return path
+
+
+def test_arrays_are_read_by_their_names(tmp_path):
+    path = write(tmp_path / "a.npz", x=X, y=Y, trial=["a", "a", "b", "b"], pos=np.zeros((3, 3)))
+    found = read_samples_npz(path)
+    assert set(found) == {"x", "y", "trial", "pos"}
+    assert np.array_equal(found["x"], X)
+    assert found["trial"].tolist() == ["a", "a", "b", "b"]
+
+
+def test_other_usual_names_are_found(tmp_path, caplog):
+    path = write(tmp_path / "a.npz", data=X, labels=Y, trial_id=Y, objects=Y, note=np.array("n"))
+    with caplog.at_level(logging.WARNING):
+        assert set(read_samples_npz(path)) == {"x", "y", "trial", "group"}
+    assert "not used: 'note'" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("arrays", "match"),
+    [
+        ({"y": Y}, r"an array 'x' is missing \(got 'y'\)"),
+        ({"x": X}, r"an array 'y' is missing \(got 'x'\)"),
+        ({"x": X, "y": Y, "labels": Y}, r"only one of \['y', 'labels'\] may be there"),
+        ({"x": X[0], "y": Y}, r"'x' must have shape \(num_samples, num_taxels, ...\)"),
+        ({"x": X[:0], "y": Y[:0]}, r"all positive \(got \(0, 3\)\)"),
+        ({"x": X, "y": Y[:3]}, r"'y' must have 4 rows, one for each of 'x' \(got \(3,\)\)"),
+        ({"x": X, "y": Y, "trial": np.array(1)}, r"'trial' must have 4 rows"),
+        ({"x": X.astype(str), "y": Y}, r"'x' must hold numbers \(got texts\)"),
+        ({"format": np.array("f"), "tactile": X}, r"a recording is not a data set"),
+    ],
+)
+def test_what_is_no_data_set_is_refused(tmp_path, arrays, match):
+    path = write(tmp_path / "a.npz", **arrays)
+    with pytest.raises(ValueError, match=match) as error:
+        read_samples_npz(path)
+    assert str(path) in str(error.value)
+
+
+def test_pickled_objects_are_refused(tmp_path):
+    path = write(tmp_path / "a.npz", x=X, y=np.array(["a", 1, None, 2.0], dtype=object))
+    with pytest.raises(ValueError, match="only numbers and texts are read"):
+        read_samples_npz(path)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="does not exist; give the path of an npz file"):
+        read_samples_npz(tmp_path / "a.npz")

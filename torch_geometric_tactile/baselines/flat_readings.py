@@ -1,0 +1,67 @@
+r"""Readings as rows of numbers."""
+
+from typing import Any, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils import Tags
+
+from torch_geometric_tactile.data import StaticData
+
+
+class FlatReadings(TransformerMixin, BaseEstimator):
+    r"""Lays the readings of all taxels side by side, as the first step of a scikit-learn pipeline.
+    Missing readings (NaN) become zero, the mean of what was scaled.
+
+    Shapes:
+        - **input:** readings :math:`(S, N, F)`, or samples that have them
+        - **output:** rows :math:`(S, N \cdot F)`
+
+    Examples:
+        >>> FlatReadings().fit_transform(np.array([[[1.0, np.nan], [3.0, 4.0]]]))
+        array([[1., 0., 3., 4.]])
+    """
+
+    takes_samples = True
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
+        tags.input_tags.allow_nan = True
+        tags.requires_fit = False
+        return tags
+
+    def fit(self, x: Any, y: Any = None) -> Self:
+        r"""Measures nothing.
+
+        Args:
+            x (array-like or StaticData): Readings :math:`(S, N, F)`.
+            y (array-like, optional): Not used.
+        """
+        return self
+
+    def transform(self, x: Any) -> np.ndarray:
+        r"""Returns the rows.
+
+        Args:
+            x (array-like or StaticData): Readings :math:`(S, N, F)`.
+        """
+        values = readings(x)
+        return np.nan_to_num(values.reshape(len(values), -1), nan=0.0)
+
+
+def readings(x: Any) -> np.ndarray:
+    r"""Returns readings as an array of :math:`(S, N, F)`.
+
+    Args:
+        x (array-like or StaticData): Readings, or samples that have them.
+
+    Raises:
+        ValueError: If they have another number of dimensions.
+    """
+    values = np.asarray(x.x.numpy(force=True) if isinstance(x, StaticData) else x)
+    if values.ndim != 3:
+        raise ValueError(
+            f"'x' must have shape (num_samples, num_taxels, num_channels) (got {values.shape})"
+        )
+    return values

@@ -1,0 +1,224 @@
+r"""Plain models to compare with, one line each."""
+
+from typing import Any, Literal
+
+import numpy as np
+from sklearn.compose import TransformedTargetRegressor
+from sklearn.dummy import DummyClassifier, DummyRegressor
+from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor
+from sklearn.linear_model import Ridge, RidgeClassifier
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
+
+from torch_geometric_tactile.baselines.flat_readings import FlatReadings
+from torch_geometric_tactile.baselines.posed_summary import PosedSummary
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike
+
+Task = Literal["multiclass", "regression"]
+Weight = Literal["balanced"] | None
+_TASKS = ("multiclass", "regression")
+_MOST_STEPS = 5000
+
+
+def flat_forest(
+    task: Task = "multiclass",
+    *,
+    num_trees: int = 300,
+    min_samples_leaf: int = 1,
+    class_weight: Weight = None,
+) -> Pipeline:
+    r"""Returns a random forest on all readings side by side.
+
+    Args:
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        num_trees (int): Number of trees.
+        min_samples_leaf (int): The fewest samples of a leaf.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+
+    Examples:
+        >>> x, y = np.arange(8.0).reshape(8, 1, 1), [0, 0, 0, 0, 1, 1, 1, 1]
+        >>> flat_forest(num_trees=10).fit(x, y).predict(x).tolist()
+        [0, 0, 0, 0, 1, 1, 1, 1]
+    """
+    forest = _forest(task, num_trees, min_samples_leaf, class_weight)
+    return make_pipeline(FlatReadings(), forest)
+
+
+def posed_forest(
+    layout: TaxelLayout | PathLike,
+    task: Task = "multiclass",
+    *,
+    num_trees: int = 300,
+    min_samples_leaf: int = 1,
+    class_weight: Weight = None,
+) -> Pipeline:
+    r"""Returns a random forest on the features of :class:`PosedSummary`.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels.
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        num_trees (int): Number of trees.
+        min_samples_leaf (int): The fewest samples of a leaf.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+    """
+    forest = _forest(task, num_trees, min_samples_leaf, class_weight)
+    return make_pipeline(PosedSummary(layout), forest)
+
+
+def posed_ridge(
+    layout: TaxelLayout | PathLike,
+    task: Task = "multiclass",
+    *,
+    alpha: float = 1.0,
+    class_weight: Weight = None,
+) -> Pipeline:
+    r"""Returns a ridge classifier or regression on the features of :class:`PosedSummary`.
+
+    Args:
+        layout (TaxelLayout or str or PathLike): The taxels.
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        alpha (float): Penalty of large weights.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+    """
+    model = RidgeClassifier(alpha=alpha, class_weight=class_weight)
+    last = model if _is_classes(task) else Ridge(alpha=alpha)
+    return make_pipeline(PosedSummary(layout), StandardScaler(), last)
+
+
+def linear_svm(
+    task: Task = "multiclass",
+    *,
+    C: float = 1.0,  # noqa: N803 - scikit-learn's name
+    class_weight: Weight = None,
+) -> Pipeline:
+    r"""Returns a linear support vector machine on all readings side by side, which should be scaled
+    before (see :class:`~torch_geometric_tactile.transforms.ZScore`); numbers to be predicted are
+    scaled here.
+
+    Args:
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        C (float): Penalty of an error.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+    """
+    if _is_classes(task):
+        model: Any = LinearSVC(C=C, class_weight=class_weight, max_iter=_MOST_STEPS, dual="auto")
+    else:
+        model = _scaled(LinearSVR(C=C, max_iter=_MOST_STEPS, dual="auto", loss=_SMOOTH))
+    return make_pipeline(FlatReadings(), model)
+
+
+def rbf_svm(
+    task: Task = "multiclass",
+    *,
+    C: float = 1.0,  # noqa: N803 - scikit-learn's name
+    width: float = 1.0,
+    class_weight: Weight = None,
+    most_samples: int | None = None,
+) -> Pipeline:
+    r"""Returns a support vector machine with a radial kernel on all readings side by side, which
+    should be scaled before; numbers to be predicted are scaled here.
+
+    Args:
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        C (float): Penalty of an error.
+        width (float): What scikit-learn's :obj:`gamma="scale"`, one over the number and the
+            variance of the readings, is multiplied by.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        most_samples (int, optional): Fit on a random part of so many samples if there are more,
+            since the time grows with the square of their number.
+    """
+    if _is_classes(task):
+        model: Any = _FewerSVC(C=C, width=width, most=most_samples, class_weight=class_weight)
+    else:
+        model = _scaled(_FewerSVR(C=C, width=width, most=most_samples))
+    return make_pipeline(FlatReadings(), model)
+
+
+def constant(task: Task = "multiclass") -> Pipeline:
+    r"""Returns what anything must beat: the most frequent class, or the mean.
+
+    Args:
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+    """
+    model = DummyClassifier(strategy="most_frequent") if _is_classes(task) else DummyRegressor()
+    return make_pipeline(FlatReadings(), model)
+
+
+_SMOOTH = "squared_epsilon_insensitive"  # which liblinear solves in the primal where it is faster
+
+
+def _is_classes(task: str) -> bool:
+    if task not in _TASKS:
+        raise ValueError(f"'task' must be one of {list(_TASKS)} (got '{task}')")
+    return task == "multiclass"
+
+
+def _forest(task: Task, num_trees: int, min_samples_leaf: int, class_weight: Weight) -> Any:
+    size = {"n_estimators": num_trees, "min_samples_leaf": min_samples_leaf}
+    if _is_classes(task):
+        return RandomForestClassifier(**size, class_weight=class_weight)
+    return RandomForestRegressor(**size, max_features=1 / 3)
+
+
+def _scaled(model: Any) -> TransformedTargetRegressor:
+    return TransformedTargetRegressor(_EachNumber(model), transformer=StandardScaler())
+
+
+class _EachNumber(MultiOutputRegressor):
+    def fit(self, x: np.ndarray, y: np.ndarray) -> "_EachNumber":
+        super().fit(x, np.asarray(y).reshape(len(y), -1))  # one number comes without a column
+        return self
+
+
+class _Fewer:
+    # A support vector machine on a part of many samples, whose kernel is as wide as these ask for.
+    width: float
+    most: int | None
+    random_state: Any
+
+    def _narrow(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        variance = float(x.var())
+        self.gamma = self.width / (x.shape[1] * variance) if variance > 0 else self.width
+        if self.most is None or len(x) <= self.most:
+            return x, y
+        chosen = np.random.default_rng(self.random_state or 0).permutation(len(x))[: self.most]
+        return x[chosen], y[chosen]
+
+
+class _FewerSVC(_Fewer, SVC):
+    def __init__(
+        self,
+        C: float = 1.0,  # noqa: N803
+        width: float = 1.0,
+        most: int | None = None,
+        class_weight: Weight = None,
+        random_state: Any = None,
+    ) -> None:
+        super().__init__(C=C, class_weight=class_weight, random_state=random_state)
+        self.width = width
+        self.most = most
+
+    def fit(self, x: np.ndarray, y: np.ndarray) -> "_FewerSVC":
+        super().fit(*self._narrow(x, np.asarray(y)))
+        return self
+
+
+class _FewerSVR(_Fewer, SVR):
+    def __init__(
+        self,
+        C: float = 1.0,  # noqa: N803
+        width: float = 1.0,
+        most: int | None = None,
+        random_state: Any = None,
+    ) -> None:
+        super().__init__(C=C)
+        self.width = width
+        self.most = most
+        self.random_state = random_state
+
+    def fit(self, x: np.ndarray, y: np.ndarray) -> "_FewerSVR":
+        super().fit(*self._narrow(x, np.asarray(y)))
+        return self

@@ -1,0 +1,262 @@
+r"""``tactile compare``: graph models and plain ones on a data set, and which of them to take."""
+
+import argparse
+import json
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torch_geometric_tactile.commands.arguments import add_workers, few, positive
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.experiments.comparison import Comparison
+    from torch_geometric_tactile.experiments.plan import Plan
+
+# The names in `experiments`, which is too heavy to import for them.
+MODELS = {
+    "taxel_net": "TaxelNet, the default graph model",
+    "posed_taxel_net": "PosedTaxelNet, where joint angles place the taxels of an Allegro hand",
+    "gcn": "TactileGCN, a plain GCN",
+    "fnn": "TactileFNN, fully connected",
+    "cnn": "SmallCNN, where the layout has an image map (as a grid has)",
+    "svm_rbf": "support vector machine, radial kernel",
+    "svm_linear": "support vector machine, linear",
+    "forest": "random forest on the readings",
+    "posed_forest": "random forest on force, centre, normal and count of each patch",
+    "posed_ridge": "ridge on the same",
+    "constant": "the most frequent class, or the mean",
+}
+
+HELP = "compare graph models with plain ones on your data, and say which to take"
+DESCRIPTION = f"""\
+Trains graph models and plain ones on a data set, each with settings and epochs chosen on a part of
+its training samples, tests each split once, and writes DIR/NAME.md, .csv, .json and .png. It ends
+with a sentence: which model to take, and whether it is better by more than the noise. Needs the
+extras 'train' and 'viz'.
+
+data:
+  FILE.npz     arrays x (S, N), (S, N, channels) or, with --grid, (S, rows, cols); y (names or
+               whole numbers for classes, else numbers); if known, trial, group, session, joint,
+               time (S, ...); and pos (N, 3) in metres, without --layout or --grid
+  FOLDER       recordings, as RecordingFrames reads them
+  CLASS        import path of a StaticDataset; of ours, the name alone
+
+models:
+{chr(10).join(f"  {name:16} {title}" for name, title in MODELS.items())}
+"""
+EXAMPLES = """\
+examples:
+  tactile compare touches.npz --grid 28x50               all models, 5 folds by trial
+  tactile compare touches.npz --layout skin.json --models taxel_net,svm_rbf,forest
+  tactile compare touches.npz --layout biotac --by group --metric balanced_accuracy
+  tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
+  tactile compare my_glove.Gloves --init root=DIR --json > comparison.json
+  tactile compare touches.npz --grid 8x8 --rest 10       each trial begins with 10 frames of rest
+  tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
+                                                         a first look
+
+Each run (a model on a split) is a file in DIR/runs when it is finished. The same command goes on
+where it was stopped or killed. What is chosen where, and what the sentence means, is on the page
+docs/compare.md of the documentation.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the arguments of the verb.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument("data", metavar="DATA", help="an npz file, a folder, or a class")
+    parser.add_argument(
+        "--layout", metavar="NAME|FILE", help="the taxels of a file or folder of recordings"
+    )
+    parser.add_argument(
+        "--grid", metavar="ROWSxCOLS", help="the taxels are a planar array, such as 28x50"
+    )
+    parser.add_argument(
+        "--task",
+        choices=("multiclass", "regression"),
+        help="what y of a file is (default: names and whole numbers are classes)",
+    )
+    parser.add_argument(
+        "--init",
+        metavar="KEY=VALUE",
+        nargs="+",
+        default=[],
+        help="further arguments of the data set, such as root=DIR or target=label",
+    )
+    parser.add_argument(
+        "--models", metavar="NAME,NAME", help="only these (default: all that fit the data)"
+    )
+    parser.add_argument(
+        "--by",
+        choices=("trial", "group", "frame", "given"),
+        help="what stays together in a split (default: trial, or frame where there are no trials); "
+        "given: the parts that the data set brings",
+    )
+    parser.add_argument(
+        "--folds", metavar="N", type=few, default=5, help="parts tested on in turn (default: 5)"
+    )
+    parser.add_argument(
+        "--seeds", metavar="N", type=few, default=1, help="how often folds are drawn (default: 1)"
+    )
+    parser.add_argument(
+        "--metric",
+        choices=("accuracy", "balanced_accuracy", "mae"),
+        help="what models are chosen and compared by (default: accuracy, or mae of numbers)",
+    )
+    parser.add_argument(
+        "--epochs", metavar="N", type=positive, help="most epochs of a network (default: 8 to 100)"
+    )
+    parser.add_argument(
+        "--stride", metavar="N", type=positive, help="every N-th frame of a folder of recordings"
+    )
+    parser.add_argument(
+        "--rest", metavar="N", type=positive, help="how many frames each trial begins at rest"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", default="comparison", help="folder (default: comparison)"
+    )
+    parser.add_argument(
+        "--no-train", action="store_true", help="train nothing: the table of the finished runs"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print the results as JSON in place of a table"
+    )
+    add_workers(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    r"""Runs the verb and returns the exit status.
+
+    Args:
+        arguments (argparse.Namespace): The arguments.
+    """
+    from torch_geometric_tactile.commands.progress import progress
+    from torch_geometric_tactile.experiments.compared_data import data_source
+    from torch_geometric_tactile.experiments.comparison import (
+        ComparisonSettings,
+        comparison_plan,
+        summarize,
+    )
+    from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+    from torch_geometric_tactile.reports.compare import write_comparison
+    from torch_geometric_tactile.visualization.figure import new_figure
+
+    new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
+    settings = ComparisonSettings(
+        models=None if arguments.models is None else _names(arguments.models),
+        by=arguments.by,
+        folds=arguments.folds,
+        seeds=arguments.seeds,
+        metric=arguments.metric,
+        epochs=arguments.epochs,
+        tare=None if arguments.rest is None else {"key": "trial", "first": arguments.rest},
+        accelerator=arguments.accelerator,
+        threads=arguments.threads,
+    )
+    workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
+    source = data_source(
+        arguments.data,
+        layout=arguments.layout,
+        grid=arguments.grid,
+        task=arguments.task,
+        arguments=_init(arguments.init),
+    )
+    selection = {} if arguments.stride is None else {"stride": arguments.stride}
+    plan = comparison_plan(source, settings, name=_name(arguments.data), selection=selection)
+    if not arguments.no_train:
+        _tell(_intention(plan, arguments), arguments.json)
+    with progress(plan.table.name, "run") as show:
+        finished = run_plan(
+            plan, arguments.out, workers, train=not arguments.no_train, on_progress=show
+        )
+    comparison = summarize(finished)
+    paths = write_comparison(comparison, arguments.out)
+    _print(comparison, paths, arguments.json)
+    for name, reason in finished.failed.items():
+        print(f"tactile: error: {_plain(name)}: {_plain(reason)}", file=sys.stderr)
+    return 1 if finished.failed else 0
+
+
+def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
+    from tabulate import tabulate
+
+    from torch_geometric_tactile.experiments.advice import advice, to_dict
+    from torch_geometric_tactile.reports.compare import comparison_rows
+
+    if as_json:
+        print(json.dumps(to_dict(comparison), indent=1), flush=True)
+        return
+    header, rows = comparison_rows(comparison)
+    if rows:
+        print(tabulate(rows, header, disable_numparse=True), end="\n\n")
+    print(_plain(comparison.run.describe()))
+    for path in paths:
+        print(_plain(f"wrote {path}"))
+    print(f"\n{_plain(advice(comparison))}", flush=True)
+
+
+def _intention(plan: "Plan", arguments: argparse.Namespace) -> str:
+    from torch_geometric_tactile.experiments.estimate import estimate_seconds
+
+    (protocol,) = plan.protocols
+    facts = plan.facts
+    models = [cell.experiment for cell in plan.table.cells]
+    splits = len({(e.seed, e.fold) for e in plan.experiments})
+    text = (
+        f"{facts.num_samples:,} samples"
+        + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
+        + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
+    )
+    seconds = estimate_seconds(plan, arguments.out)
+    if not seconds:
+        return f"{text}; all runs are finished"
+    jobs = 1 if arguments.scheduler is not None else arguments.jobs
+    longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
+    parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
+    whole = _duration(sum(seconds.values()) / jobs)
+    return f"{text}; about {whole} at most ({parts}); Ctrl-C keeps what is finished"
+
+
+def _duration(seconds: float) -> str:
+    for unit, length in (("h", 3600), ("min", 60)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.0f} {unit}"
+    return f"{max(1, round(seconds))} s"
+
+
+def _tell(text: str, as_json: bool) -> None:
+    print(_plain(text), file=sys.stderr if as_json else sys.stdout, flush=True)
+
+
+def _plain(text: str) -> str:
+    from torch_geometric_tactile.texts import printable
+
+    return printable(text)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _init(pairs: list[str]) -> dict[str, Any]:
+    import yaml
+
+    found = {}
+    for pair in pairs:
+        key, is_pair, value = pair.partition("=")
+        if not is_pair or not key.isidentifier():
+            raise ValueError(f"'--init' must be KEY=VALUE, such as root=DIR (got '{pair}')")
+        try:
+            found[key] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise ValueError(f"'--init {key}' must be a plain value (got '{value}')") from error
+    return found
+
+
+def _name(data: str) -> str:
+    stem = Path(data).stem if data.endswith(".npz") else Path(data).name.rpartition(".")[2]
+    return re.sub(r"[^\w-]+", "-", stem or Path(data).resolve().name).strip("-") or "comparison"

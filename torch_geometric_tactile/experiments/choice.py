@@ -1,0 +1,66 @@
+r"""What of a model is chosen on a validation part, as a value."""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+METRICS = ("accuracy", "balanced_accuracy", "mae")
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    r"""How settings and the number of epochs of a model are chosen: each setting is trained on the
+    training part without a validation part, which is cut from it by the protocol of the test, and
+    scored there; the best of them (the first, of equals) is trained on the whole training part.
+
+    Args:
+        settings (sequence of dict): What is tried, each laid over the model; the model as it is if
+            left out.
+        metric (str): What is compared on the validation part: :obj:`"accuracy"`,
+            :obj:`"balanced_accuracy"`, or :obj:`"mae"` of numbers.
+        patience (int): After how many epochs without improvement a training ends.
+
+    Raises:
+        ValueError: If the metric is unknown, there is no setting, or :obj:`patience` is below one.
+    """
+
+    settings: Sequence[Mapping[str, Any]] = ({},)
+    metric: str = "accuracy"
+    patience: int = 10
+
+    def __post_init__(self) -> None:
+        if self.metric not in METRICS:
+            raise ValueError(f"'metric' must be one of {list(METRICS)} (got '{self.metric}')")
+        if not self.settings:
+            raise ValueError("'settings' must hold at least one setting (got none)")
+        if self.patience < 1:
+            raise ValueError(f"'patience' must be at least 1 (got {self.patience})")
+
+    @property
+    def of_numbers(self) -> bool:
+        r"""Whether :obj:`y` is numbers, not classes."""
+        return self.metric == "mae"
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments as JSON values."""
+        return {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
+
+
+def laid_over(model: Mapping[str, Any], setting: Mapping[str, Any]) -> dict[str, Any]:
+    r"""Returns a model with a setting: mappings are merged, anything else is replaced.
+
+    Args:
+        model (Mapping): The model, as plain data.
+        setting (Mapping): What is different.
+
+    Examples:
+        >>> laid_over({"init_args": {"C": 1, "kernel": "rbf"}}, {"init_args": {"C": 10}})
+        {'init_args': {'C': 10, 'kernel': 'rbf'}}
+    """
+    out = copy.deepcopy(dict(model))
+    for key, value in setting.items():
+        mine = out.get(key)
+        both = isinstance(mine, Mapping) and isinstance(value, Mapping)
+        out[key] = laid_over(mine, value) if both else copy.deepcopy(value)  # type: ignore[arg-type]
+    return out

@@ -1,0 +1,319 @@
+r"""Experiments that choose settings and epochs on a validation part, and look at the test once."""
+
+import copy
+import math
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch_geometric.data import Data
+from torch_geometric.transforms import BaseTransform, Compose
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments.averaging import AveragedWeights, EarlyEnd, Scored
+from torch_geometric_tactile.experiments.building import build
+from torch_geometric_tactile.experiments.choice import laid_over
+from torch_geometric_tactile.experiments.estimators import (
+    estimator_input,
+    num_numbers,
+    seeded_estimator,
+)
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.fitting import fit_classifier, warm_up
+from torch_geometric_tactile.experiments.held_out import Parts, choice_parts, column_of
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.scores import prediction_scores
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.predictions import Predictions, collect_predictions
+from torch_geometric_tactile.transforms import KNNGraph, fit_transform
+
+_NEIGHBOURS = 6
+_NO_SCORE = Scored(-math.inf, math.inf)
+
+
+class Fitted(NamedTuple):
+    r"""What a model that was trained says of samples: its predictions, the score of a validation
+    part, how many numbers it holds, and for how many seconds it was trained.
+    """
+
+    prediction: np.ndarray
+    score: Scored
+    num_parameters: int | None
+    seconds: float
+
+
+def run_choosing(experiment: Experiment) -> dict[str, Any]:
+    r"""Tries the settings of :obj:`experiment.choice` on a validation part, trains the best of them
+    on the whole training part, and predicts the test part once.
+
+    Args:
+        experiment (Experiment): What to do.
+
+    Returns:
+        dict: JSON values as of :func:`run_experiment`, with the :obj:`metrics` of
+        :func:`prediction_scores`, and :obj:`chosen`: the :obj:`setting`, its number, the number of
+        :obj:`epochs` and the :obj:`validation` scores of all.
+
+    Raises:
+        ValueError: If no setting can be trained.
+    """
+    assert experiment.choice is not None
+    parts = choice_parts(experiment)
+    start = time.perf_counter()
+    scores = [_tried(experiment, parts, i) for i in range(len(experiment.choice.settings))]
+    best = max(range(len(scores)), key=lambda i: (scores[i].value, -scores[i].loss, -i))
+    choosing = time.perf_counter() - start
+    model = _model(experiment, best)
+    fitted = fit_and_predict(experiment, model, parts.train, parts.test, scores[best].epochs)
+    y = parts.test.data.y.numpy()
+    return {
+        "metrics": _finite(prediction_scores(y, fitted.prediction, experiment.choice.of_numbers)),
+        "label_names": None,
+        "frames_per_second": len(parts.train) * max(1, scores[best].epochs) / fitted.seconds,
+        "peak_memory_mb": None,
+        "measures": None,
+        "num_parameters": fitted.num_parameters,
+        "choose_seconds": choosing,
+        "train_seconds": fitted.seconds,
+        "chosen": {
+            "setting": dict(experiment.choice.settings[best]),
+            "number": best,
+            "epochs": scores[best].epochs,
+            "validation": [score.value if math.isfinite(score.value) else None for score in scores],
+        },
+        "predictions": Judgement(
+            score=fitted.prediction,
+            prediction=fitted.prediction,
+            y=y,
+            trial=column_of(parts.test, "trial"),
+        ).to_dict(),
+        "num_train": len(parts.train),
+        "num_test": len(parts.test),
+    }
+
+
+def _tried(experiment: Experiment, parts: Parts, number: int) -> Scored:
+    # A setting with which a training fails, such as a learning rate that makes it diverge, is not
+    # chosen, unless there is no other.
+    assert experiment.choice is not None
+    try:
+        model = _model(experiment, number)
+        return fit_and_predict(experiment, model, parts.fit, parts.val).score
+    except ValueError:
+        if len(experiment.choice.settings) == 1:
+            raise
+        return _NO_SCORE
+
+
+def _model(experiment: Experiment, number: int) -> dict[str, Any]:
+    assert experiment.choice is not None
+    return laid_over(experiment.model, experiment.choice.settings[number])
+
+
+def fit_and_predict(
+    experiment: Experiment,
+    model: Mapping[str, Any],
+    train: StaticDataset,
+    other: StaticDataset,
+    epochs: int | None = None,
+) -> Fitted:
+    r"""Trains a model on one part and returns what it says of another.
+
+    Args:
+        experiment (Experiment): How.
+        model (Mapping): The model, with one of the settings.
+        train (StaticDataset): What to train on.
+        other (StaticDataset): The validation part or the test part.
+        epochs (int, optional): For how many epochs; if left out, the other part is a validation
+            part, which chooses.
+    """
+    fit = _fit_estimator if experiment.is_estimator else _fit_network
+    return fit(experiment, model, train, other, epochs)
+
+
+def _fit_estimator(
+    experiment: Experiment,
+    model: Mapping[str, Any],
+    train: StaticDataset,
+    other: StaticDataset,
+    epochs: int | None,
+) -> Fitted:
+    assert experiment.choice is not None
+    transform = build(experiment.transform)
+    seen, held_out = fit_transform(transform, train), fit_transform(transform, other, adapt=True)
+    estimator = seeded_estimator(model, train.layout, experiment.seed)
+    start = time.perf_counter()
+    estimator.fit(estimator_input(estimator, seen), seen.y.numpy())
+    seconds = time.perf_counter() - start
+    prediction = np.asarray(estimator.predict(estimator_input(estimator, held_out)))
+    value = 0.0
+    if epochs is None:
+        value = _value(experiment, held_out.y.numpy(), prediction)
+    return Fitted(prediction, Scored(value), num_numbers(estimator), seconds)
+
+
+def _fit_network(
+    experiment: Experiment,
+    model: Mapping[str, Any],
+    train: StaticDataset,
+    other: StaticDataset,
+    epochs: int | None,
+) -> Fitted:
+    assert experiment.choice is not None
+    numbers = experiment.choice.of_numbers
+    scale = TargetScale.of(train) if numbers else None
+    train, other = (_prepared(part, scale) for part in (train, other))
+    choosing = epochs is None
+    data = TactileDataModule(
+        train,
+        test_dataset=other,  # its sessions, if anything is scaled by session, are measured too
+        split="frame",
+        val=0.0,
+        transform=build(experiment.transform),
+        batch_size=experiment.batch_size,
+    )
+    data.setup()
+    warm_up(experiment.accelerator)
+    section = dict(model)
+    if not numbers:
+        section.setdefault("num_classes", experiment.data.load().num_classes)
+    average = AveragedWeights()
+    callbacks: list[Any] = [average]
+    watch = None
+    if choosing:
+        batches = data.test_dataloader()
+        watch = EarlyEnd(batches, average, _Score(experiment, scale), experiment.choice.patience)
+        callbacks.append(watch)
+    settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
+    start = time.perf_counter()
+    classifier = fit_classifier(
+        section,
+        data,
+        experiment.seed,
+        {**settings, **experiment.trainer},
+        epochs or experiment.epochs,
+        *callbacks,
+    )
+    seconds = time.perf_counter() - start
+    said = collect_predictions(classifier, data.test_dataloader())
+    return Fitted(
+        _predicted(said, scale),
+        Scored(0.0) if watch is None else watch.best,
+        sum(weight.numel() for weight in classifier.model.parameters()),
+        seconds,
+    )
+
+
+class _Score:
+    def __init__(self, experiment: Experiment, scale: "TargetScale | None") -> None:
+        self.experiment = experiment
+        self.scale = scale
+
+    def __call__(self, said: Predictions) -> tuple[float, float]:
+        prediction = _predicted(said, self.scale)
+        if self.scale is not None:
+            y = self.scale.back(said.y).numpy()
+            return _value(self.experiment, y, prediction), 0.0
+        loss = float(F.cross_entropy(said.logits, said.y))
+        return _value(self.experiment, said.y.numpy(), prediction), loss
+
+
+def _predicted(said: Predictions, scale: "TargetScale | None") -> np.ndarray:
+    if scale is None:
+        return said.probability.argmax(dim=-1).numpy()
+    return scale.back(said.logits.view(said.y.shape)).numpy()
+
+
+def _value(experiment: Experiment, y: np.ndarray, prediction: np.ndarray) -> float:
+    assert experiment.choice is not None
+    metric = experiment.choice.metric
+    value = prediction_scores(y, prediction, experiment.choice.of_numbers)[metric]
+    return -value if metric == "mae" else value
+
+
+class TargetScale(BaseTransform):
+    r"""Shifts and scales the numbers to be predicted to mean zero and standard deviation one over
+    the training part.
+
+    Args:
+        center (torch.Tensor): What is subtracted.
+        scale (torch.Tensor): What is divided by.
+    """
+
+    supports_static = True
+
+    def __init__(self, center: Tensor, scale: Tensor) -> None:
+        self.center = center
+        self.scale = scale
+
+    @classmethod
+    def of(cls, train: StaticDataset) -> "TargetScale":
+        r"""Measures a training part.
+
+        Args:
+            train (StaticDataset): The part.
+        """
+        y = train.data.y.double()
+        scale = y.std(dim=0, correction=0)
+        return cls(y.mean(dim=0), torch.where(scale > 0, scale, 1.0))
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`y`."""
+        data.y = ((data.y.double() - self.center) / self.scale).float()
+        return data
+
+    def back(self, y: Tensor) -> Tensor:
+        r"""Returns numbers in their own unit.
+
+        Args:
+            y (torch.Tensor): The scaled numbers.
+        """
+        return y.double() * self.scale + self.center
+
+
+class _Edges(BaseTransform):
+    supports_static = True
+
+    def __init__(self, edge_index: Tensor) -> None:
+        self.edge_index = edge_index
+
+    def forward(self, data: Data) -> Data:
+        data.edge_index = self.edge_index
+        return data
+
+
+def layout_edges(layout: TaxelLayout) -> Tensor:
+    r"""Returns the edges of samples that have none: the layout's :obj:`"original"` or first
+    adjacency, or else the six nearest neighbours of each taxel.
+
+    Args:
+        layout (TaxelLayout): The taxels.
+    """
+    if layout.adjacency:
+        names = list(layout.adjacency)
+        return layout.edge_index("original" if "original" in names else names[0])
+    if layout.num_taxels == 1:
+        return torch.zeros(2, 0, dtype=torch.long)
+    k = min(_NEIGHBOURS, layout.num_taxels - 1)
+    edges: Tensor = KNNGraph(k)(Data(pos=layout.pos)).edge_index
+    return edges
+
+
+def _prepared(part: StaticDataset, scale: TargetScale | None) -> StaticDataset:
+    steps: list[BaseTransform] = [] if part.transform is None else [part.transform]
+    if part[:1].batch([0]).edge_index is None:
+        steps.append(_Edges(layout_edges(part.layout)))
+    if scale is not None:
+        steps.append(scale)
+    out = copy.copy(part)
+    out.transform = Compose(steps) if steps else None
+    return out
+
+
+def _finite(metrics: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in metrics.items()}

@@ -1,0 +1,346 @@
+r"""Models compared on one data set: the plan, and what came of it."""
+
+import logging
+import math
+import statistics
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.experiments.compared_data import predicts_numbers
+from torch_geometric_tactile.experiments.compared_models import (
+    FLOOR,
+    ComparedModel,
+    Task,
+    check_names,
+    chosen_models,
+    model_of,
+)
+from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.held_out import balanced_protocol, check_units
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
+from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
+from torch_geometric_tactile.experiments.tables import Table, TableProtocol
+from torch_geometric_tactile.typing import PathLike
+
+CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
+NUMBER_METRICS = ("mae", "rmse", "r2")
+UNITS = ("trial", "group", "frame", "given")
+_CHOOSE_ON = 0.8  # of the training part
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    r"""What is compared, and how.
+
+    Args:
+        models (tuple of str, optional): Names of the models; all that have a place in the data if
+            left out.
+        by (str, optional): What stays together in a split: :obj:`"trial"`, :obj:`"group"`,
+            :obj:`"frame"` (nothing), or :obj:`"given"`. If left out, the trial; without trials the
+            frame, and a warning is logged.
+        folds (int): Number of folds: each is tested on once a seed.
+        seeds (int): How often the folds are drawn.
+        metric (str, optional): What models are chosen by and compared by: :obj:`"accuracy"` (of
+            classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
+            in training), or :obj:`"mae"` (of numbers).
+        epochs (int, optional): The most epochs of a network; by the number of samples if left out.
+        tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
+            as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest.
+        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
+        threads (int): Threads of each run.
+
+    Raises:
+        ValueError: If a name is unknown, or a number is too small.
+    """
+
+    models: tuple[str, ...] | None = None
+    by: str | None = None
+    folds: int = 5
+    seeds: int = 1
+    metric: str | None = None
+    epochs: int | None = None
+    tare: Mapping[str, Any] | None = None
+    accelerator: str = "cpu"
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if self.models is not None:
+            check_names(self.models)
+        if self.by not in (None, *UNITS):
+            raise ValueError(f"'by' must be one of {list(UNITS)} (got '{self.by}')")
+        if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
+            raise ValueError(
+                f"'metric' must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')"
+            )
+        self.of_plan()
+
+    def of_plan(self) -> Settings:
+        r"""Returns those that every plan has."""
+        return Settings(
+            seeds=self.seeds,
+            epochs=self.epochs,
+            folds=self.folds,
+            accelerator=self.accelerator,
+            threads=self.threads,
+        )
+
+
+class Summary(NamedTuple):
+    r"""Mean and standard deviation over splits; the latter is NaN for less than two."""
+
+    mean: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    r"""What came of a model.
+
+    Args:
+        model (ComparedModel): The model.
+        scores (dict): Mean and standard deviation of each score, by its name.
+        difference (Difference, optional): To the best plain model; :obj:`None` for itself.
+        num_parameters (float, optional): Weights, or numbers that an estimator holds, mean.
+        seconds (float): Of choosing and training on one split, mean.
+        chosen (tuple of dict): What was chosen on each split.
+    """
+
+    model: ComparedModel
+    scores: dict[str, Summary]
+    difference: Difference | None
+    num_parameters: float | None
+    seconds: float
+    chosen: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    r"""What came of a comparison. :obj:`results` are in the order of the models.
+
+    Args:
+        run (PlanRun): The runs.
+        metric (str): What is compared.
+        results (tuple of ModelResult): Of the models that have a result for every split.
+        best_plain (str, optional): The best of the plain models, by its name.
+    """
+
+    run: PlanRun
+    metric: str
+    results: tuple[ModelResult, ...]
+    best_plain: str | None
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        r"""The names of the scores."""
+        return NUMBER_METRICS if self.metric == "mae" else CLASS_METRICS
+
+    @property
+    def unit(self) -> str:
+        r"""What counts as one observation: :obj:`"trial"`, or :obj:`"sample"` without trials."""
+        return "trial" if self.run.plan.facts.num_trials else "sample"
+
+    @property
+    def best(self) -> ModelResult | None:
+        r"""The model with the best score."""
+        return max(self.results, key=self.goodness, default=None)
+
+    def goodness(self, result: ModelResult) -> float:
+        r"""Returns the score that models are compared by, higher for better ones.
+
+        Args:
+            result (ModelResult): Of a model.
+        """
+        mean = result.scores[self.metric].mean
+        return -mean if self.metric == "mae" else mean
+
+    def of(self, name: str) -> ModelResult:
+        r"""Returns what came of a model.
+
+        Args:
+            name (str): Its name.
+
+        Raises:
+            ValueError: If nothing did.
+        """
+        for result in self.results:
+            if result.model.name == name:
+                return result
+        known = [result.model.name for result in self.results]
+        raise ValueError(f"'name' must be one of {known} (got '{name}')")
+
+    def difference(self, first: str, second: str) -> Difference:
+        r"""Returns the score of one model less that of another on the same splits.
+
+        Args:
+            first (str): Name of the one.
+            second (str): Name of the other.
+        """
+        one, other = (self._judgements(name) for name in (first, second))
+        return paired_difference(one, other, self.metric)
+
+    def _judgements(self, name: str) -> list[Judgement]:
+        found = [(e.seed, e.fold, result) for e, result in self.run.results if e.name == name]
+        return [_judgement(result) for *_, result in sorted(found, key=lambda part: part[:2])]
+
+
+def comparison_plan(
+    source: DataSource,
+    settings: ComparisonSettings | None = None,
+    *,
+    name: str = "comparison",
+    selection: Mapping[str, Any] | None = None,
+) -> Plan:
+    r"""Lists the experiments of a comparison: models by folds by seeds, each of which chooses its
+    settings on a part of its training samples and looks at its test samples once.
+
+    Args:
+        source (DataSource): The samples (see :func:`data_source`).
+        settings (ComparisonSettings, optional): What is compared, and how.
+        name (str): Name of its files.
+        selection (Mapping, optional): Arguments of the data set that only choose among the samples,
+            such as :obj:`stride`.
+
+    Raises:
+        FileNotFoundError: If there is no data.
+        ValueError: If the samples cannot be split so, or a model has no place in the data.
+    """
+    settings = settings or ComparisonSettings()
+    source, _ = source.resolve()
+    dataset = source.load()
+    numbers = predicts_numbers(dataset)
+    metric = settings.metric or ("mae" if numbers else "accuracy")
+    if (metric == "mae") != numbers:
+        allowed = "'mae'" if numbers else "'accuracy' or 'balanced_accuracy'"
+        kind = "numbers" if numbers else "classes"
+        raise ValueError(f"'metric' must be {allowed} for {kind} (got '{metric}')")
+    by = settings.by or _default_unit(dataset)
+    protocol = _protocol(dataset, by, settings.folds)
+    part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
+    tare = None if settings.tare is None else dict(settings.tare)
+    task = Task.of(dataset, metric, part, epochs=settings.epochs, tare=tare)
+    models = chosen_models(settings.models, task)
+    table = Table(
+        name=name,
+        title=f"Models compared on {name}",
+        data=source,
+        protocols=(TableProtocol(f"by {by}" if by != "given" else by, protocol),),
+        cells=tuple(model.to_cell(task) for model in models),
+        task="regression" if numbers else "multiclass",
+        seeds=settings.seeds,
+        measure_memory=False,
+    )
+    plain = replace(settings.of_plan(), folds=None)  # the protocol has as many as there can be
+    return make_plan(table, plain, selection=selection)
+
+
+def compare(
+    source: DataSource,
+    settings: ComparisonSettings | None = None,
+    out: PathLike = "comparison",
+    workers: Workers | None = None,
+    *,
+    name: str = "comparison",
+    selection: Mapping[str, Any] | None = None,
+    on_progress: OnProgress | None = None,
+) -> Comparison:
+    r"""Compares models on one data set: see :func:`comparison_plan` and :func:`run_plan`, which
+    keeps finished runs.
+
+    Args:
+        source (DataSource): The samples (see :func:`data_source`).
+        settings (ComparisonSettings, optional): What is compared, and how.
+        out (str or PathLike): Folder of the runs.
+        workers (Workers, optional): Where they are run; one after the other here if left out.
+        name (str): Name of its files.
+        selection (Mapping, optional): Arguments of the data set that only choose among the samples.
+        on_progress (callable, optional): Called with each run that ended.
+    """
+    plan = comparison_plan(source, settings, name=name, selection=selection)
+    return summarize(run_plan(plan, out, workers, on_progress=on_progress))
+
+
+def summarize(run: PlanRun) -> Comparison:
+    r"""Returns what came of the runs of a comparison. Models lack runs that failed or were not made
+    yet are left out.
+
+    Args:
+        run (PlanRun): What :func:`run_plan` returned.
+    """
+    plan = run.plan
+    choice = plan.experiments[0].choice
+    if choice is None:
+        raise ValueError("'run' must be of a comparison (got a table without choices)")
+    metric = choice.metric
+    by_model: dict[str, dict[tuple[int, int], dict[str, Any]]] = {}
+    for experiment, result in run.results:
+        by_model.setdefault(experiment.name, {})[experiment.seed, experiment.fold] = result
+    splits = sorted({(e.seed, e.fold) for e in plan.experiments})
+    whole = {
+        name: [of_split[split] for split in splits]
+        for name, of_split in by_model.items()
+        if len(of_split) == len(splits)
+    }
+    said = {name: [_judgement(r) for r in results] for name, results in whole.items()}
+    sign = -1 if metric == "mae" else 1
+    means = {name: sign * _summary(results, metric).mean for name, results in whole.items()}
+    plain = [name for name in means if not model_of(name).is_graph]
+    best_plain = max(plain, key=lambda name: (means[name], name != FLOOR), default=None)
+    metrics = NUMBER_METRICS if metric == "mae" else CLASS_METRICS
+    results = tuple(
+        ModelResult(
+            model=model_of(name),
+            scores={key: _summary(whole[name], key) for key in metrics},
+            difference=(
+                None
+                if best_plain in (None, name)
+                else paired_difference(said[name], said[str(best_plain)], metric)
+            ),
+            num_parameters=_mean([r["num_parameters"] for r in whole[name]]),
+            seconds=statistics.fmean(r["choose_seconds"] + r["train_seconds"] for r in whole[name]),
+            chosen=tuple(r["chosen"] for r in whole[name]),
+        )
+        for name in (cell.experiment for cell in plan.table.cells)
+        if name in whole
+    )
+    return Comparison(run, metric, results, best_plain)
+
+
+def _judgement(result: dict[str, Any]) -> Judgement:
+    return Judgement.from_dict(result["predictions"])
+
+
+def _summary(results: list[dict[str, Any]], metric: str) -> Summary:
+    values = [result["metrics"][metric] for result in results]
+    if None in values:  # R2 of one sample
+        return Summary(math.nan, math.nan)
+    return Summary(
+        statistics.fmean(values), statistics.stdev(values) if len(values) > 1 else math.nan
+    )
+
+
+def _mean(values: list[Any]) -> float | None:
+    return None if None in values else statistics.fmean(values)
+
+
+def _default_unit(dataset: StaticDataset) -> str:
+    if dataset.column("trial") is not None:
+        return "trial"
+    _logger.warning(
+        "the samples have no 'trial', and are split one by one: if several are of one touch, the "
+        "scores tell how well models recognise that touch again, and are too high for a new one"
+    )
+    return "frame"
+
+
+def _protocol(dataset: StaticDataset, by: str, folds: int) -> Protocol:
+    if by == "given":
+        protocol = Protocol("given")
+        protocol.split(dataset)  # tells that there are no parts
+        return protocol
+    check_units(dataset, by)
+    return balanced_protocol(dataset, by, folds)

@@ -1,0 +1,97 @@
+r"""How long the runs of a comparison will take, measured on a short probe."""
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments.choice import laid_over
+from torch_geometric_tactile.experiments.choosing import fit_and_predict
+from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.held_out import Parts, choice_parts
+from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.run_store import RunStore
+from torch_geometric_tactile.typing import PathLike
+
+_PROBE = 256  # samples
+_EPOCHS = 2  # after a first one
+_SQUARE = "rbf_svm"
+
+
+def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
+    r"""Returns for how many seconds one process will be busy with the runs of each model that are
+    not finished, about: each model is trained on a few samples, and its time is extrapolated.
+    Networks usually end earlier, when they do not improve any more. The test parts are not read.
+
+    Args:
+        plan (Plan): What is to be run.
+        out (str or PathLike): Folder of the results.
+    """
+    store = RunStore(Path(out) / "runs")
+    todo = [e for e in plan.experiments if not store.path(e).is_file()]
+    count = Counter(e.name for e in todo)
+    threads = torch.get_num_threads()
+    found: dict[str, float] = {}
+    for experiment in {e.name: e for e in reversed(todo)}.values():
+        torch.set_num_threads(experiment.threads)
+        try:
+            found[experiment.name] = count[experiment.name] * _of_run(experiment)
+        finally:
+            torch.set_num_threads(threads)
+    return found
+
+
+def _of_run(experiment: Experiment) -> float:
+    assert experiment.choice is not None
+    parts = choice_parts(experiment)
+    model = laid_over(experiment.model, experiment.choice.settings[0])
+    few = _some(parts.fit, _PROBE)
+    trainings = len(experiment.choice.settings) * len(parts.fit) + len(parts.train)
+    try:
+        if experiment.is_estimator:
+            return _of_estimator(experiment, model, parts, few, trainings)
+        probe = replace(experiment, epochs=1)
+        once, more = (
+            _seconds(probe, model, few, _some(parts.val, 8), epochs) for epochs in (1, 1 + _EPOCHS)
+        )
+    except ValueError:  # the run tells
+        return 0.0
+    epoch = max(0.0, more - once) / _EPOCHS
+    start = max(0.0, once - epoch) * (len(experiment.choice.settings) + 1)
+    return start + epoch / len(few) * experiment.epochs * trainings
+
+
+def _of_estimator(
+    experiment: Experiment,
+    model: Mapping[str, object],
+    parts: Parts,
+    few: StaticDataset,
+    trainings: int,
+) -> float:
+    assert experiment.choice is not None
+    seconds = _seconds(experiment, model, few, _some(parts.val, 8), 0)
+    growth = len(parts.fit) / len(few)
+    if str(model["class_path"]).endswith(_SQUARE):
+        seconds *= growth
+    return seconds / len(few) * trainings
+
+
+def _seconds(
+    experiment: Experiment,
+    model: Mapping[str, object],
+    train: StaticDataset,
+    other: StaticDataset,
+    epochs: int,
+) -> float:
+    start = time.perf_counter()
+    fit_and_predict(experiment, model, train, other, epochs)
+    return time.perf_counter() - start
+
+
+def _some(part: StaticDataset, count: int) -> StaticDataset:
+    index = torch.linspace(0, len(part) - 1, min(count, len(part))).long()
+    return part[index]

@@ -1,0 +1,94 @@
+r"""Estimators of scikit-learn as models of experiments."""
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from sklearn.utils import get_tags
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.experiments.building import build, find_class
+from torch_geometric_tactile.sensors import TaxelLayout
+
+
+def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
+    r"""Builds an estimator. Its :obj:`layout`, if it has such an argument, is that of the data; its
+    random state, if it is left open, is the seed.
+
+    Args:
+        model (Mapping): :obj:`{"class_path", "init_args"}`.
+        layout (TaxelLayout): The taxels of the samples.
+        seed (int): The seed.
+    """
+    arguments = dict(model.get("init_args") or {})
+    if "layout" in inspect.signature(find_class(model["class_path"])).parameters:
+        arguments.setdefault("layout", layout)
+    estimator = build({**model, "init_args": arguments})
+    parameters = estimator.get_params()
+    open_states = [
+        name
+        for name, value in parameters.items()
+        if name.rpartition("__")[2] == "random_state" and value is None
+    ]
+    return estimator.set_params(**dict.fromkeys(open_states, seed))
+
+
+def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
+    r"""Returns what an estimator is fitted on: samples if its first step takes them, readings
+    :math:`(S, N, F)` if its tags tell that it knows taxels, and otherwise rows of numbers.
+
+    Args:
+        estimator (sklearn.base.BaseEstimator): The estimator.
+        samples (StaticData): The samples.
+    """
+    first = estimator.steps[0][1] if hasattr(estimator, "steps") else estimator
+    if getattr(first, "takes_samples", False):
+        return samples
+    x: np.ndarray = samples.x.numpy()
+    return x if get_tags(estimator).input_tags.three_d_array else x.reshape(len(x), -1)
+
+
+def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
+    r"""Returns scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`.
+
+    Args:
+        estimator (sklearn.base.BaseEstimator): The estimator, fitted.
+        x (array-like): Its input.
+        num_classes (int): Number of classes, of which the training part may lack some.
+    """
+    method = "decision_function" if hasattr(estimator, "decision_function") else "predict_proba"
+    scores: np.ndarray = getattr(estimator, method)(x)
+    if scores.ndim == 1 or scores.shape[1] == num_classes:
+        return scores
+    # The training part lacks classes.
+    complete = np.full((len(scores), num_classes), scores.min())
+    complete[:, estimator.classes_] = scores
+    return complete
+
+
+def num_numbers(estimator: Any) -> int | None:
+    r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
+    support vectors with their weights, nodes of trees; :obj:`None` for others.
+
+    Args:
+        estimator (sklearn.base.BaseEstimator): The estimator, fitted.
+    """
+    last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
+    last = getattr(last, "regressor_", last)
+    parts = getattr(last, "estimators_", [last])
+    parts = parts.ravel().tolist() if isinstance(parts, np.ndarray) else list(parts)
+    found = [_of_one(part) for part in parts]
+    return None if None in found else sum(found)  # type: ignore[arg-type]
+
+
+def _of_one(part: Any) -> int | None:
+    if hasattr(part, "tree_"):
+        return int(part.tree_.node_count)
+    if hasattr(part, "support_vectors_"):
+        return int(part.support_vectors_.size + part.dual_coef_.size + np.size(part.intercept_))
+    if hasattr(part, "coef_"):
+        return int(np.size(part.coef_) + np.size(part.intercept_))
+    if hasattr(part, "constant_") or hasattr(part, "class_prior_"):
+        return int(np.size(getattr(part, "constant_", part.__dict__.get("class_prior_"))))
+    return None

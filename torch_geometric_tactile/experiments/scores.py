@@ -1,0 +1,55 @@
+r"""Scores of predicted classes and numbers, by name."""
+
+import numpy as np
+
+from torch_geometric_tactile.training.metrics import regression_metrics
+
+
+def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> dict[str, float]:
+    r"""Returns :obj:`accuracy`, :obj:`balanced_accuracy` (the mean over the classes in :obj:`y` of
+    the part that was found) and :obj:`f1` (macro) of classes; :obj:`mae`, :obj:`rmse` and
+    :obj:`r2` of numbers.
+
+    Args:
+        y (numpy.ndarray): Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
+        prediction (numpy.ndarray): What was predicted, in the same shape.
+        numbers (bool): Whether they are numbers.
+
+    Examples:
+        >>> prediction_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 0, 0]), numbers=False)
+        {'accuracy': 0.75, 'balanced_accuracy': 0.5, 'f1': 0.42857142857142855}
+    """
+    if numbers:
+        return regression_metrics(np.ascontiguousarray(prediction).reshape(y.shape), y)
+    right = y == prediction
+    classes = np.union1d(y, prediction)
+    hit = np.array([(right & (y == c)).sum() for c in classes])
+    there = np.array([(y == c).sum() for c in classes])
+    said = np.array([(prediction == c).sum() for c in classes])
+    return {
+        "accuracy": float(right.mean()),
+        "balanced_accuracy": float((hit[there > 0] / there[there > 0]).mean()),
+        "f1": float((2 * hit / (there + said)).mean()),
+    }
+
+
+def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndarray:
+    r"""Returns what each sample adds to a score, such that their mean is the score :math:`(S,)`.
+
+    Args:
+        y (numpy.ndarray): Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
+        prediction (numpy.ndarray): What was predicted, in the same shape.
+        metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
+
+    Examples:
+        >>> sample_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 1, 1]), "balanced_accuracy")
+        array([0.66666667, 0.66666667, 0.        , 2.        ])
+    """
+    if metric == "mae":
+        error = np.abs(prediction.reshape(y.shape).astype(np.float64) - y)
+        return error.reshape(len(y), -1).mean(axis=1)
+    hit = (y == prediction).astype(np.float64)
+    if metric == "accuracy":
+        return hit
+    _, place, count = np.unique(y, return_inverse=True, return_counts=True)
+    return hit * len(y) / (len(count) * count[place])

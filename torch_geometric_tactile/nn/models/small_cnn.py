@@ -1,0 +1,148 @@
+r"""A small convolutional network on a map of the taxels."""
+
+from collections.abc import Sequence
+
+from torch import Tensor
+from torch.nn import BatchNorm1d, BatchNorm2d, Conv2d, Dropout, Linear, Module, ModuleList
+from torch.nn import functional as F
+from torch_geometric.nn.inits import reset
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.models.hand_cnn import checked_map
+from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
+
+_MOST_HALVINGS = 8
+
+
+class SmallCNN(Module, TactileHubMixin):
+    r"""A plain convolutional network to compare with, for layouts with an :obj:`image_map`: 3 x 3
+    convolutions with zeros around the map, each with batch normalisation, ReLU and the maximum of
+    2 x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. No paper
+    has it; it is what one would take first for pressure images.
+
+    Cells of the map without a taxel are zero.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
+            a layout file; it must have an :obj:`image_map`.
+        out_channels (int): Number of labels or classes :math:`C`.
+        in_channels (int): Features of each taxel.
+        widths (sequence of int): Width of each convolution.
+        hidden_channels (int): Width of the fully connected layer.
+        dropout (float): Which part of its input and of its output is left out in training.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If the layout has no map, a size is below one, or the readings have another
+            shape.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> model = SmallCNN(grid(8, 8, pitch=0.01), 10, in_channels=1)
+        >>> model
+        SmallCNN(64, 10, in_channels=1, widths=(32, 64), size=(8, 8))
+        >>> model(torch.zeros(2, 64, 1)).shape
+        torch.Size([2, 10])
+    """
+
+    cell: Tensor
+
+    def __init__(
+        self,
+        layout: LayoutLike = "allegro_uskin",
+        out_channels: int = 6,
+        *,
+        in_channels: int = 3,
+        widths: Sequence[int] = (32, 64),
+        hidden_channels: int = 64,
+        dropout: float = 0.3,
+    ) -> None:
+        super().__init__()
+        layout = load_layout(layout, "its image map")
+        widths = tuple(widths)
+        sizes = {"out_channels": out_channels, "in_channels": in_channels}
+        for name, size in {**sizes, "hidden_channels": hidden_channels}.items():
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        if not 1 <= len(widths) <= _MOST_HALVINGS or min(widths) < 1:
+            raise ValueError(
+                f"'widths' must be 1 to {_MOST_HALVINGS} positive numbers (got {widths})"
+            )
+        image_map = checked_map(layout, ())
+        self.num_nodes = layout.num_taxels
+        self.in_channels = in_channels
+        self.out_channels = out_channels
+        self.widths = widths
+        self.size = tuple((image_map.amax(dim=0) + 1).tolist())
+        cell = image_map[:, 0] * self.size[1] + image_map[:, 1]
+        self.register_buffer("cell", cell, persistent=False)
+        ins = (in_channels, *widths[:-1])
+        self.convs = ModuleList(
+            Conv2d(a, b, 3, padding=1, bias=False) for a, b in zip(ins, widths, strict=True)
+        )
+        self.norms = ModuleList(BatchNorm2d(width) for width in widths)
+        rows, cols = self.size
+        for _ in widths:
+            rows, cols = -(-rows // 2), -(-cols // 2)
+        self.lin1 = Linear(rows * cols * widths[-1], hidden_channels, bias=False)
+        self.norm1 = BatchNorm1d(hidden_channels)
+        self.dropout = Dropout(dropout)
+        self.lin2 = Linear(hidden_channels, out_channels)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for child in self.children():
+            reset(child)
+
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+    ) -> Tensor:
+        r"""Returns the logits :math:`(B, C)`.
+
+        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
+
+        Args:
+            x (torch.Tensor): Readings.
+            edge_index (torch.Tensor, optional): Not used: the map says which taxels are neighbours.
+            edge_attr (torch.Tensor, optional): Not used.
+            joint (torch.Tensor, optional): Not used.
+            absolute (torch.Tensor, optional): Not used.
+            pos (torch.Tensor, optional): Not used.
+        """
+        if (
+            x.dim() not in (2, 3)
+            or x.size(-1) != self.in_channels
+            or x.size(-2) % self.num_nodes
+            or (x.dim() == 3 and x.size(-2) != self.num_nodes)
+        ):
+            raise ValueError(
+                f"'x' must have {self.num_nodes} taxels and {self.in_channels} channels (got shape "
+                f"{tuple(x.shape)})"
+            )
+        x = x.reshape(-1, self.num_nodes, self.in_channels)
+        rows, cols = self.size
+        image = x.new_zeros(x.size(0), rows * cols, self.in_channels)
+        image = image.index_copy(1, self.cell, x).transpose(1, 2)
+        h = image.reshape(-1, self.in_channels, rows, cols)
+        for conv, norm in zip(self.convs, self.norms, strict=True):
+            h = F.max_pool2d(norm(conv(h)).relu(), 2, ceil_mode=True)
+        h = self.dropout(h.flatten(1))
+        return self.lin2(self.dropout(self.norm1(self.lin1(h)).relu()))
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
+            f"in_channels={self.in_channels}, widths={self.widths}, size={self.size})"
+        )
