@@ -105,6 +105,7 @@ def test_sector_edges_radius():
     assert edges(row) == near | {(1, 0): 2, (2, 4): 1}  # within three times the distance of 1
     assert edges(row, radius=2.0) == near
     assert edges(row, radius=2.9) == edges(row)  # up to and with it
+    assert edges([(0.0, 0, 0), (1.0, 0, 0), (4.1, 0, 0), (5.1, 0, 0)]) == near  # 3.1 is beyond
     far = [*row, (9.9, 0, 0)]  # 5 to its nearest: its own distance counts
     assert edges(far)[4, 4] == 3
     assert (3, 0) not in edges(far)
