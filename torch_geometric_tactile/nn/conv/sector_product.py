@@ -18,7 +18,7 @@ from torch_geometric_tactile.nn.conv.edge_checks import check_edge_index
 from torch_geometric_tactile.nn.conv.static_adjacency import KeptTensor, may_be_kept
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
-_BLOCK_BYTES = 2**21
+_BLOCK_BYTES = 2**19
 # From this number of samples on, the layout of this module pays.
 _MIN_SAMPLES = 8
 # Several batch sizes and widths.
