@@ -131,7 +131,7 @@ def test_k_fold_tests_every_sample_once(by):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"by": "object"}, r"'by' must be 'frame', 'trial', 'group' or 'given' \(got 'object'\)"),
+        ({"by": "object"}, r"'by' must be 'frame', .* 'size' or 'given' \(got 'object'\)"),
         ({"folds": 1}, r"'folds' must be at least 2 \(got 1\)"),
         ({"folds": 6, "by": "group"}, r"'folds' must be between 2 and the 5 groups .* \(got 6\)"),
         ({"folds": 101, "by": "frame"}, r"'folds' .* 2 and the 100 frames .* \(got 101\)"),

@@ -13,7 +13,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models import GraspGCN, PosedTaxelNet, TaxelNet
+from torch_geometric_tactile.nn.models import GraspGCN, PosedTaxelNet, SmallCNN, TaxelNet
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.describer import Describer
@@ -246,6 +246,7 @@ MODELS = {
     "grasp": lambda: GraspGCN(11, 3, in_channels=1, hidden_channels=5, num_fingers=3),
     "posed": lambda: PosedTaxelNet(small_models.LAYOUT, 3, num_strongest=5),
     "posed_open": lambda: PosedTaxelNet(small_models.LAYOUT, 3, posed=False, widths=(4, 2)),
+    "small_cnn": lambda: SmallCNN(small_models.LAYOUT, 3, widths=(4, 4), hidden_channels=5),
     "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
     "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
