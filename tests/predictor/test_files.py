@@ -334,3 +334,22 @@ def test_a_header_with_other_than_numbers_of_channels(path, number):
 def test_a_scaler_that_was_never_fitted_is_no_part_of_a_predictor():
     with pytest.raises(ValueError, match=r"'ZScore\(\)' must be fitted before it is part"):
         Predictor(Linear(4, 2), grid(2, 2, 0.01), ZScore())
+
+
+def test_weights_of_two_precisions_are_refused_where_the_model_has_one():
+    model = torch.nn.Sequential(Linear(2, 3), Linear(3, 1))
+    weights = {name: value.double() for name, value in model.state_dict().items()}
+    load_weights(model, weights)
+    assert model[1].weight.dtype == torch.double
+    with pytest.raises(ValueError, match=r"one precision, .*\['torch.float32', 'torch.float64'\]"):
+        load_weights(model, {**weights, "1.bias": torch.zeros(1)})
+    mixed = torch.nn.Sequential(Linear(2, 3), Linear(3, 1).double())
+    load_weights(mixed, mixed.state_dict())
+    assert mixed[0].weight.dtype == torch.float
+
+
+def test_sparse_weights_are_refused():
+    model = Linear(2, 3)
+    weights = {"weight": torch.zeros(3, 2).to_sparse(), "bias": torch.zeros(3)}
+    with pytest.raises(ValueError, match=r"'weight' must hold real numbers, .*sparse_coo tensor"):
+        load_weights(model, weights)

@@ -185,13 +185,25 @@ def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
             )
         if kinds[name] != _kind(weights[name]):
             raise ValueError(
-                f"'{name}' must hold {kinds[name]}, as the model (got {weights[name].dtype})"
+                f"'{name}' must hold {kinds[name]}, as the model (got {_kind(weights[name])} of "
+                f"{weights[name].dtype})"
             )
+    precisions = [_precisions(state) for state in (model.state_dict(), weights)]
+    if len(precisions[0]) == 1 < len(precisions[1]):
+        raise ValueError(
+            f"its weights must have one precision, as those of the model (got {precisions[1]})"
+        )
     # Takes over the numbers in the precision in which they were saved.
     model.load_state_dict(dict(weights), assign=True)
 
 
+def _precisions(state: Mapping[str, Tensor]) -> list[str]:
+    return sorted({str(value.dtype) for value in state.values() if value.is_floating_point()})
+
+
 def _kind(tensor: Tensor) -> str:
+    if tensor.layout != torch.strided:
+        return f"a {tensor.layout} tensor"
     if tensor.is_complex():
         return "complex numbers"
     return "real numbers" if tensor.is_floating_point() else "integers"
