@@ -28,6 +28,7 @@ NEEDS_EXTRA = tuple(
         "training",
         "experiments",
         "reports.analysis",
+        "reports.compare",
         "reports.grasp",
         "reports.simulation",
         "reports.table",

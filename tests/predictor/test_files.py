@@ -98,7 +98,7 @@ def test_precision_of_the_weights_is_kept(tmp_path):
 def test_weights_of_another_kind_are_refused(dtype):
     model = predictor().model
     weights = {name: value.to(dtype) for name, value in model.state_dict().items()}
-    with pytest.raises(ValueError, match=rf"must hold real numbers, as the model \(got {dtype}\)"):
+    with pytest.raises(ValueError, match=rf"must hold real numbers, as the model .* of {dtype}\)"):
         load_weights(model, weights)
 
 
