@@ -1,8 +1,11 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import numpy as np
 import torch
 from compared import GIVEN, SCALED, SVM, experiment, touches
 

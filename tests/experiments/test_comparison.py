@@ -2,8 +2,11 @@ import json
 import logging
 from dataclasses import replace
 
-import numpy as np
 import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import numpy as np
 import torch
 from compared import GIVEN, touches
 

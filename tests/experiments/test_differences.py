@@ -1,7 +1,10 @@
 import math
 
-import numpy as np
 import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import numpy as np
 
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.judgement import Judgement

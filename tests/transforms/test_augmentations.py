@@ -9,7 +9,6 @@ from torch_geometric.data import Batch, Data
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac, grid
-from torch_geometric_tactile.training import TactileDataModule
 from torch_geometric_tactile.transforms import (
     RandomGain,
     RandomMirror,
@@ -245,6 +244,9 @@ def test_keyed_batches_follow_from_epoch_and_number(make):
 
 @ALL
 def test_only_training_batches_are_augmented(make):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    from torch_geometric_tactile.training import TactileDataModule
+
     data = TactileDataModule(Pads(), split="frame", val=0.25, train_transform=make(), batch_size=24)
     data.setup()
     (train,) = data.train_dataloader()

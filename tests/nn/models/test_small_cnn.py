@@ -76,6 +76,7 @@ def test_compiles_in_one_graph():
 
 
 def test_hub_and_state(tmp_path):
+    pytest.importorskip("huggingface_hub", reason="needs the extra 'hub'")
     model = small()
     model.save_pretrained(tmp_path)
     assert torch.equal(
