@@ -52,24 +52,19 @@ def test_data_and_fractions_are_those_of_the_configurations(name):
 
 def test_table_of_the_demo():
     table = load_table("bts3")
-    assert len(table.cells) == 12
-    two, every = "common mode, two fingers", "common mode, all fingers"
-    index = "common mode, index finger"
-    assert table.columns("") == ["raw", "session", two, every, index, f"{two}, session"]
-    assert [cell.config for cell in table.cells[:2]] == ["grasp_taxel_net", "grasp_common_mode"]
-    assert table.protocols[2].protocol.unseen == "session"
+    assert len(table.cells) == 14
+    assert table.columns("") == ["session", "raw"]
+    assert [cell.config for cell in table.cells[:2]] == ["grasp_gcn_df"] * 2
     for cell in table.cells:
         if cell.config is not None:
             config = cell_config(cell)["data"]
             assert config["dataset"]["class_path"] == table.data.class_path
-            if "gcn" in str(cell.config):  # TaxelNet finds its neighbours in the layout
-                k = config["dataset"]["init_args"]["pre_transform"]
-                assert k == table.data.arguments["pre_transform"]
+            k = config["dataset"]["init_args"]["pre_transform"]
+            assert k == table.data.arguments["pre_transform"]
     protocols = {entry.name: entry.protocol.describe() for entry in table.protocols}
     assert protocols == {
         "random folds": "5 folds by frame",
         "leave objects out": "5 folds by object",
-        "objects and sessions": "5 folds by object, each session tested on unseen",
         "unseen objects": "the given parts",
     }
     check_arguments(table.data.class_path, table.data.arguments)

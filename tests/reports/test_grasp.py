@@ -29,7 +29,7 @@ def test_demo_writes_every_file_whole(report):
     assert {path.name for path in out.iterdir()} == {
         "report.html",
         "metrics.json",
-        "grasp.ckpt",
+        "grasp_gcn_df.ckpt",
         "runs",
         *PICTURES,
     }
@@ -55,7 +55,7 @@ def test_demo_page_needs_no_other_file(report):
 def test_demo_metrics_cover_models_protocols_scalings_and_seeds(report):
     _, content = report
     keys = {(r["model"], r["protocol"], r["scaling"], r["seed"]) for r in content["results"]}
-    assert len(keys) == len(content["results"]) == 12 * (4 + 3) * 2
+    assert len(keys) == len(content["results"]) == 7 * 6 * 2 * 2
     assert content["data"]["generated"] is True
     assert (content["data"]["train_samples"], content["data"]["test_samples"]) == (2000, 600)
     assert (content["folds"], content["epochs"]) == (2, 1)
@@ -69,7 +69,7 @@ def test_demo_metrics_cover_models_protocols_scalings_and_seeds(report):
 def test_demo_goes_on_where_it_was_stopped(report, capsys):
     out, content = report
     runs = sorted((out / "runs").iterdir())
-    assert len(runs) == 12 * 2 * (2 + 2 + 2 * 3 + 1)
+    assert len(runs) == 14 * 2 * (2 + 2 + 1)
     before = {path: path.stat().st_mtime_ns for path in runs}
     runs[0].unlink()
     assert main([*SHORT, "--out", str(out)]) == 0
@@ -77,13 +77,13 @@ def test_demo_goes_on_where_it_was_stopped(report, capsys):
     changed = [path for path in runs if path.stat().st_mtime_ns != before[path]]
     assert changed == runs[:1]
     assert json.loads((out / "metrics.json").read_text())["results"] == content["results"]
-    assert "TaxelNet" in capsys.readouterr().out
+    assert "GCN-DF" in capsys.readouterr().out
 
 
 def test_report_of_a_part_is_refused(tmp_path):
     plan = make_plan(grasp_table(generated=True), Settings(seeds=1))
     run = PlanRun(plan, [], 0, {}, len(plan.experiments))
-    with pytest.raises(ValueError, match=r"'run' must be complete \(got 312 runs missing\)"):
+    with pytest.raises(ValueError, match=r"'run' must be complete \(got 154 runs missing\)"):
         write_grasp_report(run, {}, tmp_path, 0.0)
 
 
@@ -93,10 +93,10 @@ def test_demo_keeps_the_model_that_it_judged(report):
         r
         for r in content["results"]
         if (r["model"], r["protocol"], r["scaling"], r["seed"])
-        == ("TaxelNet", "unseen objects", "common mode, two fingers", 0)
+        == ("GCN-DF", "unseen objects", "session", 0)
     )
     assert content["checkpoint"]["accuracy"] == record["accuracy"]
-    path = out / "grasp.ckpt"
+    path = out / "grasp_gcn_df.ckpt"
     classifier = TactileClassifier.load_from_checkpoint(path, weights_only=True)
     assert classifier.layout.name == "biotac_sp"
 

@@ -8,11 +8,10 @@ from torch_geometric_tactile.commands.arguments import few, positive
 
 HELP = "train and judge grasp stability models on real grasps, and write a report"
 DESCRIPTION = """\
-Trains TaxelNet, GCN-DF, GCN-FF, an SVM and a majority baseline on the BioTac SP stability
-set, judges each with random folds, with objects left out, with objects and a session left
-out, and on the official test of unseen objects (also by palm pose), raw, without the common
-mode of each finger, and scaled by session, and writes report.html, its pictures, metrics.json
-and the checkpoint of TaxelNet without the common mode.
+Trains GCN-DF, GCN-FF, one-finger GCNs, an SVM and a majority baseline on the BioTac SP
+stability set, judges each with random folds, with objects left out, and on the official
+test of unseen objects (also by palm pose), raw and scaled by session, and writes
+report.html, its pictures, metrics.json and the checkpoint of GCN-DF.
 """
 EXAMPLES = """\
 examples:

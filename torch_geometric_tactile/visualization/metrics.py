@@ -194,7 +194,7 @@ def plot_protocols(
     table: Mapping[str, Mapping[str, Mapping[str, Accuracy]]], chance: float | None = None
 ) -> "Figure":
     r"""Draws the accuracy of models under several protocols, with one panel per scaling of the
-    readings, two side by side.
+    readings.
 
     The axis runs from 0.4 to 1.0, and further down only if a result is lower. Points show
     means, not bars, whose lengths would mislead on an axis that does not begin at zero.
@@ -228,16 +228,12 @@ def plot_protocols(
     models = list(dict.fromkeys(model for model, *_ in results))
     protocols = list(dict.fromkeys(protocol for _, protocol, *_ in results))
     scalings = list(dict.fromkeys(scaling for _, _, scaling, *_ in results))
-    width = max(3.0, 0.135 * max(3, len(protocols)) * max(3, len(models)))
-    columns = min(2, len(scalings))
-    lines = ceil(len(scalings) / columns)
-    figure = new_figure(width * columns + 0.8, 3.4 * lines + 1.0)
-    axes = figure.subplots(lines, columns, sharey=True, squeeze=False).flatten()
-    for ax in axes[len(scalings) :]:
-        ax.set_axis_off()
+    columns = max(3, len(protocols)) * max(3, len(models))
+    figure = new_figure(max(3.0, 0.135 * columns) * len(scalings) + 0.8, 4.4)
+    axes = figure.subplots(1, len(scalings), sharey=True, squeeze=False)[0]
     offset = {name: 0.8 * ((i + 0.5) / len(models) - 0.5) for i, name in enumerate(models)}
     handles = {}
-    for ax, scaling in zip(axes, scalings, strict=False):
+    for ax, scaling in zip(axes, scalings, strict=True):
         for i, model in enumerate(models):
             points = [
                 (protocols.index(protocol) + offset[model], mean, sd if isfinite(sd) else 0.0)
@@ -272,8 +268,7 @@ def plot_protocols(
     low = min(mean - (sd if isfinite(sd) else 0) for *_, mean, sd in results)
     low = low if chance is None else min(low, chance)
     axes[0].set_ylim(max(0.0, min(_LOWEST, floor(low * 10) / 10)), 1.0)
-    for ax in axes[::columns]:
-        ax.set_ylabel("accuracy", fontsize=10)
+    axes[0].set_ylabel("accuracy", fontsize=10)
     figure.legend(
         handles.values(),
         [plain_text(name) for name in handles],
