@@ -146,6 +146,9 @@ def test_read_refuses_a_last_line_without_end(write, cut):
 def test_read_column_twice(write):
     with pytest.raises(ValueError, match=r"each column once \(got 'mf_biotac_7' twice\)"):
         read_biotac_sp_csv(write([*HEADER, "mf_biotac_7"], [*ROW, "5"]))
+    with pytest.raises(ValueError, match=r"each column once \(got '' twice\)"):
+        read_biotac_sp_csv(write([*HEADER, "", ""], [*ROW, "", ""]))  # as ',,' for ',' leaves
+    assert len(read_biotac_sp_csv(write([*HEADER, "note"], [*ROW, "x"])).reading) == 1
 
 
 def test_read_what_is_no_text_names_the_file(write):

@@ -11,7 +11,7 @@ from torch.nn import Linear, Module
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor import builder, content
 from torch_geometric_tactile.predictor.builder import load_weights
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
@@ -353,3 +353,20 @@ def test_sparse_weights_are_refused():
     weights = {"weight": torch.zeros(3, 2).to_sparse(), "bias": torch.zeros(3)}
     with pytest.raises(ValueError, match=r"'weight' must hold real numbers, .*sparse_coo tensor"):
         load_weights(model, weights)
+
+
+@pytest.mark.parametrize(
+    ("scaler", "shape"),
+    [
+        (ZScore(), (1, 4)),
+        (ZScore(), (1,)),
+        (ZScore(per="channel"), (1, 3)),
+        (ZScore(attr="joint", per="channel"), (1,)),
+    ],
+)
+def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
+    state = {"center": torch.zeros(shape), "scale": torch.ones(shape), "key_values": torch.zeros(1)}
+    with pytest.raises(ValueError, match=r"must be a centre and a scale for each key"):
+        builder._check_state(scaler, state)
+    more = (*shape, *[2] * (3 - len(shape)))
+    builder._check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})

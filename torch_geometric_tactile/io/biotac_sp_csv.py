@@ -58,9 +58,9 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
             f"'{path}' must have the column '{missing[0]}' ({len(missing)} of "
             f"{len(_COLUMNS)} columns are missing)"
         )
-    twice = [name for name in _COLUMNS if header.count(name) > 1]
+    twice = [name for name in header if header.count(name) > 1]
     if twice:
-        raise ValueError(f"'{path}' must name each column once (got '{twice[0]}' twice)")
+        raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
     place = [header.index(name) for name in _COLUMNS]
     for line, row in lines:
         where = f"'{path}', line {line}"

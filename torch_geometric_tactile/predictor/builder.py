@@ -214,9 +214,11 @@ def _check_state(transform: FittedTransform, state: Any) -> None:
         return
     found = {key: state.get(key) for key in ("center", "scale", "key_values")}
     center, scale, values = found.values()
+    num_dims = 3 if transform.attr == "x" else 1 + (transform.per == "channel")
     if (
         not all(isinstance(value, Tensor) for value in found.values())
         or values.dim() != 1
+        or center.dim() < num_dims
         or center.shape[:1] != values.shape
         or scale.shape != center.shape
         or not (center.is_floating_point() and scale.is_floating_point())
