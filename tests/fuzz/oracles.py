@@ -224,7 +224,7 @@ def xela_messages(data: bytes) -> Any:
         raise Refused(str(error)) from error
     frames: list[dict[str, Any]] = []
     repeated = skipped = 0
-    for line in re.split(r"\r\n|[\r\n]", text):
+    for line in text.splitlines():
         if "{" not in line:
             _need(not _LEFT.search(line))
             continue

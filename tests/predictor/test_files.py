@@ -370,3 +370,18 @@ def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
         builder._check_state(scaler, state)
     more = (*shape, *[2] * (3 - len(shape)))
     builder._check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})
+
+
+def test_a_scaler_of_other_joints_than_the_header_says_is_refused():
+    scaler = ZScore(attr="joint").fit(StaticData(x=torch.zeros(3, 4, 1), joint=torch.rand(3, 5)))
+    parts = content.Content(
+        Predictor(Linear(4, 2), grid(2, 2, 0.01), scaler, num_joints=5).preparation,
+        Linear(4, 2),
+        ("a", "b"),
+        "multiclass",
+    )
+    header, tensors = content.describe(parts)
+    weights = parts.model.state_dict()
+    content.build(header, tensors, weights, model=Linear(4, 2))
+    with pytest.raises(ValueError, match=r"fitted on 4 joints, as 'num_joints' says \(got 5\)"):
+        content.build({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))

@@ -136,6 +136,13 @@ def build(
                 f"its '{key}' must be a number up to {_MOST} or null (got {str(number)[:80]})"
             )
     preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
+    for part in preparation.fitted:
+        fitted = part.center if part.attr == "joint" and num_joints else None
+        if fitted is not None and fitted.size(-1) != num_joints:
+            raise ValueError(
+                f"{part!r} must be fitted on {num_joints} joints, as 'num_joints' says (got "
+                f"{fitted.size(-1)})"
+            )
     preparation.session = header["session"]
     built = builder.model(header["model"], model)
     load_weights(built, weights)
