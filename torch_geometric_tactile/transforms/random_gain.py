@@ -1,23 +1,13 @@
 r"""Gains of fingers."""
 
-from collections.abc import Sequence
-from typing import Any
-
-import torch
 from torch import Tensor
-from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms._attributes import require_x
-from torch_geometric_tactile.transforms._random import check_deviation, normal
-from torch_geometric_tactile.transforms._segments import Segments
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.transforms._segment_draws import SegmentDraws
 
 
 @functional_transform("random_gain")
-class RandomGain(BaseTransform):
+class RandomGain(SegmentDraws):
     r"""Multiplies the readings of each segment, such as a finger, by a gain of its own in each
     sample and channel (functional name: :obj:`random_gain`), as an augmentation: a
     :obj:`train_transform`.
@@ -51,38 +41,12 @@ class RandomGain(BaseTransform):
             readings.
 
     Examples:
+        >>> import torch
+        >>> from torch_geometric.data import Data
         >>> RandomGain(0.0)(Data(x=torch.ones(2, 1))).x.view(-1)
         tensor([1., 1.])
     """
 
-    supports_static = True
-
-    def __init__(
-        self,
-        std: float = 0.1,
-        segments: str | Sequence[int] | Tensor | None = None,
-        layout: TaxelLayout | PathLike | None = None,
-        generator: torch.Generator | None = None,
-    ) -> None:
-        self.std = check_deviation(std)
-        self.generator = generator
-        self._segments = Segments(segments, layout)
-
-    def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor; segments that were given are numbered anew."""
-        rest = self._segments.arguments()
-        return {"std": self.std, **rest, "generator": self.generator}
-
-    def forward(self, data: Data) -> Data:
+    def changed(self, x: Tensor, segment: Tensor, drawn: Tensor) -> Tensor:
         r"""Multiplies by the gains."""
-        x = require_x(self, data)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
-        segment, count = self._segments.of_rows(data, x)
-        drawn = normal(count * x.size(-1), x, self.generator).view(count, x.size(-1))
-        gain = (self.std * drawn).exp()
-        data.x = x * gain[segment].view(x.shape).to(x)
-        return data
-
-    def __repr__(self) -> str:
-        segments = f", {self._segments!r}" if self._segments.segment is not None else ""
-        return f"{type(self).__name__}(std={self.std}{segments})"
+        return x * drawn.exp()[segment].view(x.shape).to(x)
