@@ -11,7 +11,7 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.taxel_levels import ReadingNorm, TaxelNorm
-from torch_geometric_tactile.nn.models.taxels import load_layout
+from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
@@ -166,7 +166,7 @@ class PosedTaxelNet(Module, TactileHubMixin):
             tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes, if :obj:`posed` and
                 there are three channels.
         """
-        x = self._samples(x)
+        x = stacked_readings(x, self.num_nodes, self.in_channels, "channels")
         given = {"pos": pos, "normal": normal, "tangent": tangent}
         places = {name: self._place(name, given[name], x) for name in self.places}
         seen = self._seen(x)
@@ -203,19 +203,6 @@ class PosedTaxelNet(Module, TactileHubMixin):
             return None
         seen = torch.rand(x.shape[:2], device=x.device) >= self.taxel_dropout
         return seen | ~seen.any(dim=1, keepdim=True)
-
-    def _samples(self, x: Tensor) -> Tensor:
-        # Of any form, sample by sample (B, N, F).
-        width = self.in_channels
-        if x.dim() not in (2, 3) or x.size(-1) != width:
-            raise ValueError(f"'x' must have {width} channels (got shape {tuple(x.shape)})")
-        if x.dim() == 3 and x.size(1) == self.num_nodes:
-            return x
-        if x.dim() == 2 and x.size(0) % self.num_nodes == 0:
-            return x.reshape(-1, self.num_nodes, width)
-        raise ValueError(
-            f"'x' must have {self.num_nodes} taxels in each sample (got shape {tuple(x.shape)})"
-        )
 
     def _place(self, name: str, value: Optional[Tensor], x: Tensor) -> Tensor:
         # Of each sample (B, N, ...).

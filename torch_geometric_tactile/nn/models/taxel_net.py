@@ -19,7 +19,7 @@ from torch_geometric_tactile.nn.models.taxel_levels import (
     TaxelNorm,
     pooled_layouts,
 )
-from torch_geometric_tactile.nn.models.taxels import load_layout
+from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
@@ -188,7 +188,7 @@ class TaxelNet(Module, TactileHubMixin):
             absolute (torch.Tensor, optional): Not used.
             pos (torch.Tensor, optional): Not used.
         """
-        x = self.norm(self._samples(x))
+        x = self.norm(stacked_readings(x, self.num_nodes, self.in_channels, "features"))
         h = x
         for level in self.levels:
             h = level(h)
@@ -199,19 +199,6 @@ class TaxelNet(Module, TactileHubMixin):
             found.append(self.norm_direct(self.direct(rows)).relu())
         rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
-
-    def _samples(self, x: Tensor) -> Tensor:
-        # Of any form, sample by sample (B, N, F).
-        width = self.in_channels
-        if x.dim() not in (2, 3) or x.size(-1) != width:
-            raise ValueError(f"'x' must have {width} features (got shape {tuple(x.shape)})")
-        if x.dim() == 3 and x.size(1) == self.num_nodes:
-            return x
-        if x.dim() == 2 and x.size(0) % self.num_nodes == 0:
-            return x.reshape(-1, self.num_nodes, width)
-        raise ValueError(
-            f"'x' must have {self.num_nodes} taxels in each sample (got shape {tuple(x.shape)})"
-        )
 
     def __repr__(self) -> str:
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""

@@ -4,6 +4,7 @@ import os
 from typing import Any, Union
 
 import torch
+from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 from torch_geometric_tactile.typing import PathLike
@@ -58,3 +59,29 @@ def portable_layout(layout: Any) -> Any:
         isinstance(layout, str) and layout not in stock_names()
     )
     return load_layout(layout, "a saved model") if is_file else layout
+
+
+def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -> Tensor:
+    r"""Returns readings of any form sample by sample.
+
+    Args:
+        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
+        num_taxels (int): Number of taxels :math:`N`.
+        num_channels (int): Number of channels :math:`F`.
+        what (str): What a model calls its channels, for the message.
+
+    Shapes:
+        - **output:** :math:`(B, N, F)`
+
+    Raises:
+        ValueError: If they have other taxels or channels.
+    """
+    if x.dim() not in (2, 3) or x.size(-1) != num_channels:
+        raise ValueError(f"'x' must have {num_channels} {what} (got shape {tuple(x.shape)})")
+    if x.dim() == 3 and x.size(1) == num_taxels:
+        return x
+    if x.dim() == 2 and x.size(0) % num_taxels == 0:
+        return x.reshape(-1, num_taxels, num_channels)
+    raise ValueError(
+        f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
+    )
