@@ -1,1 +1,0 @@
-r"""Layout, fitted transforms and model in one file."""
