@@ -15,6 +15,7 @@ from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv.edge_checks import check_edge_index
+from torch_geometric_tactile.nn.conv.sector_image import SectorImage
 from torch_geometric_tactile.nn.conv.static_adjacency import KeptTensor, may_be_kept
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
@@ -56,6 +57,7 @@ class SectorTable:
         self.source, self.target = edge_index.long()[:, order]
         self.sector = edge_sector.long()[order]
         self.num_nodes = num_nodes
+        self.image = SectorImage.of(self.source, self.target, self.sector, num_nodes)
         self._blocks: dict[int, list[tuple[int, int, list[SectorBlock]]]] = {}
 
     def blocks(self, size: int) -> list[tuple[int, int, list[SectorBlock]]]:
@@ -185,8 +187,9 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
     r"""Maps each taxel by the first matrix and each of its neighbours by that of its sector, and
     adds up.
 
-    It works block by block of edges, so that the copies of the neighbours are never written to
-    memory; the backward pass makes them again. There is no second derivative.
+    Where the taxels are the pixels of an image, it is a convolution of images. Elsewhere, it works
+    block by block of edges, so that the copies of the neighbours are never written to memory; the
+    backward pass makes them again, and there is no second derivative.
 
     Args:
         x (torch.Tensor): Node features.
@@ -196,8 +199,10 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
 
     Shapes:
         - **input:** features :math:`(B, N, F)`, weights :math:`(1 + S, F, O)`, biases :math:`(O,)`
-        - **output:** :math:`(B, N, O)`, a view of :math:`(N, B, O)`
+        - **output:** :math:`(B, N, O)`, a view of :math:`(N, B, O)` unless of an image
     """
+    if table.image is not None:
+        return table.image.product(x, weight, bias)
     if bias is None:
         bias = weight.new_zeros(weight.size(-1))
     out: Tensor = _SectorProduct.apply(x.transpose(0, 1).contiguous(), weight, bias, table)

@@ -38,7 +38,8 @@ class TaxelNorm(BatchNorm1d):
             input (torch.Tensor): Features.
         """
         # In the order in which the convolutions leave them: nothing is copied.
-        rows = input.transpose(0, 1) if input.dim() == 3 else input
+        swapped = input.dim() == 3 and not input.is_contiguous()
+        rows = input.transpose(0, 1) if swapped else input
         flat = rows.reshape(-1, rows.size(-1))
         if self.training and flat.size(0) > 1:
             out = super().forward(flat)
@@ -47,7 +48,7 @@ class TaxelNorm(BatchNorm1d):
                 flat, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps
             )
         out = out.view(rows.shape)
-        return out.transpose(0, 1) if input.dim() == 3 else out
+        return out.transpose(0, 1) if swapped else out
 
 
 class ReadingNorm(Module):

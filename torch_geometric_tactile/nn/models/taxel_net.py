@@ -5,10 +5,11 @@ from typing import Literal, Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import Dropout, Linear, Module, ModuleList
+from torch.nn import Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.tactile_model import with_joints
 from torch_geometric_tactile.nn.models.taxel_levels import (
@@ -152,7 +153,7 @@ class TaxelNet(Module, TactileHubMixin):
             self.norm_readings = ReadingNorm(direct_size, _FLOOR)
             self.direct = Linear(direct_size, direct_channels, bias=False)
             self.norm_direct = TaxelNorm(direct_channels)
-        self.dropout = Dropout(dropout)
+        self.dropout = ByteDropout(dropout)
         self.lin = Linear(size, hidden_channels, bias=False)
         self.norm_hidden = TaxelNorm(hidden_channels)
         self.lin_out = Linear(hidden_channels, out_channels)
