@@ -35,8 +35,9 @@ class SectorConv(MessagePassing):
 
     For eight and more samples on one topology :math:`(B, N, F)` on a processor it multiplies the
     neighbours sector by sector, and keeps the table of them for as long as the same edges come in;
-    on a grid it convolves images, twice as fast again. It passes messages for a single sample or a PyG batch :math:`(N, F)`, on other devices, if
-    :obj:`fast=False`, and wherever something has to see the messages.
+    on a grid it convolves images, twice as fast again. It passes messages for a single sample or a
+    PyG batch :math:`(N, F)`, on other devices, if :obj:`fast=False`, and wherever something has to
+    see the messages.
 
     Args:
         in_channels (int): Size of each input feature.

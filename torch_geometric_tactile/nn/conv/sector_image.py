@@ -43,6 +43,8 @@ class SectorImage(NamedTuple):
             steps[number] = int(step[0])
             if bool((step != step[0]).any()):
                 return None
+        if not steps:
+            return None
         widths = {abs(step) + near for step in steps.values() for near in (-1, 0, 1)}
         for cols in sorted({*widths, num_nodes}):  # a single row tells nothing of its length
             if cols > 2 and num_nodes % cols == 0:
