@@ -161,7 +161,7 @@ def _network(
         "model": {"class_path": f"{_MODELS}{name}", "init_args": arguments},
         "optimizer": {
             "class_path": "torch.optim.AdamW",
-            "init_args": {"lr": lr, "weight_decay": 0.01},
+            "init_args": {"lr": lr, "weight_decay": 0.01, "fused": True},
         },
     }
     if task.numbers:

@@ -87,6 +87,5 @@ class SectorImage(NamedTuple):
         kernel = kernel.view(3, 3, *weight.shape[1:]).permute(3, 2, 0, 1)
         # Channels last: pixel by pixel, as nodes lie, so that nothing is copied.
         image = x.contiguous().view(len(x), self.rows, self.cols, -1).permute(0, 3, 1, 2)
-        with torch.autocast(x.device.type, enabled=False):  # as other sectors: in full precision
-            out = F.conv2d(image, kernel, bias, padding=1)
+        out = F.conv2d(image, kernel, bias, padding=1)
         return out.permute(0, 2, 3, 1).reshape(len(x), self.rows * self.cols, -1)

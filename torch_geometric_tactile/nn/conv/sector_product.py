@@ -8,6 +8,7 @@ taxels and samples.
 from typing import Any, NamedTuple, Optional
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 from torch.amp import custom_bwd, custom_fwd
 from torch.autograd import Function
@@ -20,6 +21,8 @@ from torch_geometric_tactile.nn.conv.static_adjacency import KeptTensor, may_be_
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**19
+# Up to this size, all neighbours are copied at once: fewer and larger products.
+_COPY_BYTES = 2**22
 # From this number of samples on, the layout of this module pays.
 _MIN_SAMPLES = 8
 # Several batch sizes and widths.
@@ -58,6 +61,7 @@ class SectorTable:
         self.sector = edge_sector.long()[order]
         self.num_nodes = num_nodes
         self.image = SectorImage.of(self.source, self.target, self.sector, num_nodes)
+        self.near = self._near(num_sectors)
         self._blocks: dict[int, list[tuple[int, int, list[SectorBlock]]]] = {}
 
     def blocks(self, size: int) -> list[tuple[int, int, list[SectorBlock]]]:
@@ -76,6 +80,17 @@ class SectorTable:
                 blocks = [self._block(start, min(start + size, self.num_nodes)) for start in starts]
             self._blocks[size] = blocks
         return blocks
+
+    def _near(self, num_sectors: int) -> Optional[Tensor]:
+        # Each taxel and its neighbours by sector, the number of taxels for none; None if there are
+        # several in one.
+        place = self.target * (1 + num_sectors) + 1 + self.sector
+        if len(place.unique()) < len(place):
+            return None
+        near = torch.full((self.num_nodes, 1 + num_sectors), self.num_nodes)
+        near[:, 0] = torch.arange(self.num_nodes)
+        near.view(-1)[place] = self.source
+        return near.view(-1)
 
     def _block(self, start: int, stop: int) -> tuple[int, int, list[SectorBlock]]:
         first, last = torch.searchsorted(self.target, torch.tensor([start, stop])).tolist()
@@ -187,9 +202,10 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
     r"""Maps each taxel by the first matrix and each of its neighbours by that of its sector, and
     adds up.
 
-    Where the taxels are the pixels of an image, it is a convolution of images. Elsewhere, it works
-    block by block of edges, so that the copies of the neighbours are never written to memory; the
-    backward pass makes them again, and there is no second derivative.
+    Where the taxels are the pixels of an image, it is a convolution of images; where the copies of
+    all neighbours are small, it is a single product. Elsewhere, it works block by block of edges,
+    so that the copies are never written to memory; the backward pass makes them again, and there is
+    no second derivative.
 
     Args:
         x (torch.Tensor): Node features.
@@ -199,10 +215,15 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
 
     Shapes:
         - **input:** features :math:`(B, N, F)`, weights :math:`(1 + S, F, O)`, biases :math:`(O,)`
-        - **output:** :math:`(B, N, O)`, a view of :math:`(N, B, O)` unless of an image
+        - **output:** :math:`(B, N, O)`, or a view of :math:`(N, B, O)`
     """
-    if table.image is not None:
-        return table.image.product(x, weight, bias)
+    with torch.autocast(x.device.type, enabled=False):  # in full precision
+        if table.image is not None:
+            return table.image.product(x, weight, bias)
+        if table.near is not None and len(table.near) * x[:, 0].nbytes <= _COPY_BYTES:
+            rows = F.pad(x, (0, 0, 0, 1)).index_select(1, table.near)
+            rows = rows.view(*x.shape[:2], weight.size(0) * x.size(2))
+            return F.linear(rows, weight.flatten(0, 1).t(), bias)
     if bias is None:
         bias = weight.new_zeros(weight.size(-1))
     out: Tensor = _SectorProduct.apply(x.transpose(0, 1).contiguous(), weight, bias, table)
