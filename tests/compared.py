@@ -42,6 +42,6 @@ def experiment(path, model=SVM, settings=({},), metric="accuracy", **changes):
         "transform": SCALED,
         "epochs": 4,
         "batch_size": 8,
-        "choice": Choice(settings, metric, patience=2),
+        "choice": Choice(settings, metric),
     }
     return Experiment(**{**arguments, **changes})

@@ -21,6 +21,7 @@ from torch_geometric_tactile.experiments.comparison import (
 from torch_geometric_tactile.experiments.estimate import estimate_seconds
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.nn.models.training_recipe import training_recipe
 from torch_geometric_tactile.reports.compare import comparison_csv, comparison_markdown
 from torch_geometric_tactile.sensors import biotac_sp, grid
 
@@ -91,13 +92,11 @@ def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     assert not Task.of(other, "accuracy", 0.6).posed
 
 
-@pytest.mark.parametrize(
-    ("num_train", "batch_size", "epochs"), [(100, 32, 100), (4000, 64, 32), (10**6, 128, 8)]
-)
-def test_epochs_follow_from_the_number_of_samples(num_train, batch_size, epochs):
-    task = Task(grid(3, 4, 0.01), "accuracy", num_train)
-    assert (task.batch_size, task.max_epochs) == (batch_size, epochs)
-    assert Task(grid(3, 4, 0.01), "accuracy", num_train, epochs=7).max_epochs == 7
+def test_networks_are_trained_by_the_recipe():
+    task = Task(grid(3, 4, 0.01), "accuracy", 4000)
+    assert task.recipe == training_recipe(4000)
+    few = Task(grid(3, 4, 0.01), "accuracy", 4000, epochs=7)
+    assert few.recipe == training_recipe(4000)._replace(max_epochs=7)
 
 
 @pytest.mark.parametrize("metric", ["balanced_accuracy", "mae"])

@@ -30,7 +30,7 @@ MODELS = {
 
 HELP = "compare graph models with plain ones on your data, and say which to take"
 DESCRIPTION = f"""\
-Trains graph models and plain ones on a data set, each with settings and epochs chosen on a part of
+Trains graph models and plain ones on a data set, each with settings chosen on a part of
 its training samples, tests each split once, and writes DIR/NAME.md, .csv, .json and .png. It ends
 with a sentence: which model to take, and whether it is better by more than the noise. Needs the
 extras 'train' and 'viz'.
@@ -108,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what models are chosen and compared by (default: accuracy, or mae of numbers)",
     )
     parser.add_argument(
-        "--epochs", metavar="N", type=positive, help="most epochs of a network (default: 8 to 100)"
+        "--epochs", metavar="N", type=positive, help="epochs of a network (default: 15 to 60)"
     )
     parser.add_argument(
         "--stride", metavar="N", type=positive, help="every N-th frame of a folder of recordings"
@@ -218,7 +218,7 @@ def _intention(plan: "Plan", arguments: argparse.Namespace) -> str:
     longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
     parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
     whole = _duration(sum(seconds.values()) / jobs)
-    return f"{text}; about {whole} at most ({parts}); Ctrl-C keeps what is finished"
+    return f"{text}; about {whole} ({parts}); Ctrl-C keeps what is finished"
 
 
 def _duration(seconds: float) -> str:

@@ -10,7 +10,7 @@ METRICS = ("accuracy", "balanced_accuracy", "mae")
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    r"""How settings and the number of epochs of a model are chosen: each setting is trained on the
+    r"""How the settings of a model are chosen: each setting is trained on the
     training part without a validation part, which is cut from it by the protocol of the test, and
     scored there; the best of them (the first, of equals) is trained on the whole training part.
 
@@ -19,23 +19,19 @@ class Choice:
             left out.
         metric (str): What is compared on the validation part: :obj:`"accuracy"`,
             :obj:`"balanced_accuracy"`, or :obj:`"mae"` of numbers.
-        patience (int): After how many epochs without improvement a training ends.
 
     Raises:
-        ValueError: If the metric is unknown, there is no setting, or :obj:`patience` is below one.
+        ValueError: If the metric is unknown, or there is no setting.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
     metric: str = "accuracy"
-    patience: int = 10
 
     def __post_init__(self) -> None:
         if self.metric not in METRICS:
             raise ValueError(f"'metric' must be one of {list(METRICS)} (got '{self.metric}')")
         if not self.settings:
             raise ValueError("'settings' must hold at least one setting (got none)")
-        if self.patience < 1:
-            raise ValueError(f"'patience' must be at least 1 (got {self.patience})")
 
     @property
     def of_numbers(self) -> bool:

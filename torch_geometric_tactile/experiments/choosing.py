@@ -1,4 +1,4 @@
-r"""Experiments that choose settings and epochs on a validation part, and look at the test once."""
+r"""Experiments that choose settings on a validation part, and look at the test once."""
 
 import copy
 import math
@@ -14,7 +14,6 @@ from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments.averaging import AveragedWeights, EarlyEnd, Scored
 from torch_geometric_tactile.experiments.building import build
 from torch_geometric_tactile.experiments.choice import laid_over
 from torch_geometric_tactile.experiments.estimators import (
@@ -29,20 +28,30 @@ from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.scores import prediction_scores
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.predictions import Predictions, collect_predictions
 from torch_geometric_tactile.transforms import KNNGraph, fit_transform
 
 _NEIGHBOURS = 6
+
+
+class Scored(NamedTuple):
+    r"""A score, the higher the better, and the loss that decides between equals."""
+
+    value: float
+    loss: float = 0.0
+
+
 _NO_SCORE = Scored(-math.inf, math.inf)
 
 
 class Fitted(NamedTuple):
-    r"""What a model that was trained says of samples: its predictions, the score of a validation
-    part, how many numbers it holds, and for how many seconds it was trained.
+    r"""What a model that was trained says of samples: its predictions, their score if it was asked
+    for, how many numbers it holds, and for how many seconds it was trained.
     """
 
     prediction: np.ndarray
-    score: Scored
+    score: Scored | None
     num_parameters: int | None
     seconds: float
 
@@ -56,8 +65,8 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
 
     Returns:
         dict: JSON values as of :func:`run_experiment`, with the :obj:`metrics` of
-        :func:`prediction_scores`, and :obj:`chosen`: the :obj:`setting`, its number, the number of
-        :obj:`epochs` and the :obj:`validation` scores of all.
+        :func:`prediction_scores`, and :obj:`chosen`: the :obj:`setting`, its number, and the
+        :obj:`validation` scores of all; none of a single one, which there is nothing to choose of.
 
     Raises:
         ValueError: If no setting can be trained.
@@ -65,16 +74,17 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
     assert experiment.choice is not None
     parts = choice_parts(experiment)
     start = time.perf_counter()
-    scores = [_tried(experiment, parts, i) for i in range(len(experiment.choice.settings))]
-    best = max(range(len(scores)), key=lambda i: (scores[i].value, -scores[i].loss, -i))
+    count = len(experiment.choice.settings)
+    scores = [_tried(experiment, parts, i) for i in range(count)] if count > 1 else []
+    best = max(range(len(scores)), key=lambda i: (scores[i].value, -scores[i].loss, -i), default=0)
     choosing = time.perf_counter() - start
     model = _model(experiment, best)
-    fitted = fit_and_predict(experiment, model, parts.train, parts.test, scores[best].epochs)
+    fitted = fit_and_predict(experiment, model, parts.train, parts.test)
     y = parts.test.data.y.numpy()
     return {
         "metrics": _finite(prediction_scores(y, fitted.prediction, experiment.choice.of_numbers)),
         "label_names": None,
-        "frames_per_second": len(parts.train) * max(1, scores[best].epochs) / fitted.seconds,
+        "frames_per_second": len(parts.train) * max(1, experiment.epochs) / fitted.seconds,
         "peak_memory_mb": None,
         "measures": None,
         "num_parameters": fitted.num_parameters,
@@ -83,7 +93,6 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
         "chosen": {
             "setting": dict(experiment.choice.settings[best]),
             "number": best,
-            "epochs": scores[best].epochs,
             "validation": [score.value if math.isfinite(score.value) else None for score in scores],
         },
         "predictions": Judgement(
@@ -99,15 +108,14 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
 
 def _tried(experiment: Experiment, parts: Parts, number: int) -> Scored:
     # A setting with which a training fails, such as a learning rate that makes it diverge, is not
-    # chosen, unless there is no other.
-    assert experiment.choice is not None
+    # chosen.
     try:
         model = _model(experiment, number)
-        return fit_and_predict(experiment, model, parts.fit, parts.val).score
+        score = fit_and_predict(experiment, model, parts.fit, parts.val, is_scored=True).score
     except ValueError:
-        if len(experiment.choice.settings) == 1:
-            raise
         return _NO_SCORE
+    assert score is not None
+    return score
 
 
 def _model(experiment: Experiment, number: int) -> dict[str, Any]:
@@ -120,7 +128,8 @@ def fit_and_predict(
     model: Mapping[str, Any],
     train: StaticDataset,
     other: StaticDataset,
-    epochs: int | None = None,
+    *,
+    is_scored: bool = False,
 ) -> Fitted:
     r"""Trains a model on one part and returns what it says of another.
 
@@ -129,11 +138,10 @@ def fit_and_predict(
         model (Mapping): The model, with one of the settings.
         train (StaticDataset): What to train on.
         other (StaticDataset): The validation part or the test part.
-        epochs (int, optional): For how many epochs; if left out, the other part is a validation
-            part, which chooses.
+        is_scored (bool): Whether it is a validation part, whose labels may be read.
     """
     fit = _fit_estimator if experiment.is_estimator else _fit_network
-    return fit(experiment, model, train, other, epochs)
+    return fit(experiment, model, train, other, is_scored)
 
 
 def _fit_estimator(
@@ -141,7 +149,7 @@ def _fit_estimator(
     model: Mapping[str, Any],
     train: StaticDataset,
     other: StaticDataset,
-    epochs: int | None,
+    is_scored: bool,
 ) -> Fitted:
     assert experiment.choice is not None
     transform = build(experiment.transform)
@@ -151,10 +159,10 @@ def _fit_estimator(
     estimator.fit(estimator_input(estimator, seen), seen.y.numpy())
     seconds = time.perf_counter() - start
     prediction = np.asarray(estimator.predict(estimator_input(estimator, held_out)))
-    value = 0.0
-    if epochs is None:
-        value = _value(experiment, held_out.y.numpy(), prediction)
-    return Fitted(prediction, Scored(value), num_numbers(estimator), seconds)
+    score = None
+    if is_scored:
+        score = Scored(_value(experiment, held_out.y.numpy(), prediction))
+    return Fitted(prediction, score, num_numbers(estimator), seconds)
 
 
 def _fit_network(
@@ -162,13 +170,12 @@ def _fit_network(
     model: Mapping[str, Any],
     train: StaticDataset,
     other: StaticDataset,
-    epochs: int | None,
+    is_scored: bool,
 ) -> Fitted:
     assert experiment.choice is not None
     numbers = experiment.choice.of_numbers
     scale = TargetScale.of(train) if numbers else None
     train, other = (_prepared(part, scale) for part in (train, other))
-    choosing = epochs is None
     data = TactileDataModule(
         train,
         test_dataset=other,  # its sessions, if anything is scaled by session, are measured too
@@ -182,13 +189,6 @@ def _fit_network(
     section = dict(model)
     if not numbers:
         section.setdefault("num_classes", experiment.data.load().num_classes)
-    average = AveragedWeights()
-    callbacks: list[Any] = [average]
-    watch = None
-    if choosing:
-        batches = data.test_dataloader()
-        watch = EarlyEnd(batches, average, _Score(experiment, scale), experiment.choice.patience)
-        callbacks.append(watch)
     settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
     start = time.perf_counter()
     classifier = fit_classifier(
@@ -196,31 +196,25 @@ def _fit_network(
         data,
         experiment.seed,
         {**settings, **experiment.trainer},
-        epochs or experiment.epochs,
-        *callbacks,
+        experiment.epochs,
+        OneCycle(),
     )
     seconds = time.perf_counter() - start
     said = collect_predictions(classifier, data.test_dataloader())
     return Fitted(
         _predicted(said, scale),
-        Scored(0.0) if watch is None else watch.best,
+        _score(experiment, said, scale) if is_scored else None,
         sum(weight.numel() for weight in classifier.model.parameters()),
         seconds,
     )
 
 
-class _Score:
-    def __init__(self, experiment: Experiment, scale: "TargetScale | None") -> None:
-        self.experiment = experiment
-        self.scale = scale
-
-    def __call__(self, said: Predictions) -> tuple[float, float]:
-        prediction = _predicted(said, self.scale)
-        if self.scale is not None:
-            y = self.scale.back(said.y).numpy()
-            return _value(self.experiment, y, prediction), 0.0
-        loss = float(F.cross_entropy(said.logits, said.y))
-        return _value(self.experiment, said.y.numpy(), prediction), loss
+def _score(experiment: Experiment, said: Predictions, scale: "TargetScale | None") -> Scored:
+    prediction = _predicted(said, scale)
+    if scale is not None:
+        return Scored(_value(experiment, scale.back(said.y).numpy(), prediction))
+    loss = float(F.cross_entropy(said.logits, said.y))
+    return Scored(_value(experiment, said.y.numpy(), prediction), loss)
 
 
 def _predicted(said: Predictions, scale: "TargetScale | None") -> np.ndarray:

@@ -1,6 +1,5 @@
 r"""The models of a comparison: what each is, what is tried, and where it has no place."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,14 +7,12 @@ from typing import Any
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.tables import Cell
+from torch_geometric_tactile.nn.models.training_recipe import TrainingRecipe, training_recipe
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-_STEPS = 2000
-_EPOCHS = (8, 100)
-_BATCHES = {1000: 32, 4000: 64, math.inf: 128}  # by the most samples that are trained on
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
 
@@ -31,7 +28,7 @@ class Task:
         metric (str): What is compared: see :class:`Choice`.
         num_train (int): Number of samples that a model is trained on, about.
         posed (bool): Whether the taxels can be placed by joint angles.
-        epochs (int, optional): The most epochs of a network; by the number of samples if left out.
+        epochs (int, optional): Epochs of a network; by the number of samples if left out.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, if
             the samples have readings at rest.
     """
@@ -62,17 +59,10 @@ class Task:
         return self.metric == "mae"
 
     @property
-    def batch_size(self) -> int:
-        r"""Number of samples of a batch."""
-        return next(size for most, size in _BATCHES.items() if self.num_train <= most)
-
-    @property
-    def max_epochs(self) -> int:
-        r"""The most epochs: about two thousand steps, between 8 and 100 epochs."""
-        if self.epochs is not None:
-            return self.epochs
-        few, many = _EPOCHS
-        return min(many, max(few, math.ceil(_STEPS * self.batch_size / self.num_train)))
+    def recipe(self) -> TrainingRecipe:
+        r"""How networks are trained."""
+        recipe = training_recipe(self.num_train)
+        return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
 
     def choice(self, settings: Settings = ({},)) -> Choice:
         r"""Returns what is chosen for a model.
@@ -80,7 +70,7 @@ class Task:
         Args:
             settings (sequence of dict): The settings that are tried.
         """
-        return Choice(settings, self.metric, patience=max(3, self.max_epochs // 8))
+        return Choice(settings, self.metric)
 
     def transform(
         self, *, scaled: bool, posed: bool = False, filled: bool = True
@@ -153,28 +143,35 @@ def _network(
     name: str,
     settings: Settings,
     *,
-    lr: float,
+    lr: float | None = None,
     scaled: bool = True,
     **arguments: Any,
 ) -> dict[str, Any]:
+    recipe = task.recipe
     section: dict[str, Any] = {
         "model": {"class_path": f"{_MODELS}{name}", "init_args": arguments},
         "optimizer": {
             "class_path": "torch.optim.AdamW",
-            "init_args": {"lr": lr, "weight_decay": 0.01, "fused": True},
+            "init_args": {
+                "lr": recipe.lr if lr is None else lr,
+                "weight_decay": recipe.weight_decay,
+                "fused": True,
+            },
         },
     }
     if task.numbers:
         section |= {"task": "regression", "loss": "huber"}
-    elif task.metric == "balanced_accuracy":
+    else:
+        section["label_smoothing"] = recipe.label_smoothing
+    if task.metric == "balanced_accuracy":
         section["class_weights"] = "balanced"
     config = {
         "model": section,
         "data": {
             "transform": task.transform(scaled=scaled, posed=not scaled),
-            "batch_size": task.batch_size,
+            "batch_size": recipe.batch_size,
         },
-        "trainer": {"max_epochs": task.max_epochs},
+        "trainer": {"max_epochs": recipe.max_epochs},
     }
     few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
     return {"config": config, "choice": task.choice(few)}
@@ -213,13 +210,13 @@ MODELS: tuple[ComparedModel, ...] = (
         "taxel_net",
         "TaxelNet, the default graph model",
         True,
-        lambda task: _network(task, "TaxelNet", _DROPOUT, lr=2e-3),
+        lambda task: _network(task, "TaxelNet", _DROPOUT),
     ),
     ComparedModel(
         "posed_taxel_net",
         "PosedTaxelNet, on taxels placed by the joint angles",
         True,
-        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, lr=2e-3, scaled=False),
+        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, scaled=False),
         lambda task: "" if task.posed else "the taxels are not placed by joint angles",
     ),
     ComparedModel(
@@ -249,7 +246,7 @@ MODELS: tuple[ComparedModel, ...] = (
         "cnn",
         "SmallCNN, on the map of the layout",
         False,
-        lambda task: _network(task, "SmallCNN", _DROPOUT, lr=2e-3),
+        lambda task: _network(task, "SmallCNN", _DROPOUT),
         lambda task: "" if task.layout.image_map is not None else "the layout has no image_map",
     ),
     ComparedModel(

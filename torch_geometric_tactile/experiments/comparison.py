@@ -48,7 +48,7 @@ class ComparisonSettings:
         metric (str, optional): What models are chosen by and compared by: :obj:`"accuracy"` (of
             classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
             in training), or :obj:`"mae"` (of numbers).
-        epochs (int, optional): The most epochs of a network; by the number of samples if left out.
+        epochs (int, optional): Epochs of a network; by the number of samples if left out.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
             as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.

@@ -25,7 +25,7 @@ _SQUARE = "rbf_svm"
 def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
     r"""Returns for how many seconds one process will be busy with the runs of each model that are
     not finished, about: each model is trained on a few samples, and its time is extrapolated.
-    Networks usually end earlier, when they do not improve any more. The test parts are not read.
+    The test parts are not read.
 
     Args:
         plan (Plan): What is to be run.
@@ -50,18 +50,18 @@ def _of_run(experiment: Experiment) -> float:
     parts = choice_parts(experiment)
     model = laid_over(experiment.model, experiment.choice.settings[0])
     few = _some(parts.fit, _PROBE)
-    trainings = len(experiment.choice.settings) * len(parts.fit) + len(parts.train)
+    tried = len(experiment.choice.settings)
+    tried = tried if tried > 1 else 0  # there is nothing to choose of one
+    trainings = tried * len(parts.fit) + len(parts.train)
     try:
         if experiment.is_estimator:
             return _of_estimator(experiment, model, parts, few, trainings)
-        probe = replace(experiment, epochs=1)
-        once, more = (
-            _seconds(probe, model, few, _some(parts.val, 8), epochs) for epochs in (1, 1 + _EPOCHS)
-        )
+        probes = [replace(experiment, epochs=epochs) for epochs in (1, 1 + _EPOCHS)]
+        once, more = (_seconds(probe, model, few, _some(parts.val, 8)) for probe in probes)
     except ValueError:  # the run tells
         return 0.0
     epoch = max(0.0, more - once) / _EPOCHS
-    start = max(0.0, once - epoch) * (len(experiment.choice.settings) + 1)
+    start = max(0.0, once - epoch) * (tried + 1)
     return start + epoch / len(few) * experiment.epochs * trainings
 
 
@@ -73,7 +73,7 @@ def _of_estimator(
     trainings: int,
 ) -> float:
     assert experiment.choice is not None
-    seconds = _seconds(experiment, model, few, _some(parts.val, 8), 0)
+    seconds = _seconds(experiment, model, few, _some(parts.val, 8))
     growth = len(parts.fit) / len(few)
     if str(model["class_path"]).endswith(_SQUARE):
         seconds *= growth
@@ -85,10 +85,9 @@ def _seconds(
     model: Mapping[str, object],
     train: StaticDataset,
     other: StaticDataset,
-    epochs: int,
 ) -> float:
     start = time.perf_counter()
-    fit_and_predict(experiment, model, train, other, epochs)
+    fit_and_predict(experiment, model, train, other)
     return time.perf_counter() - start
 
 

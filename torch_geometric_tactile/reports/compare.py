@@ -118,7 +118,7 @@ def _facts(comparison: Comparison) -> list[str]:
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
-        f"{num_splits} splits. Mean ± standard deviation over the splits. Settings and epochs were "
+        f"{num_splits} splits. Mean ± standard deviation over the splits. Settings were "
         "chosen on a part of each training part; each test part was looked at once. Differences "
         f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
         f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
@@ -131,8 +131,7 @@ def _chosen(comparison: Comparison) -> list[list[str]]:
     for result in comparison.results:
         texts = []
         for chosen in result.chosen:
-            epochs = f"{chosen['epochs']} epochs" if chosen["epochs"] else ""
-            texts.append(", ".join(filter(None, [_setting(chosen["setting"]), epochs])) or "as is")
+            texts.append(_setting(chosen["setting"]) or "as is")
         counted = {text: texts.count(text) for text in texts}
         said = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counted.items())
         rows.append([result.model.name, result.model.title, said])

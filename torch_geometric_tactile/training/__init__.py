@@ -19,11 +19,13 @@ from torch_geometric_tactile.training.module import (
     TactileModule,
     classifier_from_config,
 )
+from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 __all__ = [
     "AtomicCheckpointIO",
     "DataSizes",
+    "OneCycle",
     "TactileClassifier",
     "TactileDataModule",
     "TactileModule",

@@ -34,6 +34,6 @@ class ByteDropout(Dropout):
             return super().forward(input)
         words = torch.empty(-(-input.numel() // 8), dtype=torch.long)
         # From the least to the greatest number there is, so that all bits are drawn.
-        words.random_(torch.iinfo(torch.long).min, None)  # type: ignore[call-overload]
+        words.random_(torch.iinfo(torch.long).min, None)
         kept = words.view(torch.uint8)[: input.numel()].view(input.shape) >= threshold
         return input * kept.to(input.dtype).mul_(256 / (256 - threshold))
