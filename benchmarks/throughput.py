@@ -12,6 +12,7 @@ Examples:
 
 import argparse
 import json
+import logging
 import platform
 import statistics
 import sys
@@ -26,7 +27,7 @@ from hand_frames import LAYOUT, Frames, fused_adam, pose_and_edges, train_step
 from plain_pyg import PlainGCN, PlainSegmented
 from throughput_memory import measured
 from throughput_precision import measure_precision
-from throughput_report import describe_machine, lines_of
+from throughput_report import describe_machine, merged, page_lines
 from torch import Tensor, nn
 from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
@@ -66,9 +67,21 @@ def parse(argv: list[str] | None = None) -> argparse.Namespace:
         help="frames of the data set whose memory is measured (default: 80 trials x 1700)",
     )
     parser.add_argument(
-        "--root", type=Path, help="recordings of the hand, for the accuracy with bfloat16"
+        "--root",
+        type=Path,
+        help="recordings of the hand, for the accuracy with a fused optimizer and bfloat16",
     )
-    parser.add_argument("--out", type=Path, help="folder for throughput.json and throughput.md")
+    parser.add_argument(
+        "--stride", type=_positive, default=50, help="frames of them: every so many (default: 50)"
+    )
+    parser.add_argument(
+        "--epochs", type=_positive, default=20, help="of that accuracy, default: 20"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="folder for throughput.json and throughput.md; what is not measured now stays there",
+    )
     return parser.parse_args(argv)
 
 
@@ -256,37 +269,43 @@ def _quantile(values: Sequence[float], part: float) -> float:
     return sorted(values)[min(len(values) - 1, int(part * len(values)))]
 
 
+def _kept(out: Path | None) -> dict[str, Any]:
+    path = None if out is None else out / "throughput.json"
+    if path is None or not path.is_file():
+        return {}
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    before = f"{content.get('machine')}; {content.get('versions')}"  # of the whole page, once
+    parts = {name: content[name] for name in _PARTS if name in content}
+    return {name: {"where": before, **part} for name, part in parts.items()}
+
+
 def main(argv: list[str] | None = None) -> int:
     args = parse(argv)
     measures: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
         "train": measure_training,
         "precision": lambda args: measure_precision(
-            args.batch_size, args.rounds, args.threads, args.root
+            args.batch_size, args.rounds, args.threads, args.root, args.stride, args.epochs
         ),
         "latency": measure_latency,
         "data": measure_data,
         "memory": measure_memory,
     }
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
     found = {name: measures[name](args) for name in _PARTS if name in args.only}
     versions = (
         f"Python {platform.python_version()}, torch {torch.__version__}, torch_geometric "
         f"{torch_geometric.__version__}, torch_geometric_tactile "
         f"{torch_geometric_tactile.__version__}"
     )
-    lines = [
-        "# Throughput",
-        "",
-        f"Random readings in the form of the hand (384 taxels, 1401 edges); {describe_machine()}; "
-        f"{versions}. The other side is the same model in plain PyG, measured in turn in the same "
-        "run. Written by `benchmarks/throughput.py`.",
-        "",
-        *lines_of(found),
-    ]
+    where = f"{describe_machine()}; {versions}"
+    for part in found.values():
+        part["where"] = where
+    found = merged(_kept(args.out), found)
+    lines = page_lines(found, where)
     print("\n".join(lines))
     if args.out:
-        content = {"machine": describe_machine(), "versions": versions, **found}
         for name, text in (
-            ("throughput.json", json.dumps(content, indent=1)),
+            ("throughput.json", json.dumps(found, indent=1)),
             ("throughput.md", "\n".join(lines)),
         ):
             with atomic_path(args.out / name) as temporary:

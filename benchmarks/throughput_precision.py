@@ -1,6 +1,8 @@
 r"""What a fused optimizer and bfloat16 are worth in training, in speed and in accuracy."""
 
 import copy
+import logging
+import os
 import statistics
 import time
 from pathlib import Path
@@ -25,34 +27,35 @@ WAYS = {
     "fused, float32": (True, False),
     "fused, bfloat16": (True, True),
 }
-_SEEDS = 5
+SEEDS = 5
+_PHASES = ("squeeze", "lift", "hold")
 
 
 def measure_precision(
-    batch_size: int, rounds: int, threads: int, root: Path | None
+    batch_size: int, rounds: int, threads: int, root: Path | None, stride: int, epochs: int
 ) -> dict[str, Any]:
     """Frames per second of X and II in each way and, with recordings, their accuracy by trial."""
     torch.set_num_threads(threads)
-    found: dict[str, Any] = {"frames_per_second": {}, "ratios": {}}
+    found: dict[str, Any] = {
+        "batch_size": batch_size,
+        "threads": threads,
+        "load": os.getloadavg()[0],
+        "frames_per_second": {},
+        "ratios": {},
+    }
     for name, segments in (("X", None), ("II", "patch")):
         speed = _speed(segments, batch_size, rounds)
         found["frames_per_second"][name] = {
             way: {"median": statistics.median(values), "min": min(values), "max": max(values)}
             for way, values in speed.items()
         }
-        for way in ("fused, float32", "fused, bfloat16"):
+        for way in list(WAYS)[1:]:
             pairs = zip(speed[way], speed["loop, float32"], strict=True)
             found["ratios"][f"{name}: {way} against loop, float32"] = statistics.median(
                 a / b for a, b in pairs
             )
     if root is not None:
-        found["accuracy"] = {
-            name: {
-                way: _accuracies(root, experiment, bf16)
-                for way, bf16 in (("float32", False), ("bfloat16", True))
-            }
-            for name, experiment in (("X", "x_tac"), ("II", "ii_tac"))
-        }
+        found["accuracy"] = _accuracies(root, batch_size, stride, epochs)
     return found
 
 
@@ -65,8 +68,8 @@ def _speed(segments: str | None, batch_size: int, rounds: int) -> dict[str, list
     sides = {}
     for way, (fused, bf16) in WAYS.items():
         model = copy.deepcopy(first)
-        options = {"fused": True} if fused else {"foreach": False}
-        sides[way] = (model, torch.optim.Adam(model.parameters(), **options), bf16)
+        optimizer = torch.optim.Adam(model.parameters(), **_options(fused))
+        sides[way] = (model, optimizer, bf16)
     speed: dict[str, list[float]] = {way: [] for way in sides}
     for round_ in range(rounds + 1):
         for way, (model, optimizer, bf16) in sides.items():
@@ -85,19 +88,52 @@ def _speed(segments: str | None, batch_size: int, rounds: int) -> dict[str, list
     return speed
 
 
-def _accuracies(root: Path, experiment: str, bf16: bool) -> list[float]:
-    config = expand_template("p2_table2")[experiment]
-    dataset = AllegroUSkin(root, task="object", split=None, stride=50)
-    protocol = Protocol("trial", val=0.1, test=0.3, stratify="group")
-    out = []
-    for seed in range(_SEEDS):
-        train, _, test = protocol.split(dataset, seed)
-        data = TactileDataModule(
-            dataset[train], dataset[test], split="frame", val=0.0, transform=ZScore(per="channel")
-        )
-        settings = {"accelerator": "cpu", "precision": "bf16-mixed" if bf16 else "32-true"}
-        section = {**config["model"], "num_classes": dataset.num_classes}
-        classifier = fit_classifier(section, data, seed, settings, 30)
-        said = collect_predictions(classifier, data.test_dataloader())
-        out.append(classification_metrics(said.probability, said.y)["accuracy"])
-    return out
+def _accuracies(root: Path, batch_size: int, stride: int, epochs: int) -> dict[str, Any]:
+    # Of the same splits, weights at the start and batches in each way.
+    dataset = AllegroUSkin(
+        root, task="object", split=None, phases=_PHASES, stride=stride, tare="hover"
+    )
+    protocol = Protocol("trial", test=0.3, stratify="group")
+    accuracy: dict[str, dict[str, list[float]]] = {}
+    num_train = 0
+    for name, experiment in (("X", "x_tac"), ("II", "ii_tac")):
+        model = expand_template("p2_table2")[experiment]["model"]
+        accuracy[name] = {way: [] for way in WAYS}
+        for seed in range(SEEDS):
+            train, _, test = protocol.split(dataset, seed)
+            num_train = len(train)
+            for way, (fused, bf16) in WAYS.items():
+                data = TactileDataModule(
+                    dataset[train],
+                    dataset[test],
+                    split="frame",
+                    val=0.0,
+                    transform=ZScore(per="channel"),
+                    batch_size=batch_size,
+                )
+                settings = {"accelerator": "cpu", "precision": "bf16-mixed" if bf16 else "32-true"}
+                section = {
+                    **model,
+                    "num_classes": dataset.num_classes,
+                    "optimizer": {
+                        "class_path": "torch.optim.Adam",
+                        "init_args": {"lr": 0.001, **_options(fused)},
+                    },
+                }
+                classifier = fit_classifier(section, data, seed, settings, epochs)
+                said = collect_predictions(classifier, data.test_dataloader())
+                found = classification_metrics(said.probability, said.y)["accuracy"]
+                accuracy[name][way].append(found)
+                logging.info("%s, seed %d, %s: %.3f", name, seed, way, found)
+    return {
+        "num_trials": len(dataset.column("trial").unique()),
+        "num_train": num_train,
+        "num_test": len(dataset) - num_train,
+        "stride": stride,
+        "epochs": epochs,
+        "models": accuracy,
+    }
+
+
+def _options(fused: bool) -> dict[str, bool]:
+    return {"fused": True} if fused else {"foreach": False}

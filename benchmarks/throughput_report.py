@@ -14,7 +14,45 @@ _TARGETS = {
 }
 
 
-def lines_of(found: dict[str, Any]) -> list[str]:
+def page_lines(found: dict[str, Any], where: str) -> list[str]:
+    r"""Returns the page.
+
+    Args:
+        found (dict): What was measured, by part.
+        where (str): Machine and versions of the parts that do not say otherwise.
+    """
+    others = {name: part["where"] for name, part in found.items() if part["where"] != where}
+    kept = [
+        f"From an earlier run ({other}): {', '.join(n for n in others if others[n] == other)}."
+        for other in dict.fromkeys(others.values())
+    ]
+    return [
+        "# Throughput",
+        "",
+        f"Random readings in the form of the hand (384 taxels, 1401 edges); {where}. The other "
+        "side is the same model in plain PyG, measured in turn in the same run. Written by "
+        "`benchmarks/throughput.py`.",
+        *(line for text in kept for line in ("", text)),
+        "",
+        *_lines_of(found),
+    ]
+
+
+def merged(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
+    r"""Returns what was measured now, and before what was not measured now.
+
+    Args:
+        kept (dict): What was measured before, by part.
+        found (dict): What was measured now.
+    """
+    out = {**kept, **found}
+    precision, before = out.get("precision"), kept.get("precision", {})
+    if precision is not None and "accuracy" in before:  # takes long, and no quiet machine
+        precision.setdefault("accuracy", before["accuracy"])
+    return out
+
+
+def _lines_of(found: dict[str, Any]) -> list[str]:
     lines = []
     if "train" in found:
         train = found["train"]
@@ -80,10 +118,11 @@ def lines_of(found: dict[str, Any]) -> list[str]:
 
 def _precision_lines(found: dict[str, Any]) -> list[str]:
     lines = [
-        "## Optimizer and precision",
+        f"## Optimizer and precision, batch {found['batch_size']}, {found['threads']} thread(s)",
         "",
-        "Ours, with Adam of PyTorch tensor by tensor, fused, and under autocast to bfloat16 (the "
-        "fully connected part; graph convolutions stay in full precision).",
+        "Ours, with Adam of PyTorch tensor by tensor (*loop*), fused, and under autocast to "
+        "bfloat16 (the fully connected part; graph convolutions stay in full precision). Load "
+        f"average of the machine before: {found['load']:.1f}.",
         "",
         "| model | optimizer, precision | frames/s (median) | min | max |",
         "|---|---|---|---|---|",
@@ -93,21 +132,33 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
             cells = " | ".join(f"{value[key]:.0f}" for key in ("median", "min", "max"))
             lines.append(f"| {model} | {way} | {cells} |")
     if "accuracy" in found:
-        lines += [
-            "",
-            "Accuracy of objects by trial (70 % to train, 30 % of the trials to test), 30 epochs, "
-            "mean ± standard deviation over seeds 0 to 4, in %:",
-            "",
-            "| model | float32 | bfloat16 |",
-            "|---|---|---|",
-        ]
-        for model, ways in found["accuracy"].items():
-            cells = " | ".join(
-                f"{100 * statistics.fmean(v):.1f} ± {100 * statistics.stdev(v):.1f}"
-                for v in ways.values()
-            )
-            lines.append(f"| {model} | {cells} |")
+        lines += _accuracy_lines(found["accuracy"])
     return [*lines, ""]
+
+
+def _accuracy_lines(found: dict[str, Any]) -> list[str]:
+    seeds = len(next(iter(found["models"]["X"].values())))
+    lines = [
+        "",
+        f"Accuracy of objects by trial in %, on {found['num_trials']} simulated trials of eight "
+        f"objects, every {found['stride']}th frame of squeeze, lift and hold, tared by hover, one "
+        f"scale for a channel: {found['num_train']} frames to train and {found['num_test']} of "
+        f"other trials to test, {found['epochs']} epochs, seeds 0 to {seeds - 1} (of splits, "
+        "weights and batches). Mean ± standard deviation; difference to the first way on the same "
+        "seed, with its standard error.",
+        "",
+        "| model | optimizer, precision | accuracy | difference |",
+        "|---|---|---|---|",
+    ]
+    for model, ways in found["models"].items():
+        first = next(iter(ways.values()))
+        for way, values in ways.items():
+            cell = f"{100 * statistics.fmean(values):.1f} ± {100 * statistics.stdev(values):.1f}"
+            apart = [100 * (a - b) for a, b in zip(values, first, strict=True)]
+            error = statistics.stdev(apart) / len(apart) ** 0.5
+            rest = "" if values is first else f"{statistics.fmean(apart):+.1f} ± {error:.1f}"
+            lines.append(f"| {model} | {way} | {cell} | {rest} |")
+    return lines
 
 
 def describe_machine() -> str:

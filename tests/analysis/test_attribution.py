@@ -6,7 +6,7 @@ from torch_geometric.explain import Explainer, GNNExplainer
 
 from torch_geometric_tactile.analysis import IntegratedGradients, patch_occlusion, taxel_attribution
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models import GraspGCN
+from torch_geometric_tactile.nn.models import GraspGCN, TactileFNN, TactileGCN
 
 EDGES = torch.tensor([[0, 1, 2, 3], [1, 2, 3, 0]])
 GENERATOR = torch.Generator().manual_seed(0)
@@ -125,6 +125,17 @@ def test_linear_model_occluded_by_zero_equals_its_attribution():
     score = taxel_attribution(model, static, 2, per_sample=True)
     drop = patch_occlusion(model, static, 2, SEGMENT, reference=torch.zeros(4, 2), per_sample=True)
     torch.testing.assert_close(score.view(3, 2, 2).sum(dim=-1), drop)
+
+
+@pytest.mark.parametrize("algorithm", [None, GNNExplainer(epochs=2)])
+def test_model_without_a_graph_needs_no_edges(algorithm):
+    model = TactileFNN(4, 3, channels={"tactile": 2}, widths=(6,), pools=(2,))
+    static = StaticData(x=X)
+    for batch in (static, static.to_batch()):
+        assert taxel_attribution(model, batch, 0, algorithm=algorithm).abs().sum() > 0
+        assert patch_occlusion(model, batch, 0, SEGMENT).abs().sum() > 0
+    with pytest.raises(ValueError, match="'batch' must have 'edge_index', which the model takes"):
+        taxel_attribution(TactileGCN(4, 3, channels={"tactile": 2}), static, 0)
 
 
 def test_bad_input_is_named():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,8 +7,8 @@ from torch.nn import Linear, Module
 from torch_geometric.transforms import BaseTransform, Compose, Distance
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.data import Recording, StaticData, apply_transform
-from torch_geometric_tactile.nn import TactileGCN
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.nn import TactileGCN, TaxelNet
 from torch_geometric_tactile.predictor import preparation
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 from torch_geometric_tactile.transforms import (
@@ -323,6 +325,24 @@ def test_bad_input_is_named():
 
     with pytest.raises(ValueError, match=r"the model needs 'edge_attr' .*GeometricEdgeAttr"):
         Predictor(Needs(), LAYOUT)(readings(4, 1))
+
+
+def test_model_that_needs_edges_gets_none():
+    with pytest.raises(ValueError, match=r"needs 'edge_index' \(got none\): give 'adjacency', or"):
+        Predictor(TactileGCN(4, 2, channels={"tactile": 1}), LAYOUT)(readings(4, 1))
+
+
+def test_model_and_data_without_edges(tmp_path):
+    x = readings(20, 4, 1)
+    dataset = StaticDataset.from_arrays(x, layout=replace(LAYOUT, adjacency={}))
+    transform = ZScore().fit(dataset.data)
+    model = TaxelNet(LAYOUT, 2, in_channels=1).eval()
+    predictor = Predictor.from_dataset(model, dataset, transform)
+    predictor.save(tmp_path / "a.predictor")
+    expected = model(transform(dataset.data).x).softmax(-1)
+    for found in (predictor, Predictor.load(tmp_path / "a.predictor")):
+        assert found.preparation.shared.edge_index is None
+        torch.testing.assert_close(found(x), expected)
 
 
 def test_repr():

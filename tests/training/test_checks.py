@@ -6,7 +6,20 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import lightning as L
 import torch
+from torch_geometric.nn import GCNConv
 
+from torch_geometric_tactile.nn import (
+    MTCNN,
+    MTGCN,
+    GraspGCN,
+    HandCNN,
+    PosedTaxelNet,
+    SmallCNN,
+    TactileFNN,
+    TactileGCN,
+    TaxelNet,
+)
+from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.training.checks import check_data, check_labels
 
@@ -107,6 +120,78 @@ def test_missing_attribute_is_found_before_training(labelled):
     dataset = changed(labelled("multiclass"), joint=None)
     with pytest.raises(ValueError, match=r"the model needs 'joint' .*: take a data set with joint"):
         fit(TactileModule(Linear()), TactileDataModule(dataset))
+
+
+def without_edges(labelled):
+    return changed(labelled("multiclass"), edge_index=None, edge_attr=None)
+
+
+EDGE_MODELS = {
+    "GraspGCN": lambda: GraspGCN(4, 3, in_channels=2, num_fingers=1),
+    "TactileGCN": lambda: TactileGCN(4, 3, channels={"tactile": 2}),
+    "MTGCN": lambda: MTGCN(4, 3, inputs=("tactile",), channels={"tactile": 2}),
+}
+
+
+@pytest.mark.parametrize("name", EDGE_MODELS)
+def test_missing_edges_are_found_before_training(name, labelled):
+    match = r"the model needs 'edge_index' \(the batch has \['joint', .*\): .*KNNGraph.*adjacency"
+    with pytest.raises(ValueError, match=match):
+        fit(TactileModule(EDGE_MODELS[name]()), TactileDataModule(without_edges(labelled)))
+
+
+def test_missing_edges_of_a_model_that_does_not_declare_them(labelled):
+    class Pyg(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.conv = GCNConv(2, 3)
+
+        def forward(self, x, edge_index):
+            return self.conv(x, edge_index).mean(dim=-2)
+
+    match = r"cannot be run without 'edge_index' \(\w+: .*\): .*KNNGraph\(k=2\), or .* adjacency"
+    with pytest.raises(ValueError, match=match):
+        fit(TactileModule(Pyg()), TactileDataModule(without_edges(labelled)))
+    fit(TactileModule(Pyg()), TactileDataModule(labelled("multiclass")))
+
+
+def test_error_of_a_model_with_edges_stays_as_it_is(labelled):
+    class Broken(Linear):
+        def forward(self, x, edge_index, joint):
+            raise KeyError("broken")
+
+    with pytest.raises(KeyError, match="broken"):
+        fit(TactileModule(Broken()), TactileDataModule(labelled("multiclass")))
+
+
+PLAIN_MODELS = {
+    "own": Linear,
+    "TaxelNet": lambda: TaxelNet(grid(2, 2, pitch=0.01), 3, in_channels=2),
+    "PosedTaxelNet": lambda: PosedTaxelNet(grid(2, 2, pitch=0.01), 3, in_channels=2, posed=False),
+    "SmallCNN": lambda: SmallCNN(grid(2, 2, pitch=0.01), 3, in_channels=2),
+    "TactileFNN": lambda: TactileFNN(4, 3, channels={"tactile": 2}, widths=(4,), pools=(2,)),
+    "HandCNN": lambda: HandCNN(grid(2, 2, pitch=0.01), 3, channels={"tactile": 2}),
+    "MTCNN": lambda: MTCNN(grid(2, 2, pitch=0.01), 3, inputs=("tactile",), channels={"tactile": 2}),
+    "MTGCN of own edges": lambda: MTGCN(
+        4,
+        3,
+        inputs=("tactile",),
+        channels={"tactile": 2},
+        threads={"tactile": {"adjacency": [[0, 1], [1, 0]]}},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLAIN_MODELS)
+def test_model_without_edges_is_trained_on_data_without(name, labelled):
+    module = TactileModule(PLAIN_MODELS[name]())
+    data = TactileDataModule(without_edges(labelled), val=0.2, test=0.2)
+    trainer = fit(module, data)
+    assert trainer.global_step > 0
+    (metrics,) = trainer.test(module, datamodule=data, verbose=False)
+    assert 0 <= metrics["test/accuracy"] <= 1
+    (probabilities,) = trainer.predict(module, datamodule=data)
+    assert probabilities.shape == (12, 3)
 
 
 def test_one_look_without_gradients_that_leaves_all_as_it_was(labelled):

@@ -187,3 +187,22 @@ def test_seed_gives_the_weights_that_it_gave_before(config):
     expected = getattr(models, model)(**init_args)
     for found, value in zip(weights, expected.parameters(), strict=True):
         assert torch.equal(found, value)
+
+
+def test_model_without_edges_from_fit_to_predict(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    plain = {"class_path": FAKE["class_path"], "init_args": {"num_samples": 60}}
+    section = {**CONFIG["data"], "dataset": plain, "test_dataset": plain}
+    trainer = {key: value for key, value in CONFIG["trainer"].items() if key != "logger"}
+    model = {"model": {"class_path": "torch_geometric_tactile.nn.models.TaxelNet"}}
+    own = {"model": model, "data": section, "trainer": trainer}
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
+    assert main(["fit", "--config", "own.yaml"]) == 0
+    checkpoint = "runs/own/version_0/checkpoints/last.ckpt"
+    assert main(["test", "--config", "own.yaml", "--ckpt_path", checkpoint]) == 0
+    assert main(["predict", checkpoint]) == 0
+    assert len((tmp_path / "predictions.csv").read_text().splitlines()) == 61
+    capsys.readouterr()
+    gcn = "torch_geometric_tactile.nn.models.TactileGCN"
+    assert main(["fit", "--config", "own.yaml", "--model.model", gcn]) != 0
+    assert "the model needs 'edge_index'" in capsys.readouterr().err

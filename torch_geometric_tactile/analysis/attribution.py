@@ -145,7 +145,7 @@ def taxel_attribution(
     )
     x = samples.x.detach()
     # PyG's masks have two dimensions, so the samples are joined in the first.
-    mask = explainer(x.reshape(-1, x.size(-1)), batch.edge_index).node_mask
+    mask = explainer(x.reshape(-1, x.size(-1)), samples.edge_index).node_mask
     score = mask.detach().view(samples.num_samples, samples.num_nodes, -1).sum(dim=-1)
     return score if per_sample else score.mean(dim=0)
 
@@ -199,11 +199,11 @@ def patch_occlusion(
     training = samples.training
     samples.eval()
     with torch.no_grad():
-        logit = samples(x, batch.edge_index)
+        logit = samples(x, samples.edge_index)
         drops = []
         for i in range(int(segment.max()) + 1):
             hidden = torch.where((segment == i).view(-1, 1), reference.to(x), x.view(shape))
-            drops.append(logit - samples(hidden, batch.edge_index))
+            drops.append(logit - samples(hidden, samples.edge_index))
     samples.train(training)
     drop = torch.stack(drops, dim=1)
     return drop if per_sample else drop.mean(dim=0)
@@ -215,12 +215,17 @@ class _Samples(Module):
     def __init__(self, model: Module, batch: Data, target: int | Tensor) -> None:
         super().__init__()
         names = tuple(getattr(model, "modalities", ()))
-        missing = [name for name in ("x", "edge_index", *names) if batch.get(name) is None]
+        edges = ("edge_index",) if getattr(model, "needs_edges", False) else ()
+        missing = [name for name in ("x", *edges, *names) if batch.get(name) is None]
         if missing:
             raise ValueError(f"'batch' must have '{missing[0]}', which the model takes (got none)")
         self.model = model
         self.training = model.training  # or the explainer would leave the model in training mode
         self.x = batch.x
+        # PyG's explainers ask for edges, even if a model has no graph and is given none.
+        self.has_edges = batch.edge_index is not None
+        none = torch.zeros(2, 0, dtype=torch.long, device=batch.x.device)
+        self.edge_index: Tensor = batch.edge_index if self.has_edges else none
         if isinstance(batch, StaticData):
             self.num_samples = batch.num_samples
         else:
@@ -238,7 +243,8 @@ class _Samples(Module):
         self.target = target.expand(self.num_samples)
 
     def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
-        logits = self.model(x.view(self.x.shape), edge_index, **self.inputs)
+        edges = edge_index if self.has_edges else None
+        logits = self.model(x.view(self.x.shape), edges, **self.inputs)
         if int(self.target.min()) < 0 or int(self.target.max()) >= logits.size(-1):
             raise ValueError(
                 f"'target' must be between 0 and {logits.size(-1) - 1} "

@@ -315,10 +315,12 @@ class Predictor:
         if self.model.training:
             self.model.eval()
         inputs = {name: getattr(data, name, None) for name in self._names}
-        for name, value in inputs.items():
-            if value is None:
-                source = _SOURCES.get(name, "add a transform that sets it")
-                raise ValueError(f"the model needs '{name}' (got none): {source}")
+        lacking = [name for name, value in inputs.items() if value is None]
+        if data.edge_index is None and getattr(self.model, "needs_edges", False):
+            lacking.insert(0, "edge_index")
+        if lacking:
+            source = _SOURCES.get(lacking[0], "add a transform that sets it")
+            raise ValueError(f"the model needs '{lacking[0]}' (got none): {source}")
         out: Tensor = self.model(data.x, data.edge_index, **inputs)
         return out
 

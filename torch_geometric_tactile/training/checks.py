@@ -13,6 +13,11 @@ from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.finite import check_part
 from torch_geometric_tactile.training.metrics import Task
 
+# What gives a sample edges.
+EDGE_SOURCE = (
+    "give the data set pre_transform=KNNGraph(k=2), or the edges of an adjacency of its layout"
+)
+
 
 def num_outputs(data: TactileDataModule, task: Task) -> int:
     r"""Returns the number of classes, labels or targets of the data; 0 if it has none.
@@ -159,7 +164,9 @@ def _check_outputs(module: Any, batch: StaticData) -> None:
     module.eval()
     try:
         with torch.no_grad(), kept_rng():
-            out = module(batch.to(module.device))
+            batch = batch.to(module.device)
+            module.inputs(batch)  # which tells itself what is missing
+            out = _run(module, batch)
     finally:
         for part, training in modes:  # some may be frozen
             part.training = training
@@ -171,3 +178,16 @@ def _check_outputs(module: Any, batch: StaticData) -> None:
             f"each {kind} (got {tuple(out.shape)}); set its 'out_channels', or leave it out of the "
             "configuration to take it from the data"
         )
+
+
+def _run(module: Any, batch: StaticData) -> Tensor:
+    try:
+        out: Tensor = module(batch)
+    except Exception as error:
+        if batch.edge_index is not None:
+            raise
+        raise ValueError(
+            f"the model cannot be run without 'edge_index' ({type(error).__name__}: {error}): "
+            f"{EDGE_SOURCE}"
+        ) from error
+    return out

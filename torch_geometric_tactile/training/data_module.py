@@ -60,8 +60,7 @@ class TactileDataModule(L.LightningDataModule):
     Raises:
         ValueError: If :obj:`split` is unknown, a part of :obj:`dataset` is asked for although
             :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
-            layouts, :obj:`train_transform` has parts that must be fitted, or the samples have no
-            edges.
+            layouts, or :obj:`train_transform` has parts that must be fitted.
     """
 
     def __init__(
@@ -191,11 +190,6 @@ class TactileDataModule(L.LightningDataModule):
         if self._parts:
             return
         parts = self._split()
-        if len(parts["train"]) and parts["train"].batch([0]).edge_index is None:
-            raise ValueError(
-                "'dataset' must have edges (got none); give it, for example, "
-                "pre_transform=KNNGraph(k=2)"
-            )
         fit_parts(self.transform, parts["train"], before=parts["train"].transform)
         self._parts = parts
         self._adapt()

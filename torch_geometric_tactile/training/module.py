@@ -13,7 +13,7 @@ from torchmetrics.classification import MulticlassAccuracy, MultilabelExactMatch
 
 from torch_geometric_tactile.training.checkpoint import INSTANTIATOR
 from torch_geometric_tactile.training.checkpointed_module import CheckpointedModule
-from torch_geometric_tactile.training.checks import check_data, num_outputs
+from torch_geometric_tactile.training.checks import EDGE_SOURCE, check_data, num_outputs
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.finite import BatchCheck
 from torch_geometric_tactile.training.losses import (
@@ -34,6 +34,7 @@ from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
+    "edge_index": EDGE_SOURCE,
     "edge_attr": "add GeometricEdgeAttr() to the transform",
     "absolute": "add AbsoluteMorphology() to the transform",
     "pos": "add TaxelPose() to the transform",
@@ -61,7 +62,8 @@ class TactileModule(CheckpointedModule):
     Args:
         model (torch.nn.Module): Called as :obj:`model(x, edge_index)`, and with the attributes of
             the batch that its attribute :obj:`modalities` names, if it has one, by keyword; returns
-            logits or numbers :math:`(B, C)`.
+            logits or numbers :math:`(B, C)`. For data without edges, :obj:`edge_index` is
+            :obj:`None`, which a model refuses that has a true attribute :obj:`needs_edges`.
         optimizer (callable): Makes an optimizer of parameters.
         lr_scheduler (callable, optional): Makes a scheduler of an optimizer, stepped every epoch.
         num_classes (int, optional): Number of classes, labels or targets :math:`C`. If left out,
@@ -173,15 +175,28 @@ class TactileModule(CheckpointedModule):
 
     def forward(self, batch: Data) -> Tensor:
         r"""Returns the logits of a batch, or its predicted numbers :math:`(B, C)`."""
-        needed = getattr(self.model, "modalities", ())
-        modalities = {name: getattr(batch, name, None) for name in needed}
-        for name, value in modalities.items():
-            if value is None:
-                there = sorted(key for key, other in batch.to_dict().items() if other is not None)
-                source = _SOURCES.get(name, "add a transform that sets it")
-                raise ValueError(f"the model needs '{name}' (the batch has {there}): {source}")
-        logits: Tensor = self.model(batch.x, batch.edge_index, **modalities)
+        logits: Tensor = self.model(batch.x, batch.edge_index, **self.inputs(batch))
         return logits
+
+    def inputs(self, batch: Data) -> dict[str, Any]:
+        r"""Returns the attributes of a batch that the model takes by keyword.
+
+        Args:
+            batch (Data): The batch.
+
+        Raises:
+            ValueError: If one of them is missing, or the edges of a model that needs some.
+        """
+        needed = getattr(self.model, "modalities", ())
+        inputs = {name: getattr(batch, name, None) for name in needed}
+        lacking = [name for name, value in inputs.items() if value is None]
+        if batch.edge_index is None and getattr(self.model, "needs_edges", False):
+            lacking.insert(0, "edge_index")
+        if lacking:
+            there = sorted(key for key, other in batch.to_dict().items() if other is not None)
+            source = _SOURCES.get(lacking[0], "add a transform that sets it")
+            raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
+        return inputs
 
     def probability(self, logits: Tensor) -> Tensor:
         r"""Returns the probabilities of the classes or of each label :math:`(B, C)`; the numbers of

@@ -64,6 +64,8 @@ class GraspGCN(Module, TactileHubMixin):
         torch.Size([5, 2])
     """
 
+    needs_edges = True
+
     def __init__(
         self,
         layout: LayoutLike = 24,

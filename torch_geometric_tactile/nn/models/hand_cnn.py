@@ -56,6 +56,8 @@ class HandCNN(TactileModel):
         2688
     """
 
+    needs_edges = False
+
     def __init__(
         self,
         layout: LayoutLike = "allegro_uskin",

@@ -47,6 +47,8 @@ class MTCNN(TactileModel):
         5376
     """
 
+    needs_edges = False
+
     def __init__(
         self,
         layout: LayoutLike = "allegro_uskin",

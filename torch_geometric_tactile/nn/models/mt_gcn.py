@@ -94,6 +94,8 @@ class MTGCN(TactileModel):
             layout, out_channels, inputs=inputs, num_joints=num_joints, channels=channels
         )
         self.add_encoder(encoder, num_edges)
+        own_edges = [own.get("adjacency") is not None for own in settings.values()]
+        self.needs_edges = "edge" in self.inputs or not all(own_edges)
         self.threads, width = ModuleDict(), 0
         for name, own in settings.items():
             thread = GCNThread(self.channels[name], own["widths"], own["pools"], fast=fast)

@@ -44,6 +44,8 @@ class TactileFNN(TactileModel):
         1152
     """
 
+    needs_edges = False
+
     def __init__(
         self,
         layout: LayoutLike = "allegro_uskin",

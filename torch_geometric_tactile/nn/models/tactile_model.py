@@ -32,7 +32,8 @@ class TactileModel(Module, TactileHubMixin):
     encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
     origin) and :obj:`"position"` (:obj:`pos`).
 
-    A subclass calls :meth:`add_head` and defines :meth:`extract`.
+    A subclass calls :meth:`add_head` and defines :meth:`extract`. Its attribute
+    :obj:`needs_edges` is :obj:`False` if it has no graph, so that data without edges will do.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
@@ -48,6 +49,8 @@ class TactileModel(Module, TactileHubMixin):
     Raises:
         ValueError: If an input is unknown or there is none, or a size is below one.
     """
+
+    needs_edges: bool = True
 
     def __init__(
         self,
