@@ -111,7 +111,8 @@ def test_sector_conv_equals_rgcn_conv():
 @pytest.mark.parametrize("block_bytes", [0, 1, 2**12, 2**19])
 def test_sector_conv_gradients(block_bytes, monkeypatch):
     monkeypatch.setattr(sector_product, "_BLOCK_BYTES", block_bytes)
-    monkeypatch.setattr(sector_product, "_COPY_BYTES", 0 if block_bytes else 2**22)
+    for name in ("_COPY_BYTES", "_COPY_BYTES_OF_FEW"):
+        monkeypatch.setattr(sector_product, name, 0 if block_bytes else 2**22)
     fast, slow = (conv(dtype=torch.double, fast=fast) for fast in (True, False))
     x = samples(9, 24, 3, dtype=torch.double)
     for ours, theirs in zip(

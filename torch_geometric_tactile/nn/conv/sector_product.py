@@ -21,8 +21,11 @@ from torch_geometric_tactile.nn.conv.static_adjacency import KeptTensor, may_be_
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**19
-# Up to this size, all neighbours are copied at once: fewer and larger products.
+# Up to this size, all neighbours are copied at once: fewer and larger products. Readings of a few
+# channels make products so small that it pays far longer.
 _COPY_BYTES = 2**22
+_COPY_BYTES_OF_FEW = 2**25
+_FEW_CHANNELS = 4
 # From this number of samples on, the layout of this module pays.
 _MIN_SAMPLES = 8
 # Several batch sizes and widths.
@@ -220,7 +223,8 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
     with torch.autocast(x.device.type, enabled=False):  # in full precision
         if table.image is not None:
             return table.image.product(x, weight, bias)
-        if table.near is not None and len(table.near) * x[:, 0].nbytes <= _COPY_BYTES:
+        most = _COPY_BYTES_OF_FEW if x.size(2) <= _FEW_CHANNELS else _COPY_BYTES
+        if table.near is not None and len(table.near) * x[:, 0].nbytes <= most:
             rows = F.pad(x, (0, 0, 0, 1)).index_select(1, table.near)
             rows = rows.view(*x.shape[:2], weight.size(0) * x.size(2))
             return F.linear(rows, weight.flatten(0, 1).t(), bias)
