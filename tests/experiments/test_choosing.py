@@ -6,13 +6,16 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import numpy as np
+import torch
 from compared import GIVEN, SCALED, SVM, experiment, touches
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
+from torch_geometric_tactile.experiments import choosing
 from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.choosing import TargetScale
 from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run import run_experiment
 from torch_geometric_tactile.experiments.worker import run_here
 
@@ -59,6 +62,31 @@ def test_network_gives_the_same_numbers_again(tmp_path):
     assert result["num_parameters"] == 12 * 8 + 8 + 8 * 3 + 3
     again = run_experiment(Experiment.from_dict(json.loads(json.dumps(one.to_dict()))))
     assert told(again) == told(result)
+
+
+def test_networks_are_averaged(tmp_path, monkeypatch):
+    touches(tmp_path / "a.npz")
+    seeds, said = [], []
+    fit, collect = choosing.fit_classifier, choosing.collect_predictions
+
+    def watched(model, data, seed, *rest):
+        seeds.append(seed)
+        return fit(model, data, seed, *rest)
+
+    def collected(*arguments):
+        said.append(collect(*arguments))
+        return said[-1]
+
+    monkeypatch.setattr(choosing, "fit_classifier", watched)
+    monkeypatch.setattr(choosing, "collect_predictions", collected)
+    one = experiment(tmp_path / "a.npz", FNN, epochs=2)
+    result = run_experiment(replace(one, choice=Choice(members=3), seed=1))
+    assert seeds == [1, 1001, 2001]
+    mean = sum(part.probability for part in said) / 3
+    found = Judgement.from_dict(result["predictions"]).prediction
+    assert found.tolist() == mean.argmax(dim=1).tolist()
+    assert not torch.equal(said[0].probability, said[1].probability)
+    assert result["num_parameters"] == 3 * (12 * 8 + 8 + 8 * 3 + 3)
 
 
 @pytest.mark.parametrize("model", [FOREST, FNN], ids=["forest", "fnn"])
@@ -155,6 +183,7 @@ def test_choice_is_part_of_the_identity(tmp_path):
     [
         ({"metric": "f1"}, r"'metric' must be one of \['accuracy'"),
         ({"settings": ()}, "'settings' must hold at least one setting"),
+        ({"members": 0}, r"'members' must be at least 1 \(got 0\)"),
     ],
 )
 def test_wrong_choice_is_refused(arguments, match):

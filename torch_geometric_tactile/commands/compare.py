@@ -111,6 +111,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--epochs", metavar="N", type=positive, help="epochs of a network (default: 15 to 60)"
     )
     parser.add_argument(
+        "--members",
+        metavar="N",
+        type=positive,
+        default=3,
+        help="networks of a kind that are averaged (default: 3)",
+    )
+    parser.add_argument(
         "--stride", metavar="N", type=positive, help="every N-th frame of a folder of recordings"
     )
     parser.add_argument(
@@ -153,6 +160,7 @@ def run(arguments: argparse.Namespace) -> int:
         seeds=arguments.seeds,
         metric=arguments.metric,
         epochs=arguments.epochs,
+        members=arguments.members,
         tare=None if arguments.rest is None else {"key": "trial", "first": arguments.rest},
         accelerator=arguments.accelerator,
         threads=arguments.threads,

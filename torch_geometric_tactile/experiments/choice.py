@@ -19,19 +19,24 @@ class Choice:
             left out.
         metric (str): What is compared on the validation part: :obj:`"accuracy"`,
             :obj:`"balanced_accuracy"`, or :obj:`"mae"` of numbers.
+        members (int): How many networks are trained on the whole training part, which differ in
+            their seeds; probabilities (or numbers) are averaged. Estimators are fitted once.
 
     Raises:
-        ValueError: If the metric is unknown, or there is no setting.
+        ValueError: If the metric is unknown, there is no setting, or :obj:`members` is below one.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
     metric: str = "accuracy"
+    members: int = 1
 
     def __post_init__(self) -> None:
         if self.metric not in METRICS:
             raise ValueError(f"'metric' must be one of {list(METRICS)} (got '{self.metric}')")
         if not self.settings:
             raise ValueError("'settings' must hold at least one setting (got none)")
+        if self.members < 1:
+            raise ValueError(f"'members' must be at least 1 (got {self.members})")
 
     @property
     def of_numbers(self) -> bool:

@@ -3,7 +3,7 @@ r"""Experiments that choose settings on a validation part, and look at the test 
 import copy
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from torch_geometric_tactile.training.predictions import Predictions, collect_pr
 from torch_geometric_tactile.transforms import KNNGraph, fit_transform
 
 _NEIGHBOURS = 6
+_NEXT_SEED = 1000  # of the next network, beyond the seeds of experiments
 
 
 class Scored(NamedTuple):
@@ -190,37 +191,34 @@ def _fit_network(
     if not numbers:
         section.setdefault("num_classes", experiment.data.load().num_classes)
     settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
-    start = time.perf_counter()
-    classifier = fit_classifier(
-        section,
-        data,
-        experiment.seed,
-        {**settings, **experiment.trainer},
-        experiment.epochs,
-        OneCycle(),
-    )
-    seconds = time.perf_counter() - start
-    said = collect_predictions(classifier, data.test_dataloader())
-    return Fitted(
-        _predicted(said, scale),
-        _score(experiment, said, scale) if is_scored else None,
-        sum(weight.numel() for weight in classifier.model.parameters()),
-        seconds,
-    )
+    settings |= experiment.trainer
+    members = 1 if is_scored else experiment.choice.members
+    said, seconds, size = [], 0.0, 0
+    for member in range(members):
+        start = time.perf_counter()
+        seed = experiment.seed + _NEXT_SEED * member
+        classifier = fit_classifier(section, data, seed, settings, experiment.epochs, OneCycle())
+        seconds += time.perf_counter() - start
+        size += sum(weight.numel() for weight in classifier.model.parameters())
+        said.append(collect_predictions(classifier, data.test_dataloader()))
+    score = _score(experiment, said[0], scale) if is_scored else None
+    return Fitted(_predicted(said, scale), score, size, seconds)
 
 
 def _score(experiment: Experiment, said: Predictions, scale: "TargetScale | None") -> Scored:
-    prediction = _predicted(said, scale)
+    prediction = _predicted([said], scale)
     if scale is not None:
         return Scored(_value(experiment, scale.back(said.y).numpy(), prediction))
     loss = float(F.cross_entropy(said.logits, said.y))
     return Scored(_value(experiment, said.y.numpy(), prediction), loss)
 
 
-def _predicted(said: Predictions, scale: "TargetScale | None") -> np.ndarray:
+def _predicted(said: Sequence[Predictions], scale: "TargetScale | None") -> np.ndarray:
+    # What several networks say on average.
     if scale is None:
-        return said.probability.argmax(dim=-1).numpy()
-    return scale.back(said.logits.view(said.y.shape)).numpy()
+        return torch.stack([one.probability for one in said]).mean(dim=0).argmax(dim=-1).numpy()
+    logits = torch.stack([one.logits for one in said]).mean(dim=0)
+    return scale.back(logits.view(said[0].y.shape)).numpy()
 
 
 def _value(experiment: Experiment, y: np.ndarray, prediction: np.ndarray) -> float:

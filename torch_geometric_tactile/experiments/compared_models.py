@@ -31,6 +31,7 @@ class Task:
         epochs (int, optional): Epochs of a network; by the number of samples if left out.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, if
             the samples have readings at rest.
+        members (int): How many networks are averaged: see :class:`Choice`.
     """
 
     layout: TaxelLayout
@@ -39,6 +40,7 @@ class Task:
     posed: bool = False
     epochs: int | None = None
     tare: dict[str, Any] | None = None
+    members: int = 1
 
     @classmethod
     def of(cls, dataset: StaticDataset, metric: str, part: float, **more: Any) -> "Task":
@@ -70,7 +72,7 @@ class Task:
         Args:
             settings (sequence of dict): The settings that are tried.
         """
-        return Choice(settings, self.metric)
+        return Choice(settings, self.metric, self.members)
 
     def transform(
         self, *, scaled: bool, posed: bool = False, filled: bool = True

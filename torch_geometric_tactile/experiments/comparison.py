@@ -49,6 +49,8 @@ class ComparisonSettings:
             classes, if left out), :obj:`"balanced_accuracy"` (then rare classes also weigh as much
             in training), or :obj:`"mae"` (of numbers).
         epochs (int, optional): Epochs of a network; by the number of samples if left out.
+        members (int): How many networks of a kind are trained on each training part; what they say
+            is averaged.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
             as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
@@ -64,6 +66,7 @@ class ComparisonSettings:
     seeds: int = 1
     metric: str | None = None
     epochs: int | None = None
+    members: int = 3
     tare: Mapping[str, Any] | None = None
     accelerator: str = "cpu"
     threads: int = 1
@@ -77,6 +80,8 @@ class ComparisonSettings:
             raise ValueError(
                 f"'metric' must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')"
             )
+        if self.members < 1:
+            raise ValueError(f"'members' must be at least 1 (got {self.members})")
         self.of_plan()
 
     def of_plan(self) -> Settings:
@@ -222,7 +227,9 @@ def comparison_plan(
     protocol = _protocol(dataset, by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
     tare = None if settings.tare is None else dict(settings.tare)
-    task = Task.of(dataset, metric, part, epochs=settings.epochs, tare=tare)
+    task = Task.of(
+        dataset, metric, part, epochs=settings.epochs, tare=tare, members=settings.members
+    )
     models = chosen_models(settings.models, task)
     table = Table(
         name=name,

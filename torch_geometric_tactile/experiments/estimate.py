@@ -52,7 +52,8 @@ def _of_run(experiment: Experiment) -> float:
     few = _some(parts.fit, _PROBE)
     tried = len(experiment.choice.settings)
     tried = tried if tried > 1 else 0  # there is nothing to choose of one
-    trainings = tried * len(parts.fit) + len(parts.train)
+    finals = 1 if experiment.is_estimator else experiment.choice.members
+    trainings = tried * len(parts.fit) + finals * len(parts.train)
     try:
         if experiment.is_estimator:
             return _of_estimator(experiment, model, parts, few, trainings)
@@ -61,7 +62,7 @@ def _of_run(experiment: Experiment) -> float:
     except ValueError:  # the run tells
         return 0.0
     epoch = max(0.0, more - once) / _EPOCHS
-    start = max(0.0, once - epoch) * (tried + 1)
+    start = max(0.0, once - epoch) * (tried + finals)
     return start + epoch / len(few) * experiment.epochs * trainings
 
 
