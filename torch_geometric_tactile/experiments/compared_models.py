@@ -206,13 +206,14 @@ _RADIAL = [
 ]
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
+_LESS_DROPOUT = [{}, {"model": {"init_args": {"dropout": 0.3}}}]
 
 MODELS: tuple[ComparedModel, ...] = (
     ComparedModel(
         "taxel_net",
         "TaxelNet, the default graph model",
         True,
-        lambda task: _network(task, "TaxelNet", _DROPOUT),
+        lambda task: _network(task, "TaxelNet", _LESS_DROPOUT),
     ),
     ComparedModel(
         "posed_taxel_net",

@@ -5,7 +5,7 @@ from torch_geometric_tactile.nn.models.training_recipe import training_recipe
 
 @pytest.mark.parametrize(
     ("num_samples", "batch_size", "max_epochs"),
-    [(1, 16, 60), (191, 16, 60), (600, 50, 60), (3200, 64, 30), (4000, 64, 24), (10**6, 64, 15)],
+    [(1, 16, 60), (191, 16, 60), (600, 25, 60), (3200, 64, 30), (4000, 64, 24), (10**6, 64, 15)],
 )
 def test_training_recipe(num_samples, batch_size, max_epochs):
     recipe = training_recipe(num_samples)

@@ -100,7 +100,7 @@ class TaxelNet(Module, TactileHubMixin):
         head: Literal["flat", "mean", "max", "all"] = "all",
         hidden_channels: int = 64,
         direct_channels: Optional[int] = None,
-        dropout: float = 0.3,
+        dropout: float = 0.5,
         max_taxels: int = 64,
         num_joints: int = 0,
         fast: bool = True,

@@ -24,7 +24,7 @@ class TrainingRecipe(NamedTuple):
     max_epochs: int
     lr: float = 4e-3
     weight_decay: float = 0.03
-    label_smoothing: float = 0.05
+    label_smoothing: float = 0.1
 
 
 def training_recipe(num_samples: int) -> TrainingRecipe:
@@ -32,7 +32,7 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
     :class:`~torch_geometric_tactile.nn.models.PosedTaxelNet` on so many samples. It is the recipe
     of :obj:`benchmarks/default_model.py`, chosen on validation parts.
 
-    A batch has a twelfth of the samples, within limits; training has about 1,500 steps, but at
+    A batch has a twenty-fourth of the samples, within limits; training has about 1,500 steps, but at
     least 15 and at most 60 epochs. The rate falls to zero, so that the last weights are taken and
     nothing has to be kept back to stop early.
 
@@ -50,7 +50,7 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
     if num_samples < 1:
         raise ValueError(f"'num_samples' must be at least 1 (got {num_samples})")
     least, most = _BATCHES
-    batch_size = min(most, max(least, num_samples // 12))
+    batch_size = min(most, max(least, num_samples // 24))
     fewest, longest = _EPOCHS
     epochs = math.ceil(_STEPS * batch_size / num_samples)
     return TrainingRecipe(batch_size, min(longest, max(fewest, epochs)))
