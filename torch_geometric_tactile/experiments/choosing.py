@@ -22,7 +22,7 @@ from torch_geometric_tactile.experiments.estimators import (
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
-from torch_geometric_tactile.experiments.fitting import fit_classifier, warm_up
+from torch_geometric_tactile.experiments.fitting import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.experiments.held_out import Parts, choice_parts, column_of
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.scores import prediction_scores
@@ -195,10 +195,11 @@ def _fit_network(
     members = 1 if is_scored else experiment.choice.members
     said, seconds, size = [], 0.0, 0
     for member in range(members):
-        start = time.perf_counter()
-        seed = experiment.seed + _NEXT_SEED * member
-        classifier = fit_classifier(section, data, seed, settings, experiment.epochs, OneCycle())
-        seconds += time.perf_counter() - start
+        clock, seed = Clock(), experiment.seed + _NEXT_SEED * member
+        classifier = fit_classifier(
+            section, data, seed, settings, experiment.epochs, OneCycle(), clock
+        )
+        seconds += clock.seconds
         size += sum(weight.numel() for weight in classifier.model.parameters())
         said.append(collect_predictions(classifier, data.test_dataloader()))
     score = _score(experiment, said[0], scale) if is_scored else None
