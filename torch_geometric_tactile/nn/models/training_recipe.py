@@ -32,9 +32,9 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
     :class:`~torch_geometric_tactile.nn.models.PosedTaxelNet` on so many samples. It is the recipe
     of :obj:`benchmarks/default_model.py`, chosen on validation parts.
 
-    A batch has a twenty-fourth of the samples, within limits; training has about 1,500 steps, but at
-    least 15 and at most 60 epochs. The rate falls to zero, so that the last weights are taken and
-    nothing has to be kept back to stop early.
+    A batch has a twenty-fourth of the samples, within limits; training has about 1,500 steps, but
+    at least 15 and at most 60 epochs. The rate falls to zero, so that the last weights are taken
+    and nothing has to be kept back to stop early.
 
     Args:
         num_samples (int): Number of samples to train on.
