@@ -1,13 +1,14 @@
-r"""Small experiments beside the tables of the two papers: what becomes of a configuration with other
-scaling, another encoder of edge features, weight decay, fewer trials, or shapes to tell apart.
+r"""Small experiments beside the tables of the two papers: what becomes of a configuration with
+other scaling, another encoder of edge features, weight decay, fewer trials, or shapes as classes.
 
 Nothing here is a result on a real hand. Choices (scaling, batches) are made on validation trials;
 the other questions look at the test trials, once each.
 
 Examples:
-    tactile simulate --out data/paper8 --objects paper8 --trials 50 --spread wide --preset ci --seed 1
-    tactile simulate --out data/shapes --objects shapes --num-objects 40 --trials 15 --spread wide
-    python benchmarks/hand_questions.py --paper8 data/paper8 --shapes data/shapes --out answers.jsonl
+    tactile simulate --out paper8 --trials 50 --spread wide --seconds 5 --preset ci --seed 1
+    tactile simulate --out shapes --objects shapes --num-objects 60 --trials 10 --spread wide \\
+      --seconds 5 --preset ci
+    python benchmarks/hand_questions.py --paper8 paper8 --shapes shapes --out answers.jsonl
 """
 
 import argparse
@@ -242,8 +243,8 @@ def parse(argv: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> int:
-    arguments, torch_threads = parse(argv), 1
-    torch.set_num_threads(torch_threads)
+    arguments = parse(argv)
+    torch.set_num_threads(1)
     out = Path(arguments.out)
     lines = out.read_text("utf-8").splitlines() if out.is_file() else []
     known = {item["key"]: item for item in map(json.loads, lines)}
