@@ -6,7 +6,7 @@ the other questions look at the test trials, once each.
 
 Examples:
     tactile simulate --out paper8 --trials 50 --spread wide --seconds 5 --preset ci --seed 1
-    tactile simulate --out shapes --objects shapes --num-objects 60 --trials 10 --spread wide \\
+    tactile simulate --out shapes --objects shapes --num-objects 40 --trials 15 --spread wide \\
       --seconds 5 --preset ci
     python benchmarks/hand_questions.py --paper8 paper8 --shapes shapes --out answers.jsonl
 """
