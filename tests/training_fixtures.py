@@ -64,19 +64,19 @@ OBJECTS = ("mayonnaise", "purse", "sponge")
 
 @pytest.fixture(scope="session")
 def grasps(tmp_path_factory):
-    """A folder of four trials each of three objects: eight frames, in which some taxels tell the
-    object."""
+    """A folder of four trials each of three objects: eight frames, in the second half of which
+    some taxels tell the object."""
     root = tmp_path_factory.mktemp("grasps")
     draw = np.random.default_rng(0)
     for i, name in enumerate(OBJECTS):
         for number in range(4):
             tactile = draw.normal(1000.0, 5.0, (8, 384, 3))
-            tactile[:, 40 * i : 40 * i + 40] += 50.0
+            tactile[4:, 40 * i : 40 * i + 40] += 50.0
             recording = Recording(
                 time=np.arange(8) / 100,
                 tactile=tactile,
                 joint=draw.normal(0.5, 0.1, (8, 16)),
-                meta={"unit": "count", "synthetic": True, "phase_names": ["reach", "hold"]},
+                meta={"unit": "count", "synthetic": True, "phase_names": ["hover", "hold"]},
                 privileged={"phase": np.arange(8) // 4},
             )
             write_recording(recording, root / "raw" / f"{name}_{number:03d}.npz")

@@ -65,7 +65,11 @@ def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path
             ["--only", "mt_*"],
             "'only' must fit the name of an experiment of p2-table2: x_tac, x_pos",
         ),
-        (["--phases", "fly"], "'phases' must be some of ['reach', 'hold']"),
+        (["--phases", "fly"], "'phases' must be some of ['hover', 'hold']"),
+        (
+            ["--tare", "fly"],
+            "'tare' must be seconds, or a phase of the recordings: ['hover', 'hold']",
+        ),
         (["--protocols", "object"], "'protocols' must be some of ['by trial', 'by frame']"),
         (["--root", "nowhere"], "simulate some: tactile simulate --out 'nowhere'"),
         (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
@@ -74,6 +78,31 @@ def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path
 def test_wrong_arguments_are_explained(command, capsys, flags, message):
     assert command(*flags) == 1
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ([], "their mean in the phase hover is subtracted."),
+        (["--tare", "0.02"], "their mean in its first 0.02 s is subtracted."),
+        (["--tare", "none"], None),
+    ],
+)
+def test_rest_readings_are_those_of_the_table_or_chosen(command, tmp_path, flags, said):
+    assert command("--split-by", "trial", "--only", "ii_tac", *flags) == 0
+    page = (tmp_path / "p2-table2.md").read_text()
+    assert (
+        ("subtracted" not in page)
+        if said is None
+        else (f" From the readings of each trial {said}" in page)
+    )
+
+
+@pytest.mark.parametrize("tare", ["0", "-1", "nan", "inf"])
+def test_rest_of_no_length_is_refused(tare, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        build_parser().parse_args(["table", "p1-table2", f"--tare={tare}"])
+    assert "must be a phase, 'none', or seconds above 0" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_wrong_settings(settings, message):
     ("arguments", "message"),
     [
         ({"table": "p1-table9"}, r"'name' must be one of .*got 'p1-table9'"),
-        ({"selection": {"phases": ["fly"]}}, r"'phases' must be some of \['reach', 'hold'\]"),
+        ({"selection": {"phases": ["fly"]}}, r"'phases' must be some of \['hover', 'hold'\]"),
         ({"selection": {"stride": -1}}, r"'stride' must be at least 1 \(got -1\)"),
         ({"data": {"palm": 3}}, "'palm' must be an argument of AllegroUSkin: root, task"),
         (

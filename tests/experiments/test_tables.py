@@ -44,6 +44,7 @@ def test_data_and_fractions_are_those_of_the_configurations(name):
         assert settings["class_path"] == table.data.class_path
         arguments = settings["init_args"]
         assert arguments["task"] == table.data.arguments["task"]
+        assert arguments["tare"] == table.data.arguments["tare"]
         assert arguments["adjacency"] == cell.data.get("adjacency", "original")
         for entry in table.protocols:
             _, val, test = arguments["fractions"]

@@ -14,7 +14,7 @@ def test_process_measures_is_used_again_and_says_what_failed(of_grasps):
     assert run_in_process(experiment)["predictions"] == first["predictions"]
     wrong = of_grasps(selection={"phases": ["fly"]}, measure_memory=True)
     error = run_safely(wrong)["error"]
-    assert "'phases' must be some of ['reach', 'hold']" in error
+    assert "'phases' must be some of ['hover', 'hold']" in error
     assert run_in_process(experiment)["metrics"] == first["metrics"]
     close_process()
     close_process()
@@ -24,7 +24,7 @@ def test_nothing_is_started_where_no_memory_is_measured(of_grasps, monkeypatch):
     monkeypatch.setattr(worker, "run_in_process", None)
     assert run_safely(of_grasps())["num_test"] == 24
     error = run_safely(of_grasps(selection={"phases": ["fly"]}))["error"]
-    assert error.startswith("ValueError: 'phases' must be some of ['reach', 'hold']")
+    assert error.startswith("ValueError: 'phases' must be some of ['hover', 'hold']")
 
 
 def test_killed_process_is_explained(of_grasps, monkeypatch):

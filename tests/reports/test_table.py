@@ -126,8 +126,9 @@ def test_caption_tells_what_the_numbers_are(objects):
         "objects `paper8`, seed 1, 17 s at 100 Hz, MuJoCo 3",
         "Seeds 0 to 1 of split and training",
         "60 % to train, 10 % unused (for validation), 30 % to test, once, after 3 epochs",
-        "Adam, learning rate 0.001, batches of 128",
+        "Adam, learning rate 0.001, batches of 32",
         "Every 20th frame: 7,000 in all; 600 to train and 300 to test by trial;",
+        ". From the readings of each trial their mean in the phase hover is subtracted.",
         "Hardware: a machine, 2 cores.",
         "**68 of 72 runs are missing**",
     ):
@@ -141,6 +142,7 @@ def test_property_table_counts_labels_two_ways():
     page = markdown(run("p1-table2", entries, split_by=("trial",), seeds=1))
     rows = rows_of(page, "Accuracy in %, without joint angles")
     gcn = next(i for i, row in enumerate(rows) if row[0] == "GCN")
+    assert "batches of 32 or 128" in page  # fewer steps of the FNNs
     assert rows[gcn][2] == "79.47"
     assert rows[gcn + 1][1:4] == ["simulated, by trial: all labels right", "25.0", NOTHING]
     assert rows[gcn + 2][1:4] == ["simulated, by trial: mean of the labels", "50.0", NOTHING]

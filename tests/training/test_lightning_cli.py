@@ -110,7 +110,7 @@ def test_configuration_without_its_data_is_printed_without_sizes(capsys):
         main(["fit", "--config", "p1_table2/gcn_te", "--print_config"])
     printed = capsys.readouterr()
     assert "sizes of the model are not filled in" in printed.err
-    assert yaml.safe_load(printed.out)["data"]["batch_size"] == 128
+    assert yaml.safe_load(printed.out)["data"]["batch_size"] == 32
 
 
 def test_arguments_are_sorted_by_section():

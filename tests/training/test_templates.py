@@ -108,6 +108,18 @@ def _parts(config):
     return config["data"]["transform"]["init_args"]["transforms"]
 
 
+@pytest.mark.parametrize(("template", "name"), NAMES)
+def test_touch_is_tared_and_has_one_scale_for_all_taxels(template, name):
+    config = expand_template(template)[name]
+    for key in ("dataset", "val_dataset", "test_dataset"):
+        assert config["data"][key]["init_args"]["tare"] == "hover"
+    scales = [part.get("init_args", {}) for part in _parts(config) if "ZScore" in str(part)]
+    per = {scale.get("attr", "x"): scale.get("per", "taxel") for scale in scales}
+    assert per.pop("x", "channel") == "channel"
+    assert per.pop("joint", "taxel") == "taxel"  # each joint has a range of its own
+    assert set(per) <= {"edge_attr", "absolute", "pos"}
+
+
 @pytest.mark.parametrize(
     ("name", "edges"), [("sparse", 1000), ("slanted", 1184), ("original", 1401), ("dense", 2488)]
 )

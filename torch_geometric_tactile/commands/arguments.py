@@ -52,6 +52,26 @@ def seconds(text: str) -> float:
     return number
 
 
+def rest(text: str) -> str | float | None:
+    r"""Reads which frames of a trial are at rest: the name of a phase, seconds at its beginning, or
+    :obj:`"none"`.
+
+    Args:
+        text (str): The argument.
+    """
+    if text == "none":
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    if not 0 < number <= 3600:
+        raise argparse.ArgumentTypeError(
+            f"must be a phase, 'none', or seconds above 0 and up to 3600 (got {text[:40]!r})"
+        )
+    return number
+
+
 def add_allow(parser: argparse.ArgumentParser) -> None:
     r"""Adds the option for classes of one's own in the configuration beside a checkpoint.
 

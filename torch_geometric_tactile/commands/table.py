@@ -3,10 +3,11 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import add_workers, few, positive
+from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
 
 # The names in `experiments`, which is too heavy to import for them.
 TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "bts3")
+_OF_TABLE = object()  # what the table says
 _HEADERS = {"accuracy": "accuracy (%)", "spread": "±", "auc": "ROC", "memory": "memory (MB)"}
 
 HELP = "train the models of a table, and write it beside the published numbers"
@@ -33,6 +34,8 @@ examples:
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
                                                          only some models; the table has the rest
                                                          where it was trained before
+  tactile table p1-table2 --root mine --tare 0.5         recordings without a phase 'hover', at rest
+                                                         in the first half second of each trial
   tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
 Each run (a model, a seed, a protocol) is a file in DIR/runs when it is finished. The same command
@@ -87,6 +90,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PHASE",
         nargs="+",
         help="use only frames in these phases of the grasp, such as: squeeze lift hold",
+    )
+    parser.add_argument(
+        "--tare",
+        metavar="REST",
+        type=rest,
+        default=_OF_TABLE,
+        help="the frames at rest of each trial, whose mean is subtracted from its readings: a "
+        "phase, seconds at the beginning of a trial, or none (default: the table's; those of the "
+        "papers: hover)",
     )
     parser.add_argument(
         "--protocols",
@@ -146,11 +158,14 @@ def run(arguments: argparse.Namespace) -> int:
         accelerator=arguments.accelerator,
         threads=arguments.threads,
     )
+    data = {} if arguments.root is None else {"root": arguments.root}
+    if arguments.tare is not _OF_TABLE:
+        data["tare"] = arguments.tare
     chosen = {"stride": arguments.stride, "phases": arguments.phases}
     plan = make_plan(
         table,
         settings,
-        data={} if arguments.root is None else {"root": arguments.root},
+        data=data,
         selection={name: value for name, value in chosen.items() if value is not None},
     )
     try:

@@ -80,10 +80,11 @@ def _training(plan: Plan) -> str:
         return "after the training (nothing was chosen by the test part)."
     epochs = " or ".join(map(str, sorted({e.epochs for e in networks})))
     adam, rate = _optimizer(networks[0].model.get("optimizer"))
+    sizes = " or ".join(map(str, sorted({e.batch_size for e in networks})))
     learning = "" if rate is None else f", learning rate {rate:g}"
     return (
         f"after {epochs} epoch{'' if epochs == '1' else 's'} ({adam}{learning}, batches of "
-        f"{networks[0].batch_size}; nothing was chosen by the test part)."
+        f"{sizes}; nothing was chosen by the test part)."
     )
 
 
@@ -113,8 +114,15 @@ def _samples(run: PlanRun) -> str:
     return (
         f"{every}{of_phases}: {facts.num_samples:,} in all"
         + "".join(f"; {text}" for text in counts)
-        + "."
+        + f".{_rest(run.plan.data.arguments.get('tare'))}"
     )
+
+
+def _rest(tare: float | str | None) -> str:
+    if tare is None:
+        return ""
+    rest = f"in the phase {tare}" if isinstance(tare, str) else f"in its first {tare:g} s"
+    return f" From the readings of each trial their mean {rest} is subtracted."
 
 
 def _capital(text: str) -> str:
