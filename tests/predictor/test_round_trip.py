@@ -132,6 +132,7 @@ OURS = {
         lambda: transforms.ZScore(),
         lambda: transforms.ZScore(attr="joint"),
         lambda: transforms.ZScore(per="channel"),
+        lambda: transforms.ZScore(scale_per="channel"),
     ],
 }
 PYG = {
