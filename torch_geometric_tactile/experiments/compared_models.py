@@ -80,8 +80,8 @@ class Task:
         r"""Returns what every batch goes through, as plain data.
 
         Args:
-            scaled (bool): Whether each taxel is centred and each channel scaled; what is posed keeps
-                its directions.
+            scaled (bool): Whether taxels are centred and channels scaled; what is posed keeps its
+                directions.
             posed (bool): Whether taxels are placed by joint angles.
             filled (bool): Whether missing readings become zero.
         """
