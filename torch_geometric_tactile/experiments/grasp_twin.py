@@ -1,5 +1,7 @@
 r"""The network of the demo without its graph."""
 
+import torch
+
 from torch_geometric_tactile.nn.models import TaxelNet
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
@@ -39,6 +41,6 @@ class TaxelNetWithoutEdges(TaxelNet):
         depth: int = 2,
     ) -> None:
         super().__init__(layout, out_channels, in_channels=in_channels, depth=depth)
-        for level in self.levels:
-            level.edge_index = level.edge_index[:, :0].clone()
-            level.sector = level.sector[:0].clone()
+        for level in self.levels:  # as TaxelLevel has them
+            level.register_buffer("edge_index", torch.zeros(2, 0, dtype=torch.long), False)
+            level.register_buffer("sector", torch.zeros(0, dtype=torch.long), False)
