@@ -26,6 +26,7 @@ from torch_geometric_tactile.experiments.grasp_numbers import (
     grasp_summary,
 )
 from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.files import atomic_path
@@ -84,7 +85,7 @@ def write_grasp_report(
     records = list(grasp_records(judgements, run))
     summary = grasp_summary(records)
     edges = grasp_differences(judgements, _READINGS, _MAIN, _TWIN)
-    pictures = _pictures(train, judgements, summary, out)
+    pictures = _pictures(train, judgements, _means(summary, plan), out)
     cell = next(cell for cell in plan.table.cells if cell.experiment == MAIN)
     metrics = Judgement.from_dict(main["predictions"]).metrics()
     content = {
@@ -219,10 +220,25 @@ _ROC = (
 )
 
 
+def _means(summary: _Summary, plan: Plan) -> dict[str, dict[str, dict[str, tuple[float, float]]]]:
+    # Without palm poses, to fit beside one another.
+    return {
+        model: {
+            entry.name: {
+                readings: (scores["accuracy"].mean, scores["accuracy"].spread)
+                for readings, scores in protocols[entry.name].items()
+            }
+            for entry in plan.protocols
+        }
+        for model, protocols in summary.items()
+        if model != _CHANCE
+    }
+
+
 def _pictures(
     train: StaticDataset,
     judgements: dict[Judged, Judgement],
-    summary: _Summary,
+    means: dict[str, dict[str, dict[str, tuple[float, float]]]],
     out: Path,
 ) -> list[ReportPicture]:
     judged = judgements[Judged(_MAIN, _UNSEEN, _READINGS, 0)]
@@ -232,17 +248,6 @@ def _pictures(
         false, true, _ = roc_curve(of.y, of.positive_score)
         name = f"{model}, {'raw' if readings == 'raw' else 'common mode'}"
         curves[name] = (false, true, float(roc_auc_score(of.y, of.positive_score)))
-    means = {
-        model: {
-            protocol: {
-                readings: (scores["accuracy"].mean, scores["accuracy"].spread)
-                for readings, scores in cells.items()
-            }
-            for protocol, cells in protocols.items()
-        }
-        for model, protocols in summary.items()
-        if model != _CHANCE
-    }
     grasps, place = _example_grasps(train)
     figures = {
         "protocols": (

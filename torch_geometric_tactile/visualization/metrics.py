@@ -166,7 +166,7 @@ def plot_roc(
         rates[name] = rate
     labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
     labels.append("chance (AUC 0.500)")
-    figure = new_figure(4.9 + 0.075 * max(len(label) for label in labels), 4.6)
+    figure = new_figure(5.3 + 0.078 * max(len(label) for label in labels), 4.6)
     ax = figure.add_subplot()
     palette = _COLORS if bold is None else _COLORS[:-1]
     handles = []
