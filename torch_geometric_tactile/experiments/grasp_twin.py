@@ -17,6 +17,7 @@ class TaxelNetWithoutEdges(TaxelNet):
         out_channels (int): Number of labels or classes :math:`C`.
         in_channels (int): Features of each taxel :math:`F`.
         depth (int): Blocks of each level.
+        taxel_dropout (float): Part of the taxels that read nothing in training.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
@@ -39,8 +40,15 @@ class TaxelNetWithoutEdges(TaxelNet):
         *,
         in_channels: int = 3,
         depth: int = 2,
+        taxel_dropout: float = 0.2,
     ) -> None:
-        super().__init__(layout, out_channels, in_channels=in_channels, depth=depth)
+        super().__init__(
+            layout,
+            out_channels,
+            in_channels=in_channels,
+            depth=depth,
+            taxel_dropout=taxel_dropout,
+        )
         for level in self.levels:  # as TaxelLevel has them
             level.register_buffer("edge_index", torch.zeros(2, 0, dtype=torch.long), False)
             level.register_buffer("sector", torch.zeros(0, dtype=torch.long), False)
