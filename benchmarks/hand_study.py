@@ -43,8 +43,8 @@ from torch_geometric_tactile.transforms import TaxelPose
 DEAD = (15, 30, 45, 60)  # percent
 FEWER = (60, 150, 300)
 _FIRST = ("flat_forest", "fnn", "posed_forest", "taxel_net", "posed")
-_SHAPE = (*_FIRST, "open", "taxel_net_joint", "fnn_touch", "flat_forest_touch")
-_WIDTH = ("posed", "open", "fnn", "flat_forest", "posed_forest", "posed_ridge", "taxel_net_joint")
+_SHAPE = (*_FIRST, "open", "fnn_touch", "flat_forest_touch")
+_WIDTH = ("posed", "open", "fnn", "flat_forest", "posed_forest", "posed_ridge")
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ def all_runs() -> Iterator[Run]:
     for fold in (3, 4):
         yield from (Run("width", "trial", fold, name) for name in _WIDTH)
     yield from (Run("width", "size", 0, name) for name in _WIDTH)
+    for fold in range(3):
+        yield from (Run(task, "trial", fold, "taxel_net_joint") for task in ("shape", "width"))
 
 
 @dataclass

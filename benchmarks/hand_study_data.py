@@ -45,8 +45,6 @@ def read(root: str, stride: int, hand: str = "allegro_uskin") -> Frames:
         root, "shape", None, layout=layout, phases=TOUCH, stride=stride, tare="hover"
     )
     found = dataset.batch(range(len(dataset)))
-    assert dataset.transform is not None
-    found = dataset.transform(found)
     data = StaticData(x=found.x.float(), **{key: found[key] for key in _KEPT})
     data = TaxelPose(layout, tangent=True)(data)
     names = np.asarray(dataset.trial_names)[found.trial.numpy()]

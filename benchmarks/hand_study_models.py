@@ -23,12 +23,11 @@ _FNN = {"widths": (256, 64), "pools": (1, 1)}
 
 @dataclass
 class Network:
-    """A network by the recipe of the package; only what is given here differs."""
+    """A network, trained by the recipe of the package."""
 
     make: Callable[..., nn.Module]
     options: dict[str, Any] = field(default_factory=dict)
     scaled: bool = True
-    lr: float | None = None
     any_layout: bool = False
 
     def fit(self, data: StaticData, y: Tensor, layout: TaxelLayout, task: str, seed: int) -> None:
@@ -42,13 +41,12 @@ class Network:
         inputs, target = self.inputs(data), (y - self.centre) / self.scale
         recipe = training_recipe(len(y))
         steps = len(y) // recipe.batch_size
-        lr = recipe.lr if self.lr is None else self.lr
         weights = self.model.parameters()
         optimizer = torch.optim.AdamW(
-            weights, lr, weight_decay=recipe.weight_decay, fused=True
+            weights, recipe.lr, weight_decay=recipe.weight_decay, fused=True
         )
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimizer, lr, recipe.max_epochs * steps, cycle_momentum=False
+            optimizer, recipe.lr, recipe.max_epochs * steps, cycle_momentum=False
         )
         for _ in range(recipe.max_epochs):
             for rows in torch.randperm(len(y)).split(recipe.batch_size)[:steps]:
@@ -135,8 +133,8 @@ def make(name: str) -> Any:
         "flat_forest_touch": lambda: Forest("flat"),
         "posed_forest": lambda: Forest("posed"),
         "posed_ridge": lambda: Forest("ridge"),
-        "fnn": lambda: Network(TactileFNN, {**_FNN, **joints}, lr=1e-3),
-        "fnn_touch": lambda: Network(TactileFNN, _FNN, lr=1e-3),
+        "fnn": lambda: Network(TactileFNN, {**_FNN, **joints}),
+        "fnn_touch": lambda: Network(TactileFNN, _FNN),
         "taxel_net": lambda: Network(TaxelNet),
         "taxel_net_joint": lambda: Network(TaxelNet, joints),
         "posed": lambda: Network(PosedTaxelNet, scaled=False, any_layout=True),
