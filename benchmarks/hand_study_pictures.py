@@ -18,6 +18,7 @@ _COLORS = {
     "posed_ridge": "#e2c878",
 }
 _MARKS = dict(zip(_COLORS, "osDdxX^v*P", strict=True))
+_DARK = ("posed", "taxel_net", "fnn", "flat_forest", "posed_forest")
 _CURVES = ("posed", "open", "taxel_net", "fnn", "flat_forest", "posed_forest")
 
 
@@ -59,7 +60,7 @@ def bars(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: P
                     textcoords="offset points",
                     va="center",
                     fontsize=7,
-                    color="white",
+                    color="white" if by == "trial" and name in _DARK else "black",
                 )
         axes.set_yticks(range(len(shown)), [names[name] for name in shown], fontsize=8)
         axes.invert_yaxis()

@@ -178,8 +178,8 @@ def difference_table(found: dict[str, Any], task: str, digits: int) -> str:
 
 def test_table(tested: dict[str, Any], digits: int) -> str:
     levels = list(next(iter(tested.values()))["dead"])
-    head = ["", *(f"{level} % dead" for level in levels), "other device", "240 taxels: same trials,"
-            " 384 taxels", "240, moved to 384", "240, as they are"]  # fmt: skip
+    dead = [f"{level} % dead" for level in levels]
+    head = ["", *dead, "other device", "trials of the other hand: 384 taxels", "240 taxels"]
 
     def rows() -> Iterator[list[str]]:
         for name in (name for name in TITLES if name in tested):
@@ -189,7 +189,7 @@ def test_table(tested: dict[str, Any], digits: int) -> str:
                 TITLES[name],
                 *(cell(one["dead"][level], digits) for level in levels),
                 cell(one["devices"], digits),
-                *(cell(hand.get(key), digits) for key in ("trained on", "moved", "own")),
+                *(cell(hand.get(key), digits) for key in ("trained on", "moved")),
             ]
 
     return table(head, rows())
