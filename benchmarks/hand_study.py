@@ -80,6 +80,12 @@ def all_runs() -> Iterator[Run]:
     yield from (Run("width", "size", 0, name) for name in _WIDTH)
     for fold in range(3):
         yield from (Run(task, "trial", fold, "taxel_net_joint") for task in ("shape", "width"))
+    # The same augmentation for the others as PosedTaxelNet has.
+    for by, folds in (("trial", 5), ("placement", 3)):
+        for task in ("shape", "width"):
+            yield from (Run(task, by, fold, "fnn_dropped") for fold in range(folds))
+    for by, folds in (("trial", 5), ("placement", 3)):
+        yield from (Run("shape", by, fold, "taxel_net_dropped") for fold in range(folds))
 
 
 @dataclass
@@ -164,6 +170,7 @@ def parse(argv: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--shapes240", required=True, help="folder of trials, 240 taxels")
     parser.add_argument("--runs", required=True, help="a file for each training; goes on")
     parser.add_argument("--only", default="", help="beginning of the names of runs")
+    parser.add_argument("--models", nargs="+", help="only these")
     parser.add_argument("--stride", type=int, default=40, help="use every n-th frame")
     return parser.parse_args(argv)
 
@@ -180,7 +187,8 @@ def main(argv: list[str] | None = None) -> int:
     tests = Tests(frames, devices, other)
     for run in all_runs():
         file = folder / f"{run.key}.json"
-        if file.exists() or not run.key.startswith(arguments.only):
+        wanted = arguments.models is None or run.model in arguments.models
+        if file.exists() or not wanted or not run.key.startswith(arguments.only):
             continue
         found = answer(run, tests)
         with atomic_path(file) as path:

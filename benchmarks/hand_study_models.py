@@ -18,6 +18,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import ZScore
 
 JOINTS = 16
+DROPPED = 0.2
 _FNN = {"widths": (256, 64), "pools": (1, 1)}
 
 
@@ -29,6 +30,7 @@ class Network:
     options: dict[str, Any] = field(default_factory=dict)
     scaled: bool = True
     any_layout: bool = False
+    dropped: float = 0.0  # part of the taxels of each sample that a training step does not see
 
     def fit(self, data: StaticData, y: Tensor, layout: TaxelLayout, task: str, seed: int) -> None:
         self.numbers, self.layout = task != "shape", layout
@@ -51,7 +53,11 @@ class Network:
         for _ in range(recipe.max_epochs):
             for rows in torch.randperm(len(y)).split(recipe.batch_size)[:steps]:
                 optimizer.zero_grad()
-                out = self.model(**{key: value[rows] for key, value in inputs.items()})
+                batch = {key: value[rows] for key, value in inputs.items()}
+                if self.dropped:
+                    seen = torch.rand(batch["x"].shape[:2]) >= self.dropped
+                    batch["x"] = batch["x"] * seen.unsqueeze(-1)
+                out = self.model(**batch)
                 if self.numbers:
                     loss = huber_loss(out[:, 0], target[rows])
                 else:
@@ -140,6 +146,8 @@ def make(name: str) -> Any:
         "fnn_touch": lambda: Network(TactileFNN, _FNN),
         "taxel_net": lambda: Network(TaxelNet),
         "taxel_net_joint": lambda: Network(TaxelNet, joints),
+        "fnn_dropped": lambda: Network(TactileFNN, {**_FNN, **joints}, dropped=DROPPED),
+        "taxel_net_dropped": lambda: Network(TaxelNet, dropped=DROPPED),
         "posed": lambda: Network(PosedTaxelNet, scaled=False, any_layout=True),
         "open": lambda: Network(PosedTaxelNet, {"posed": False}, scaled=False, any_layout=True),
     }

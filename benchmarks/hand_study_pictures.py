@@ -9,17 +9,19 @@ _COLORS = {
     "posed": "#c1272d",
     "open": "#e8a09c",
     "taxel_net": "#1f5fa8",
+    "taxel_net_dropped": "#5b8fd0",
     "taxel_net_joint": "#7fb0e0",
     "fnn": "#3f3f3f",
+    "fnn_dropped": "#6a4c93",
     "fnn_touch": "#8f8f8f",
     "flat_forest": "#2e7d32",
     "flat_forest_touch": "#9ccc9c",
     "posed_forest": "#b8860b",
     "posed_ridge": "#e2c878",
 }
-_MARKS = dict(zip(_COLORS, "osDdxX^v*P", strict=True))
+_MARKS = dict(zip(_COLORS, "osDphdxX^v*P", strict=True))
 _DARK = ("posed", "taxel_net", "fnn", "flat_forest", "posed_forest")
-_CURVES = ("posed", "open", "taxel_net", "fnn", "flat_forest", "posed_forest")
+_CURVES = ("posed", "taxel_net", "fnn", "fnn_dropped", "flat_forest", "posed_forest")
 
 
 def draw(found: dict[str, Any], titles: dict[str, str], folder: Path) -> None:

@@ -32,8 +32,10 @@ TITLES = {
     "posed": "`PosedTaxelNet`",
     "open": "`PosedTaxelNet`, open hand",
     "taxel_net": "`TaxelNet`",
+    "taxel_net_dropped": "`TaxelNet`, taxel dropout",
     "taxel_net_joint": "`TaxelNet` + joints",
     "fnn": "FNN + joints",
+    "fnn_dropped": "FNN + joints, taxel dropout",
     "fnn_touch": "FNN",
     "flat_forest": "flat forest + joints",
     "flat_forest_touch": "flat forest",
@@ -47,19 +49,20 @@ _SPLITS = {
     ("width", "placement"): "unseen placements",
     ("width", "size"): "unseen largest size",
 }
+_PLAIN = ("flat_forest", "flat_forest_touch", "fnn", "fnn_touch", "fnn_dropped", "posed_forest")
 _PAIRS = (
-    *(
-        ("shape", ours, other)
-        for ours in ("taxel_net", "taxel_net_joint", "posed")
-        for other in ("flat_forest", "flat_forest_touch", "fnn", "fnn_touch", "posed_forest")
-    ),
+    *(("shape", "taxel_net", other) for other in _PLAIN),
+    *(("shape", "posed", other) for other in _PLAIN),
     ("shape", "posed", "open"),
+    ("shape", "taxel_net_dropped", "taxel_net"),
+    ("shape", "taxel_net_dropped", "fnn_dropped"),
     ("shape", "taxel_net_joint", "taxel_net"),
+    ("shape", "fnn_dropped", "fnn"),
     ("width", "posed", "open"),
-    *(
-        ("width", "posed", other)
-        for other in ("fnn", "flat_forest", "posed_forest", "posed_ridge", "taxel_net_joint")
-    ),
+    *(("width", "posed", other) for other in _PLAIN if not other.endswith("touch")),
+    ("width", "posed", "posed_ridge"),
+    ("width", "posed", "taxel_net_joint"),
+    ("width", "fnn_dropped", "fnn"),
 )
 
 
