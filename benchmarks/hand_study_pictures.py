@@ -20,7 +20,7 @@ _COLORS = {
     "posed_ridge": "#e2c878",
 }
 _MARKS = dict(zip(_COLORS, "osDphdxX^v*P", strict=True))
-_DARK = ("posed", "taxel_net", "fnn", "flat_forest", "posed_forest")
+_DARK = ("posed", "taxel_net", "fnn", "fnn_dropped", "flat_forest", "posed_forest")
 _CURVES = ("posed", "taxel_net", "fnn", "fnn_dropped", "flat_forest", "posed_forest")
 
 
@@ -35,7 +35,7 @@ def draw(found: dict[str, Any], titles: dict[str, str], folder: Path) -> None:
 
 
 def bars(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: Path) -> None:
-    figure = new_figure(5.2 * len(tasks), 4.4)
+    figure = new_figure(5.2 * len(tasks), 5.6)
     for i, task in enumerate(tasks):
         axes = figure.add_subplot(1, len(tasks), i + 1)
         scores = found["scores"][task]

@@ -145,7 +145,7 @@ def score_table(scores: dict[str, Any], task: str, digits: int) -> str:
 
     def rows() -> Iterator[list[str]]:
         for name in (name for name in TITLES if name in first):
-            cells = [cell(scores[by].get(name), digits) for by in columns]
+            cells = [of_splits(scores[by], name, digits) for by in columns]
             weights = first[name]["weights"]
             yield [
                 TITLES[name],
@@ -157,8 +157,20 @@ def score_table(scores: dict[str, Any], task: str, digits: int) -> str:
     return table(head, rows())
 
 
+def of_splits(models: dict[str, Any], name: str, digits: int) -> str:
+    if name not in models:
+        return ""
+    count = len(models[name]["folds"])
+    few = "" if count == most_splits(models) else f" ({count} splits)"
+    return cell(models[name], digits) + few
+
+
+def most_splits(models: dict[str, Any]) -> int:
+    return max(len(model["folds"]) for model in models.values())
+
+
 def heading(models: dict[str, Any], task: str, by: str) -> str:
-    count = max(len(model["folds"]) for model in models.values())
+    count = most_splits(models)
     return f"{_SPLITS[task, by]}, {count} split{'s' if count > 1 else ''}"
 
 
