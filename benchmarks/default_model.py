@@ -37,6 +37,10 @@ from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 
 _TAXEL_NETS: dict[str, dict[str, Any]] = {
     "taxel_net": {},
+    "drop0": {"taxel_dropout": 0.0},
+    "drop1": {"taxel_dropout": 0.1},
+    "drop2": {"taxel_dropout": 0.2},
+    "drop3": {"taxel_dropout": 0.3},
     "taxel_net_without_direct": {"direct_channels": 0},
     "taxel_net_self": {"conv": "self"},
     "taxel_net_difference": {"conv": "difference"},

@@ -105,6 +105,10 @@ OURS = {
         lambda: transforms.RandomOffset(0.0, [4, 4, 7, 7, 7, 9]),
     ],
     "RandomShift": [lambda: transforms.RandomShift(GRID, 0, 0, value=7.0)],
+    "RandomTimeShift": [
+        lambda: transforms.RandomTimeShift(0),
+        lambda: transforms.RandomTimeShift(0, 1),
+    ],
     "SessionZScore": [
         lambda: transforms.SessionZScore(),
         lambda: transforms.SessionZScore("trial", attr="joint"),
@@ -132,6 +136,7 @@ OURS = {
         lambda: transforms.ZScore(),
         lambda: transforms.ZScore(attr="joint"),
         lambda: transforms.ZScore(per="channel"),
+        lambda: transforms.ZScore(scale_per="channel"),
     ],
 }
 PYG = {

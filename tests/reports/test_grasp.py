@@ -10,6 +10,7 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.experiments.grasp_table import grasp_table
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.reports.grasp import write_grasp_report
 from torch_geometric_tactile.training import TactileClassifier
 
@@ -29,7 +30,7 @@ def test_demo_writes_every_file_whole(report):
     assert {path.name for path in out.iterdir()} == {
         "report.html",
         "metrics.json",
-        "grasp_gcn_df.ckpt",
+        "grasp_common_mode.ckpt",
         "runs",
         *PICTURES,
     }
@@ -52,14 +53,14 @@ def test_demo_page_needs_no_other_file(report):
     assert not re.search(r'(src|href)="(?!data:|#)', page)
 
 
-def test_demo_metrics_cover_models_protocols_scalings_and_seeds(report):
+def test_demo_metrics_cover_models_protocols_readings_and_seeds(report):
     _, content = report
-    keys = {(r["model"], r["protocol"], r["scaling"], r["seed"]) for r in content["results"]}
-    assert len(keys) == len(content["results"]) == 7 * 6 * 2 * 2
+    keys = {(r["model"], r["protocol"], r["readings"], r["seed"]) for r in content["results"]}
+    assert len(keys) == len(content["results"]) == 12 * (4 + 3) * 2
     assert content["data"]["generated"] is True
     assert (content["data"]["train_samples"], content["data"]["test_samples"]) == (2000, 600)
     assert (content["folds"], content["epochs"]) == (2, 1)
-    by_key = {(r["model"], r["protocol"], r["scaling"], r["seed"]): r for r in content["results"]}
+    by_key = {(r["model"], r["protocol"], r["readings"], r["seed"]): r for r in content["results"]}
     assert by_key["SVM", "random folds", "raw", 1]["num_samples"] == 2000  # the folds together
     palms = [f"palm {palm}" for palm in ("down", "side", "45")]
     assert sum(by_key["SVM", palm, "raw", 0]["num_samples"] for palm in palms) == 600
@@ -69,7 +70,7 @@ def test_demo_metrics_cover_models_protocols_scalings_and_seeds(report):
 def test_demo_goes_on_where_it_was_stopped(report, capsys):
     out, content = report
     runs = sorted((out / "runs").iterdir())
-    assert len(runs) == 14 * 2 * (2 + 2 + 1)
+    assert len(runs) == 12 * 2 * (2 + 2 + 2 * 3 + 1)
     before = {path: path.stat().st_mtime_ns for path in runs}
     runs[0].unlink()
     assert main([*SHORT, "--out", str(out)]) == 0
@@ -77,13 +78,15 @@ def test_demo_goes_on_where_it_was_stopped(report, capsys):
     changed = [path for path in runs if path.stat().st_mtime_ns != before[path]]
     assert changed == runs[:1]
     assert json.loads((out / "metrics.json").read_text())["results"] == content["results"]
-    assert "GCN-DF" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "TaxelNet" in text
+    assert "Edges: accuracy of TaxelNet with edges less that without" in text
 
 
 def test_report_of_a_part_is_refused(tmp_path):
     plan = make_plan(grasp_table(generated=True), Settings(seeds=1))
     run = PlanRun(plan, [], 0, {}, len(plan.experiments))
-    with pytest.raises(ValueError, match=r"'run' must be complete \(got 154 runs missing\)"):
+    with pytest.raises(ValueError, match=r"'run' must be complete \(got 312 runs missing\)"):
         write_grasp_report(run, {}, tmp_path, 0.0)
 
 
@@ -92,13 +95,36 @@ def test_demo_keeps_the_model_that_it_judged(report):
     (record,) = (
         r
         for r in content["results"]
-        if (r["model"], r["protocol"], r["scaling"], r["seed"])
-        == ("GCN-DF", "unseen objects", "session", 0)
+        if (r["model"], r["protocol"], r["readings"], r["seed"])
+        == ("TaxelNet", "unseen objects", "common mode, middle + thumb", 0)
     )
     assert content["checkpoint"]["accuracy"] == record["accuracy"]
-    path = out / "grasp_gcn_df.ckpt"
+    path = out / "grasp_common_mode.ckpt"
     classifier = TactileClassifier.load_from_checkpoint(path, weights_only=True)
     assert classifier.layout.name == "biotac_sp"
+    assert isinstance(classifier.model, TaxelNet)
+
+
+def test_demo_says_whether_edges_help(report):
+    out, content = report
+    accuracy = {}
+    for record in content["results"]:
+        if record["readings"] == "common mode, middle + thumb":
+            accuracy.setdefault((record["model"], record["protocol"]), []).append(
+                record["accuracy"]
+            )
+    assert list(content["edges"]) == [
+        "random folds",
+        "leave objects out",
+        "objects and sessions",
+        "unseen objects",
+    ]
+    for protocol, gain in content["edges"].items():
+        with_edges = accuracy["TaxelNet", protocol]
+        without = accuracy["TaxelNet without edges", protocol]
+        assert gain["accuracy"] == pytest.approx((sum(with_edges) - sum(without)) / 2)
+        assert gain["beyond_noise"] == (abs(gain["accuracy"]) > 2 * gain["error"])
+    assert "Beyond the noise, twice the standard error" in (out / "report.html").read_text()
 
 
 def test_demo_refuses_one_fold(tmp_path, capsys):

@@ -2,6 +2,7 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
+from torch_geometric_tactile.experiments.grasp_twin import TaxelNetWithoutEdges
 from torch_geometric_tactile.experiments.tables import load_table
 from torch_geometric_tactile.nn.models import TaxelNet
 from torch_geometric_tactile.training import classifier_from_config
@@ -13,7 +14,10 @@ GCN = [name for name in config_names() if name.startswith("grasp_gcn_")]
 
 def test_names_of_the_models_are_shipped():
     used = {cell.config for cell in load_table("bts3").cells if cell.config is not None}
-    assert used | {"grasp_taxel_net", "grasp_common_mode"} == set(config_names())
+    others = {"grasp_taxel_net", "grasp_gcn_ff"}
+    others |= {f"grasp_gcn_{finger}" for finger in ("index", "middle", "thumb")}
+    assert used | others == set(config_names())
+    assert not used & others
 
 
 def test_taxel_nets_differ_in_their_readings_only():
@@ -27,10 +31,29 @@ def test_taxel_nets_differ_in_their_readings_only():
     assert isinstance(classifier_from_config(raw["model"]).model, TaxelNet)
 
 
+def test_twin_differs_in_its_class_only():
+    net, twin = (load_config(name) for name in ("grasp_common_mode", "grasp_no_edges"))
+    assert net["model"]["model"].pop("class_path").endswith(".TaxelNet")
+    class_path = twin["model"]["model"].pop("class_path")
+    assert class_path == f"{TaxelNetWithoutEdges.__module__}.TaxelNetWithoutEdges"
+    assert twin == net
+
+
+def test_gcn_sees_the_readings_of_the_taxel_net():
+    gcn, net, df = (
+        load_config(name) for name in ("grasp_gcn_common_mode", "grasp_common_mode", "grasp_gcn_df")
+    )
+    assert gcn["data"]["transform"] == net["data"]["transform"]
+    gcn["data"]["transform"] = df["data"]["transform"]
+    assert gcn["model"]["model"]["init_args"].pop("num_fingers") == 2
+    assert gcn == df
+
+
 @pytest.mark.parametrize("name", GCN)
 def test_shipped_configuration_builds_its_model(name):
     model = classifier_from_config(load_config(name)["model"]).model
     expected = {
+        "grasp_gcn_common_mode": ("data", None),
         "grasp_gcn_df": ("data", None),
         "grasp_gcn_ff": ("feature", None),
         "grasp_gcn_index": (None, 0),
@@ -41,7 +64,8 @@ def test_shipped_configuration_builds_its_model(name):
 
 
 def test_shipped_configurations_differ_in_their_model_only():
-    first, *others = (load_config(name) for name in GCN)
+    names = [name for name in GCN if name != "grasp_gcn_common_mode"]
+    first, *others = (load_config(name) for name in names)
     for other in others:
         assert other["data"] == first["data"]
         assert other["trainer"] == first["trainer"]

@@ -15,6 +15,7 @@ from torch_geometric_tactile.transforms import (
     RandomNoise,
     RandomOffset,
     RandomShift,
+    RandomTimeShift,
 )
 
 PAD = grid(3, 4, 0.01)
@@ -35,6 +36,7 @@ def makers():
         lambda **own: RandomMirror(PAD, **own),
         lambda **own: RandomMirror(PAD, along="rows", negate=1, **own),
         lambda **own: RandomShift(PAD, 1, 2, **own),
+        lambda **own: RandomTimeShift(1, **own),
     ]
 
 
@@ -55,6 +57,8 @@ def test_repr():
     assert str(RandomMirror(PAD)) == "RandomMirror('grid_3x4', p=0.5, along='columns')"
     assert str(RandomMirror(PAD, negate=0)).endswith("along='columns', negate=0)")
     assert str(RandomShift(PAD)) == "RandomShift('grid_3x4', rows=1, columns=1, value=0.0)"
+    assert str(RandomTimeShift(3, 7)) == "RandomTimeShift(steps=3, num_frames=7)"
+    assert str(RandomTimeShift()) == "RandomTimeShift(steps=1)"
 
 
 @ALL
@@ -95,7 +99,7 @@ def test_caller_is_not_edited_and_missing_readings_stay(make):
     before = data.x.clone()
     out = seeded(make(), data)
     assert data.x.nan_to_num().equal(before.nan_to_num())
-    if not isinstance(make(), RandomMirror | RandomShift):
+    if not isinstance(make(), RandomMirror | RandomShift | RandomTimeShift):
         assert out.isnan().equal(before.isnan())
 
 
@@ -212,6 +216,29 @@ def test_shift_beyond_the_grid_is_at_rest():
     assert {tuple(row) for row in out.view(-1, 2).tolist()} == {(1, 1), (1, 9), (9, 1), (9, 9)}
 
 
+def test_shifts_in_time_by_hand():
+    """Of two channels, all taxels of a sample alike."""
+    frames = torch.tensor([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
+    data = StaticData(x=torch.stack([frames, -frames]).expand(3000, 2, 6))
+    out = seeded(RandomTimeShift(2, num_frames=3), data)
+    assert out[:, 0].equal(-out[:, 1])
+    kinds, counts = out[:, 0].unique(dim=0, return_counts=True)
+    assert kinds.tolist() == [
+        [1, 1, 1, 10, 10, 10],
+        [1, 1, 2, 10, 10, 20],
+        [1, 2, 3, 10, 20, 30],
+        [2, 3, 3, 20, 30, 30],
+        [3, 3, 3, 30, 30, 30],
+    ]
+    assert (counts / 3000).tolist() == pytest.approx([0.2] * 5, abs=0.03)
+
+
+def test_shifts_in_time_further_than_the_frames_and_of_no_features():
+    out = seeded(RandomTimeShift(50), StaticData(x=torch.tensor([[[1.0, 2.0]]]).expand(500, 1, 2)))
+    assert {tuple(row) for row in out.view(-1, 2).tolist()} == {(1, 1), (1, 2), (2, 2)}
+    assert RandomTimeShift()(Data(x=torch.zeros(3, 0))).x.shape == (3, 0)
+
+
 class Pads(StaticDataset):
     layout = PAD
 
@@ -288,6 +315,9 @@ LOPSIDED = TaxelLayout("hook", torch.eye(3), image_map=[[0, 0], [1, 0], [1, 1]])
         ),
         (lambda: RandomShift(PAD, rows=-1), r"'rows' must be a whole number, 0 to 100 \(got -1\)"),
         (lambda: RandomShift(PAD, columns=1.5), r"'columns' must be a whole .* \(got 1.5\)"),
+        (lambda: RandomTimeShift(-1), r"'steps' must be a whole number, 0 to 100000 \(got -1\)"),
+        (lambda: RandomTimeShift(None), r"'steps' must be a whole number, .* \(got None\)"),
+        (lambda: RandomTimeShift(1, 0), r"'num_frames' must be a whole number, 1 to .* \(got 0\)"),
     ],
 )
 def test_bad_arguments(make, message):
@@ -301,5 +331,7 @@ def test_bad_samples():
             transform(Data(x=torch.zeros(3, 1)))
     with pytest.raises(ValueError, match=r"'negate' must be below 1, the channels \(got 2\)"):
         RandomMirror(PAD, negate=2)(Data(x=torch.zeros(12, 1)))
+    with pytest.raises(ValueError, match=r"a multiple of 2 features, the frames \(got 3\)"):
+        RandomTimeShift(1, num_frames=2)(Data(x=torch.zeros(4, 3)))
     with pytest.raises(ValueError, match=r"RandomNoise needs 'x' \(got none\)"):
         RandomNoise()(Data(pos=PAD.pos))

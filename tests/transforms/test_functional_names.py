@@ -24,6 +24,7 @@ NAMES = {
     "random_noise": ("RandomNoise", ()),
     "random_offset": ("RandomOffset", ()),
     "random_shift": ("RandomShift", (GRID,)),
+    "random_time_shift": ("RandomTimeShift", ()),
     "session_z_score": ("SessionZScore", ()),
     "tare": ("Tare", ()),
     "taxel_force": ("TaxelForce", ()),

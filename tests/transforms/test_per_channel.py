@@ -25,6 +25,7 @@ def both():
 def test_repr_tells_per_if_not_taxel():
     assert str(ZScore(per="taxel")) == "ZScore()"
     assert str(ZScore(per=PER)) == "ZScore(per='channel')"
+    assert str(ZScore(scale_per=PER)) == "ZScore(scale_per='channel')"
     assert str(ZScore("joint", per=PER)) == "ZScore(attr='joint', per='channel')"
     assert str(Normalize(per=PER)) == "Normalize(low=-1.0, high=1.0, per='channel')"
     assert str(SessionZScore(per=PER)) == "SessionZScore('session', per='channel')"
@@ -45,6 +46,36 @@ def test_normalize_of_channels_by_hand():
     found = Normalize(0.0, 1.0, per=PER).fit(StaticData(x=x))(StaticData(x=x)).x
     expected = torch.tensor([[[0.0, 0.0], [0.5, 0.0]], [[1.0, torch.nan], [0.25, 1.0]]])
     torch.testing.assert_close(found, expected, equal_nan=True)
+
+
+def test_a_centre_of_each_taxel_and_one_scale_are_those_of_numpy():
+    data = readings()
+    data.x = data.x + 100 * torch.arange(5.0).view(5, 1)
+    exact = data.x.double().numpy()
+    transform = ZScore(scale_per=PER).fit(data)
+    assert transform.center.shape == transform.scale.shape == (1, 5, 3)
+    expected = (exact - exact.mean(0)) / np.sqrt(exact.var(0).mean(0))
+    found = transform(data).x
+    np.testing.assert_allclose(found.numpy(), expected, atol=1e-4)
+    assert float(found.square().mean()) == pytest.approx(1, abs=1e-4)
+    again = ZScore(scale_per=PER)
+    again.load_state_dict(transform.state_dict())
+    assert torch.equal(again(data).x, found)
+
+
+def test_a_centre_of_each_taxel_and_one_scale_of_joints_and_of_what_never_changes():
+    joint = torch.tensor([[1.0, 10.0], [3.0, 50.0]])
+    data = StaticData(x=torch.full((2, 3, 1), 5.0), joint=joint)
+    found = ZScore("joint", scale_per=PER).fit(data)(data)
+    torch.testing.assert_close(found.joint, torch.tensor([[-1.0, -1.0], [1.0, 1.0]]))
+    assert ZScore(scale_per=PER).fit(data)(data).x.tolist() == [[[0.0]] * 3] * 2
+
+
+def test_scale_per_must_not_be_finer_than_the_centre():
+    for bad in ({"scale_per": "patch"}, {"per": PER, "scale_per": "taxel"}):
+        with pytest.raises(ValueError, match=r"'scale_per' must be 'channel', or 'taxel' if"):
+            ZScore(**bad)
+    assert str(ZScore(per=PER, scale_per=PER)) == "ZScore(per='channel')"
 
 
 def test_taxels_keep_their_differences():

@@ -92,14 +92,35 @@ def test_roc_shows_its_curves_and_areas():
 
 def test_protocols_show_means_and_deviations():
     table = {"SVM": {"folds": {"raw": (0.9, 0.05)}, "test": {"raw": (0.7, float("nan"))}}}
-    ax = plot_protocols(table, chance=0.5).axes[0]
-    (points,) = ax.containers
-    assert points.lines[0].get_ydata() == pytest.approx([0.9, 0.7])
-    (bars,) = points.lines[2]
-    ends = [segment[:, 1].tolist() for segment in bars.get_segments()]
+    figure = plot_protocols(table, chance=0.5)
+    assert [ax.get_title() for ax in figure.axes] == ["folds", "test"]
+    assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["SVM, raw"]
+    ends = []
+    for ax, mean in zip(figure.axes, (0.9, 0.7), strict=True):
+        (points,) = ax.containers
+        assert points.lines[0].get_xydata().tolist() == [[mean, 0]]
+        (bars,) = points.lines[2]
+        ends += [segment[:, 0].tolist() for segment in bars.get_segments()]
+        assert [text.get_text() for text in ax.texts] == [f"{100 * mean:.1f}"]
+        assert ax.get_xlim() == (0.4, 1.0)
     assert ends[0] == pytest.approx([0.85, 0.95])
     assert ends[1] == pytest.approx([0.7, 0.7])
-    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["folds", "test"]
+
+
+def test_protocols_have_a_line_for_each_model_and_its_readings():
+    table = {
+        "GCN": {"folds": {"raw": (0.3, 0.0), "session": (0.8, 0.0)}},
+        "SVM": {"folds": {"session": (0.6, 0.0)}, "test": {"raw": (0.7, 0.0)}},
+    }
+    folds, test = plot_protocols(table).axes
+    lines = ["GCN, raw", "GCN, session", "SVM, session", "SVM, raw"]
+    assert [tick.get_text() for tick in folds.get_yticklabels()] == lines
+    points = [container.lines[0].get_xydata()[0].tolist() for container in folds.containers]
+    assert points == [[0.3, 0], [0.8, 1], [0.6, 2]]
+    colors = [container.lines[0].get_color() for container in folds.containers]
+    assert colors[1] == colors[2] != colors[0]
+    assert test.containers[0].lines[0].get_xydata().tolist() == [[0.7, 3]]
+    assert folds.get_xlim()[0] == 0.3  # lower than usual, for a result that is
 
 
 def test_bad_input_is_named():

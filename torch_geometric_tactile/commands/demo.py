@@ -8,17 +8,18 @@ from torch_geometric_tactile.commands.arguments import few, positive
 
 HELP = "train and judge grasp stability models on real grasps, and write a report"
 DESCRIPTION = """\
-Trains GCN-DF, GCN-FF, one-finger GCNs, an SVM and a majority baseline on the BioTac SP
-stability set, judges each with random folds, with objects left out, and on the official
-test of unseen objects (also by palm pose), raw and scaled by session, and writes
-report.html, its pictures, metrics.json and the checkpoint of GCN-DF.
+Trains TaxelNet with and without edges, GCN-DF, an SVM and a majority baseline on the BioTac
+SP stability set, on readings less the common mode of each finger, scaled by session, and raw.
+Judges each with random folds, with objects left out, with objects and a recording session left
+out, and on the official test of unseen objects (also by palm pose). Writes report.html, its
+pictures, metrics.json and the checkpoint of TaxelNet on the common mode's readings.
 """
 EXAMPLES = """\
 examples:
   tactile demo                           downloads the data, or generates some with no network
   tactile demo --root recordings --seeds 1 --epochs 3
 
-Each run (a model, a protocol, a scaling, a seed, a fold) is a file in DIR/runs when it is finished:
+Each run (of a model, a protocol, a seed, a fold) is a file in DIR/runs when it is finished:
 the same command goes on where it was stopped. The same runs as a plain table: tactile table bts3
 """
 

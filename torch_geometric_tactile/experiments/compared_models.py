@@ -80,13 +80,14 @@ class Task:
         r"""Returns what every batch goes through, as plain data.
 
         Args:
-            scaled (bool): Whether each channel is scaled; what is posed keeps its directions.
+            scaled (bool): Whether taxels are centred and channels scaled; what is posed keeps its
+                directions.
             posed (bool): Whether taxels are placed by joint angles.
             filled (bool): Whether missing readings become zero.
         """
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
         if scaled:
-            steps.append(_step("ZScore", {"per": "channel"}))
+            steps.append(_step("ZScore", {"scale_per": "channel"}))
         if filled:
             steps.append(_step("FillMissing"))
         if posed:

@@ -3,22 +3,25 @@ r"""The numbers of the demo's report."""
 import math
 import statistics
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 class Judged(NamedTuple):
-    r"""What was judged: a model, by a protocol of the table, with a scaling and a seed."""
+    r"""What was judged: a model, by a protocol of the table, with what is done to the readings
+    before it sees them, and a seed.
+    """
 
     model: str
     protocol: str
-    scaling: str
+    readings: str
     seed: int
 
 
@@ -51,8 +54,8 @@ def grasp_judgements(run: PlanRun) -> dict[Judged, Judgement]:
 
 
 def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator[dict[str, Any]]:
-    r"""Yields a record for each model, protocol, scaling and seed, and for each recording session
-    of a given test part.
+    r"""Yields a record for each model, protocol, kind of readings and seed, and for each recording
+    session of a given test part.
 
     Args:
         judgements (dict): Of :func:`grasp_judgements`.
@@ -71,7 +74,7 @@ def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator
             yield {
                 "model": key.model,
                 "protocol": name,
-                "scaling": key.scaling,
+                "readings": key.readings,
                 "seed": key.seed,
                 "num_samples": len(part.y),
                 **{metric: metrics[metric] for metric in ("accuracy", "f1", "f1_positive")},
@@ -81,23 +84,50 @@ def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator
 def grasp_summary(
     records: list[dict[str, Any]],
 ) -> dict[str, dict[str, dict[str, dict[str, Score]]]]:
-    r"""Returns the scores by model, protocol, scaling and metric.
+    r"""Returns the scores by model, protocol, kind of readings and metric.
 
     Args:
         records (list of dict): Of :func:`grasp_records`.
     """
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for record in records:
-        key = (record["model"], record["protocol"], record["scaling"])
+        key = (record["model"], record["protocol"], record["readings"])
         groups.setdefault(key, []).append(record)
     summary: dict[str, dict[str, dict[str, dict[str, Score]]]] = {}
-    for (model, protocol, scaling), group in groups.items():
+    for (model, protocol, readings), group in groups.items():
         scores = {
             metric: _score([record[metric] for record in group])
             for metric in ("accuracy", "f1", "f1_positive")
         }
-        summary.setdefault(model, {}).setdefault(protocol, {})[scaling] = scores
+        summary.setdefault(model, {}).setdefault(protocol, {})[readings] = scores
     return summary
+
+
+def grasp_differences(
+    judgements: dict[Judged, Judgement], readings: str, first: str, second: str
+) -> dict[str, Difference]:
+    r"""Returns the accuracy of a model less that of another on the same readings, by protocol.
+
+    Args:
+        judgements (dict): Of :func:`grasp_judgements`.
+        readings (str): The kind of readings.
+        first (str): The one model.
+        second (str): The other.
+    """
+    pairs: dict[str, list[tuple[Judgement, Judgement]]] = {}
+    for key, judgement in judgements.items():
+        if (key.model, key.readings) == (first, readings):
+            other = judgements[key._replace(model=second)]
+            pairs.setdefault(key.protocol, []).append((judgement, other))
+    return {protocol: _difference(pair) for protocol, pair in pairs.items()}
+
+
+def _difference(pairs: list[tuple[Judgement, Judgement]]) -> Difference:
+    firsts, seconds = zip(*pairs, strict=True)
+    if all(np.array_equal(first.y, firsts[0].y) for first in firsts):
+        # All seeds judge the same samples, each of which is one observation.
+        firsts = tuple(replace(first, trial=np.arange(len(first.y))) for first in firsts)
+    return paired_difference(firsts, seconds, "accuracy")
 
 
 def _score(values: list[float]) -> Score:

@@ -44,6 +44,7 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.RandomNoise: (("x",), ("x",)),
     T.RandomOffset: (("x",), ("x",)),
     T.RandomShift: (("x",), ("x",)),
+    T.RandomTimeShift: (("x",), ("x",)),
     T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),

@@ -3,6 +3,7 @@ r"""The page of the demo: models of grasp stability, and what each protocol says
 import json
 import math
 import platform
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,22 +12,27 @@ import torch_geometric
 from sklearn.metrics import confusion_matrix, roc_auc_score, roc_curve
 from tabulate import tabulate
 from torch import Tensor
+from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.grasp_numbers import (
     Judged,
     Score,
+    grasp_differences,
     grasp_judgements,
     grasp_records,
     grasp_summary,
 )
 from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.reports.html import ReportPicture, ReportTable, write_report
-from torch_geometric_tactile.transforms import SessionZScore
+from torch_geometric_tactile.sensors import layout_sectors
+from torch_geometric_tactile.transforms import CommonMode, ZScore, fit_transform
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import (
     plot_confusion,
@@ -36,17 +42,19 @@ from torch_geometric_tactile.visualization import (
     save_figure,
 )
 
-CHECKPOINT = "grasp_gcn_df.ckpt"
-MAIN = "gcn_df_session"
-_MAIN = "GCN-DF"
+CHECKPOINT = "grasp_common_mode.ckpt"
+MAIN = "net_common_mode"
+_MAIN = "TaxelNet"
+_READINGS = "common mode, middle + thumb"
+_TWIN = "TaxelNet without edges"
+_CHANCE = "Majority"
 _UNSEEN = "unseen objects"
 _FINGERS = ("index finger", "middle finger", "thumb")
-_SCALINGS = {"session": "scaled by session", "raw": "raw"}
 _Summary = dict[str, dict[str, dict[str, dict[str, Score]]]]
 
 
 class GraspReport(NamedTuple):
-    r"""What was written: the content of :obj:`metrics.json`, and the table as text."""
+    r"""What was written: the content of :obj:`metrics.json`, and what of it a terminal shows."""
 
     content: dict[str, Any]
     text: str
@@ -76,9 +84,8 @@ def write_grasp_report(
     judgements = grasp_judgements(run)
     records = list(grasp_records(judgements, run))
     summary = grasp_summary(records)
-    table = _table(summary, plan.seeds)
-    num_neighbours = plan.data.arguments["pre_transform"]["init_args"]["k"]
-    pictures = _pictures(train, num_neighbours, judgements, summary, out)
+    edges = grasp_differences(judgements, _READINGS, _MAIN, _TWIN)
+    pictures = _pictures(train, judgements, _means(summary, plan), out)
     cell = next(cell for cell in plan.table.cells if cell.experiment == MAIN)
     metrics = Judgement.from_dict(main["predictions"]).metrics()
     content = {
@@ -99,8 +106,17 @@ def write_grasp_report(
             "file": CHECKPOINT,
             "config": cell_config(cell),
             "seed": 0,
-            "scaling": cell.column,
+            "model": cell.row,
+            "readings": cell.column,
             **{name: metrics[name] for name in ("accuracy", "f1", "f1_positive")},
+        },
+        "edges": {
+            protocol: {
+                "accuracy": gain.mean,
+                "error": gain.error if math.isfinite(gain.error) else None,
+                "beyond_noise": gain.is_beyond_noise,
+            }
+            for protocol, gain in edges.items()
         },
         "results": records,
     }
@@ -110,11 +126,14 @@ def write_grasp_report(
         out / "report.html",
         title="Grasp stability from touch",
         notice=plan.data.caption,
-        facts=_facts(content),
-        tables=[table],
+        facts=[*_facts(content), ("Edges", _edges(edges))],
+        tables=[
+            _table(summary, "accuracy", "Accuracy in %", _CAPTION.format(seeds=plan.seeds)),
+            _table(summary, "f1_positive", "F1 score of slip in %", ""),
+        ],
         pictures=pictures,
     )
-    return GraspReport(content, _terminal_table(table))
+    return GraspReport(content, f"{_terminal_table(summary, run)}\n\nEdges: {_edges(edges)}")
 
 
 def _epochs(run: PlanRun) -> int | str:
@@ -129,22 +148,21 @@ def _epochs(run: PlanRun) -> int | str:
     return "as configured" if own else asked.pop()
 
 
-def _table(summary: _Summary, seeds: int) -> ReportTable:
+def _table(summary: _Summary, metric: str, title: str, caption: str) -> ReportTable:
     protocols = list(summary[_MAIN])
     rows = []
-    for model, cells in summary.items():
-        for scaling in _SCALINGS:
-            row = [f"*{model}" if model == _MAIN else model, scaling]
-            for protocol in protocols:
-                scores = cells[protocol][scaling]
-                row.append(f"{_percent(scores['accuracy'])} / {_percent(scores['f1_positive'])}")
-            rows.append(row)
-    return ReportTable(
-        title="Accuracy / F1 score of slip, in %",
-        caption=_CAPTION.format(seeds=seeds),
-        header=["model", "scaling", *protocols],
-        rows=rows,
-    )
+    for model, readings, scores in _lines(summary):
+        mark = "*" if (model, readings) == (_MAIN, _READINGS) else ""
+        cells = [_percent(scores[protocol][metric]) for protocol in protocols]
+        rows.append([f"{mark}{model}", readings, *cells])
+    return ReportTable(title, caption, ["model", "readings", *protocols], rows)
+
+
+def _lines(summary: _Summary) -> Iterator[tuple[str, str, dict[str, dict[str, Score]]]]:
+    # Model, readings, and scores by protocol and metric.
+    for model, protocols in summary.items():
+        for readings in next(iter(protocols.values())):
+            yield model, readings, {name: cells[readings] for name, cells in protocols.items()}
 
 
 def _percent(score: Score) -> str:
@@ -152,82 +170,115 @@ def _percent(score: Score) -> str:
     return f"{100 * score.mean:.1f}{spread}"
 
 
-def _terminal_table(table: ReportTable) -> str:
-    rows = [[cell.lstrip("*").replace(" / ", "\n") for cell in row] for row in table.rows]
-    header = [name.replace(" ", "\n") for name in table.header]
-    body = tabulate(rows, header, tablefmt="simple", disable_numparse=True)
-    return f"{table.title.replace(' / ', ', below it ')}\n{body}"
+def _terminal_table(summary: _Summary, run: PlanRun) -> str:
+    # Without palm poses and F1 scores, to fit beside one another.
+    protocols = [entry.name for entry in run.plan.protocols]
+    rows = [
+        [
+            model.replace(" without", "\nwithout"),
+            readings.replace(", ", ",\n"),
+            *(_percent(scores[protocol]["accuracy"]) for protocol in protocols),
+        ]
+        for model, readings, scores in _lines(summary)
+    ]
+    header = ["model", "readings", *(protocol.replace(" ", "\n") for protocol in protocols)]
+    return "Accuracy in %\n" + tabulate(rows, header, tablefmt="simple", disable_numparse=True)
+
+
+def _edges(edges: dict[str, Difference]) -> str:
+    gains = ", ".join(
+        f"{protocol} {100 * gain.mean:+.1f} ± {100 * gain.error:.1f}"
+        for protocol, gain in edges.items()
+    )
+    better = [protocol for protocol, gain in edges.items() if gain.is_beyond_noise]
+    beyond = f"on {' and '.join(better)}" if better else "nowhere"
+    return (
+        f"accuracy of {_MAIN} with edges less that without, ± standard error, in points: {gains}. "
+        f"Beyond the noise, twice the standard error: {beyond}"
+    )
 
 
 _CAPTION = (
-    "Mean ± standard deviation over {seeds} seed(s). Random folds and left-out objects are within "
-    "the training set; 'unseen objects' is the official test, and the palm poses are its parts. "
-    "Scaling 'session': by mean and deviation of the recording session, without labels; the test "
-    "sessions are measured on the test readings themselves, which a robot has only after some "
-    "grasps. Scaling 'raw': by the training part only. The test recordings have another sensor "
+    "Mean ± standard deviation over {seeds} seed(s). The first three protocols are within the "
+    "training set; 'objects and sessions' leaves out objects and one of the three recording "
+    "sessions (palm poses) together. 'Unseen objects' is the official test, and the palm poses are "
+    "its parts. Common mode: each finger's mean over its electrodes is subtracted within the one "
+    "reading, in raw counts, before the training part scales it; this needs nothing but the "
+    "reading. Session: scaled by mean and deviation of the recording session, without labels; the "
+    "test sessions are measured on the test readings themselves, which a robot has only after some "
+    "grasps. Raw: scaled by the training part only. The test recordings have another sensor "
     "offset, so that raw accuracy on folds, even with objects left out, promises more than the "
     "test keeps."
 )
+_ROC = (
+    (_MAIN, _READINGS),
+    (_TWIN, _READINGS),
+    ("SVM", _READINGS),
+    ("GCN-DF", _READINGS),
+    ("SVM", "raw"),
+    ("GCN-DF", "raw"),
+)
+
+
+def _means(summary: _Summary, plan: Plan) -> dict[str, dict[str, dict[str, tuple[float, float]]]]:
+    # Without palm poses, to fit beside one another.
+    return {
+        model: {
+            entry.name: {
+                readings: (scores["accuracy"].mean, scores["accuracy"].spread)
+                for readings, scores in protocols[entry.name].items()
+            }
+            for entry in plan.protocols
+        }
+        for model, protocols in summary.items()
+        if model != _CHANCE
+    }
 
 
 def _pictures(
     train: StaticDataset,
-    num_neighbours: int,
     judgements: dict[Judged, Judgement],
-    summary: _Summary,
+    means: dict[str, dict[str, dict[str, tuple[float, float]]]],
     out: Path,
 ) -> list[ReportPicture]:
-    main = Judged(_MAIN, _UNSEEN, "session", 0)
-    judged = judgements[main]
-    curves = {
-        model: (
-            *roc_curve(other.y, other.positive_score)[:2],
-            float(roc_auc_score(other.y, other.positive_score)),
-        )
-        for model in summary
-        if model != "Majority"
-        for other in [judgements[main._replace(model=model)]]
-    }
-    means = {
-        model: {
-            protocol: {
-                name: (cells[scaling]["accuracy"].mean, cells[scaling]["accuracy"].spread)
-                for scaling, name in reversed(_SCALINGS.items())
-            }
-            for protocol, cells in protocols.items()
-        }
-        for model, protocols in summary.items()
-    }
+    judged = judgements[Judged(_MAIN, _UNSEEN, _READINGS, 0)]
+    curves = {}
+    for model, readings in _ROC:
+        of = judgements[Judged(model, _UNSEEN, readings, 0)]
+        false, true, _ = roc_curve(of.y, of.positive_score)
+        name = f"{model}, {'raw' if readings == 'raw' else 'common mode'}"
+        curves[name] = (false, true, float(roc_auc_score(of.y, of.positive_score)))
     grasps, place = _example_grasps(train)
     figures = {
+        "protocols": (
+            plot_protocols(means, chance=0.5),
+            "Accuracy by protocol",
+            "Means over seeds, in %; bars are standard deviations, the dashed line is chance.",
+        ),
         "grasps": (
             plot_grasps(
                 train.layout,
                 grasps,
                 finger_names=list(_FINGERS),
-                edge_index=train[0].edge_index,
+                edge_index=layout_sectors(train.layout).edge_index,
             ),
             "Electrodes of the three fingers",
             f"A stable and a slipping grasp of one object in one session ({place}): the grasp of "
-            "each outcome that is nearest to the mean of its kind. Lines are the graph, "
-            f"k = {num_neighbours}. Readings scaled by session.",
-        ),
-        "protocols": (
-            plot_protocols(means, chance=0.5),
-            "Accuracy by protocol",
-            "Means over seeds; bars are standard deviations.",
+            "each outcome that is nearest to the mean of its kind. Readings less the common mode "
+            f"of each finger, with one scale for its electrodes. Lines are the edges of {_MAIN}, "
+            "which sees middle finger and thumb.",
         ),
         "confusion": (
             plot_confusion(
                 confusion_matrix(judged.y, judged.prediction, labels=[0, 1]),
                 train.class_names,
-                "GCN-DF, unseen objects, scaled by session, seed 0",
+                f"Unseen objects, {_MAIN}, seed 0, {_READINGS}",
             ),
             "Confusion matrix",
             "Rows are what happened, columns what the model said.",
         ),
         "roc": (
-            plot_roc(curves, "Unseen objects, scaled by session, seed 0"),
+            plot_roc(curves, "Unseen objects, seed 0; common mode: middle + thumb"),
             "Receiver operating characteristic",
             "Positive means slip.",
         ),
@@ -241,7 +292,7 @@ def _pictures(
 
 def _example_grasps(dataset: StaticDataset) -> tuple[dict[str, Tensor], str]:
     r"""Returns a stable and a slipping grasp of the object and session that has most of both."""
-    data = SessionZScore().fit(dataset)(dataset.data)
+    data = fit_transform(Compose([CommonMode(), ZScore(per="channel")]), dataset)
     place = data.group * len(dataset.session_names) + data.session
     counts = torch.stack(
         [torch.bincount(place[data.y == label], minlength=int(place.max()) + 1) for label in (0, 1)]
@@ -285,8 +336,8 @@ def _facts(content: dict[str, Any]) -> list[tuple[str, str]]:
         ("Epochs", str(content["epochs"])),
         (
             "Checkpoint",
-            f"{checkpoint['file']}: GCN-DF, seed 0, scaled by session; accuracy on unseen objects "
-            f"{checkpoint['accuracy']:.3f}",
+            f"{checkpoint['file']}: {checkpoint['model']}, seed 0, {checkpoint['readings']}; "
+            f"accuracy on unseen objects {checkpoint['accuracy']:.3f}",
         ),
         ("Machine", ", ".join(f"{key} {value}" for key, value in machine.items())),
         ("Time", f"{content['seconds']:.0f} s"),

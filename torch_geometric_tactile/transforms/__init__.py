@@ -15,6 +15,7 @@ from torch_geometric_tactile.transforms.random_mirror import RandomMirror
 from torch_geometric_tactile.transforms.random_noise import RandomNoise
 from torch_geometric_tactile.transforms.random_offset import RandomOffset
 from torch_geometric_tactile.transforms.random_shift import RandomShift
+from torch_geometric_tactile.transforms.random_time_shift import RandomTimeShift
 from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
@@ -40,6 +41,7 @@ __all__ = [
     "RandomNoise",
     "RandomOffset",
     "RandomShift",
+    "RandomTimeShift",
     "SectorGraph",
     "SelectChannels",
     "SessionZScore",

@@ -226,11 +226,19 @@ class FittedTransform(BaseTransform):
             - **output:** :math:`(N, F)` each, or :math:`(\ldots)`; the centre double
         """
         center, deviation = mean_and_deviation(parts)
-        changes = deviation > 1e-6 * center.abs().clamp(min=1e-6)
-        scale = torch.where(changes & (deviation > self.noise(center)), deviation, 1.0)
         if self.unit_scale:
-            scale = torch.ones_like(scale)
-        return center, scale.float()
+            return center, torch.ones_like(deviation).float()
+        return center, self.usable(center, deviation)
+
+    def usable(self, center: Tensor, deviation: Tensor) -> Tensor:
+        r"""Returns deviations as scales: one where nothing changes by more than rounding does.
+
+        Args:
+            center (torch.Tensor): The centres.
+            deviation (torch.Tensor): The deviations, of the same shape.
+        """
+        changes = deviation > 1e-6 * center.abs().clamp(min=1e-6)
+        return torch.where(changes & (deviation > self.noise(center)), deviation, 1.0).float()
 
     def forward(self, data: Data) -> Data:
         r"""Scales the readings :math:`(N, F)`, :math:`(B, N, F)`, or those of a PyG batch; or

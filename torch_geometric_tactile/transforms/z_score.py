@@ -1,9 +1,12 @@
 r"""Scaling by the training part."""
 
+from collections.abc import Iterable
 from typing import Literal
 
+from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile.transforms._moments import mean_and_deviation
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 
@@ -22,13 +25,16 @@ class ZScore(FittedTransform):
     On a hand most taxels are hardly ever pressed. By itself each of them is scaled up until its
     noise is as large as the touch on others; with :obj:`per="channel"` all keep one scale. Subtract
     their rest readings before (:class:`~torch_geometric_tactile.transforms.Tare`). What was fitted
-    so can be applied to any number of taxels.
+    so can be applied to any number of taxels. Where there are no rest readings, and each taxel has
+    an offset of its own, :obj:`scale_per="channel"` subtracts the mean of each taxel, and divides
+    all by one scale, the root mean square of their deviations.
 
     Args:
         attr (str): What is scaled, such as :obj:`"x"`, :obj:`"edge_attr"`, :obj:`"joint"`,
             :obj:`"absolute"` or :obj:`"pos"`.
         per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel, or
             :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
+        scale_per (str, optional): The same for the scale alone; as :obj:`per` if left out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -39,7 +45,8 @@ class ZScore(FittedTransform):
 
     Raises:
         RuntimeError: If it was not fitted.
-        ValueError: If :obj:`per` is unknown, or the readings have other taxels (unless
+        ValueError: If :obj:`per` or :obj:`scale_per` is unknown, or the scale should be of taxels
+            and the centre of channels; or the readings have other taxels (unless
             :obj:`per="channel"`) or channels than those it was fitted on.
 
     Examples:
@@ -54,5 +61,36 @@ class ZScore(FittedTransform):
                 [-0.5774,  1.7321]])
     """
 
-    def __init__(self, attr: str = "x", per: Literal["taxel", "channel"] = "taxel") -> None:
+    def __init__(
+        self,
+        attr: str = "x",
+        per: Literal["taxel", "channel"] = "taxel",
+        scale_per: Literal["taxel", "channel"] | None = None,
+    ) -> None:
         super().__init__(attr=attr, per=per)
+        scale_per = per if scale_per is None else scale_per
+        if scale_per not in ("taxel", "channel") or (scale_per, per) == ("taxel", "channel"):
+            raise ValueError(
+                f"'scale_per' must be 'channel', or 'taxel' if 'per' is (got {scale_per!r} and "
+                f"per={per!r})"
+            )
+        self.scale_per = scale_per
+
+    def moments(self, parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
+        r"""Returns mean and standard deviation, without missing readings.
+
+        Args:
+            parts (iterable of torch.Tensor): The readings in parts, as in
+                :meth:`FittedTransform.moments`.
+        """
+        if self.scale_per == self.per:
+            return super().moments(parts)
+        center, deviation = mean_and_deviation(parts)
+        rows = (value.reshape(-1, value.size(-1)) for value in (center.abs(), deviation.square()))
+        size, variance = (value.mean(dim=0) for value in rows)
+        scale = self.usable(size, variance.sqrt())
+        return center, scale.expand_as(center).clone()
+
+    def _attr_repr(self) -> str:
+        text = super()._attr_repr()
+        return text if self.scale_per == self.per else f"{text}, scale_per='{self.scale_per}'"

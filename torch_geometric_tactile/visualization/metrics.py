@@ -166,7 +166,7 @@ def plot_roc(
         rates[name] = rate
     labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
     labels.append("chance (AUC 0.500)")
-    figure = new_figure(5.3 + 0.085 * max(len(label) for label in labels), 4.6)
+    figure = new_figure(5.3 + 0.078 * max(len(label) for label in labels), 4.6)
     ax = figure.add_subplot()
     palette = _COLORS if bold is None else _COLORS[:-1]
     handles = []
@@ -193,16 +193,16 @@ def plot_roc(
 def plot_protocols(
     table: Mapping[str, Mapping[str, Mapping[str, Accuracy]]], chance: float | None = None
 ) -> "Figure":
-    r"""Draws the accuracy of models under several protocols, with one panel per scaling of the
-    readings.
+    r"""Draws the accuracy of models under several protocols: a line for each model and what is done
+    to its readings, a panel for each protocol, and the means in percent beside the points.
 
     The axis runs from 0.4 to 1.0, and further down only if a result is lower. Points show
     means, not bars, whose lengths would mislead on an axis that does not begin at zero.
 
     Args:
         table (Mapping): Mean and standard deviation of the accuracy by model, protocol and
-            scaling. Combinations that were not run are left out; a standard deviation that is NaN
-            has no error bar.
+            kind of readings, each of which has a colour. Combinations that were not run are left
+            out; a standard deviation that is NaN has no error bar.
         chance (float, optional): Accuracy to mark with a dashed line, such as that of the most
             frequent class.
 
@@ -211,73 +211,82 @@ def plot_protocols(
         ValueError: If there is no result, or an accuracy lies outside of 0 to 1.
     """
     results = [
-        (model, protocol, scaling, mean, sd)
+        (model, protocol, readings, mean, sd if isfinite(sd) else 0.0)
         for model, protocols in table.items()
-        for protocol, scalings in protocols.items()
-        for scaling, (mean, sd) in scalings.items()
+        for protocol, kinds in protocols.items()
+        for readings, (mean, sd) in kinds.items()
     ]
     if not results:
         raise ValueError("'table' must hold at least one result (got none)")
-    for model, protocol, scaling, mean, _ in results:
+    for model, protocol, readings, mean, _ in results:
         if not 0 <= mean <= 1:
             raise ValueError(
                 f"'table' must hold accuracies from 0 to 1 (got {mean} for '{model}', "
-                f"'{protocol}', '{scaling}')"
+                f"'{protocol}', '{readings}')"
             )
     # dict.fromkeys keeps the order of first appearance.
-    models = list(dict.fromkeys(model for model, *_ in results))
+    lines = list(dict.fromkeys((model, readings) for model, _, readings, *_ in results))
+    models = list(dict.fromkeys(model for model, _ in lines))
+    lines.sort(key=lambda line: models.index(line[0]))
     protocols = list(dict.fromkeys(protocol for _, protocol, *_ in results))
-    scalings = list(dict.fromkeys(scaling for _, _, scaling, *_ in results))
-    columns = max(3, len(protocols)) * max(3, len(models))
-    figure = new_figure(max(3.0, 0.135 * columns) * len(scalings) + 0.8, 4.4)
-    axes = figure.subplots(1, len(scalings), sharey=True, squeeze=False)[0]
-    offset = {name: 0.8 * ((i + 0.5) / len(models) - 0.5) for i, name in enumerate(models)}
-    handles = {}
-    for ax, scaling in zip(axes, scalings, strict=True):
-        for i, model in enumerate(models):
-            points = [
-                (protocols.index(protocol) + offset[model], mean, sd if isfinite(sd) else 0.0)
-                for name, protocol, panel, mean, sd in results
-                if name == model and panel == scaling
-            ]
-            x, y, error = zip(*points, strict=True) if points else ((), (), ())
-            handles[model] = ax.errorbar(
-                x,
-                y,
-                yerr=error,
-                linestyle="none",
-                marker=_MARKERS[i % len(_MARKERS)],
-                color=_COLORS[i % len(_COLORS)],
-                markersize=5.5,
-                markeredgecolor="white",
-                markeredgewidth=0.4,
-                elinewidth=1.1,
-                capsize=1.8,
-            )
-        for i in range(0, len(protocols), 2):
-            ax.axvspan(i - 0.5, i + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
+    kinds = list(dict.fromkeys(readings for _, readings in lines))
+    low = min([mean - sd for *_, mean, sd in results] + ([] if chance is None else [chance]))
+    limits = (max(0.0, min(_LOWEST, floor(low * 10) / 10)), 1.0)
+    names = [", ".join(filter(None, line)) for line in lines]
+    width = 0.075 * max(map(len, names)) + 0.3
+    figure = new_figure(width + 1.5 * len(protocols), 0.27 * len(lines) + 1.1)
+    axes = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
+    for ax, protocol in zip(axes, protocols, strict=True):
+        for model in models[::2]:
+            mine = [i for i, line in enumerate(lines) if line[0] == model]
+            ax.axhspan(mine[0] - 0.5, mine[-1] + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
         if chance is not None:
-            handles["chance"] = ax.axhline(chance, color="#808080", linestyle="--", linewidth=1)
-        ax.set_xlim(-0.5, len(protocols) - 0.5)
-        ax.set_xticks(range(len(protocols)), [_wrapped(p, 10) for p in protocols], fontsize=9)
-        ax.tick_params(axis="x", length=0)
-        ax.tick_params(axis="y", labelsize=9)
-        ax.grid(axis="y", color="#dcdcdc", linewidth=0.6)
+            ax.axvline(chance, color="#808080", linestyle="--", linewidth=1)
+        for model, panel, readings, mean, sd in results:
+            if panel == protocol:
+                kind = kinds.index(readings)
+                _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
+        ax.set_xlim(*limits)
+        ax.tick_params(labelsize=9)
+        ax.tick_params(axis="y", length=0)
+        ax.grid(axis="x", color="#dcdcdc", linewidth=0.6)
         ax.set_axisbelow(True)
-        ax.set_title(plain_text(scaling), fontsize=11)
-    low = min(mean - (sd if isfinite(sd) else 0) for *_, mean, sd in results)
-    low = low if chance is None else min(low, chance)
-    axes[0].set_ylim(max(0.0, min(_LOWEST, floor(low * 10) / 10)), 1.0)
-    axes[0].set_ylabel("accuracy", fontsize=10)
-    figure.legend(
-        handles.values(),
-        [plain_text(name) for name in handles],
-        loc="outside lower center",
-        ncols=ceil(len(handles) / ceil(len(handles) / max(3, int(figure.get_figwidth() / 1.3)))),
-        fontsize=9,
-        frameon=False,
-    )
+        ax.set_title(_wrapped(protocol, 14), fontsize=10)
+    axes[0].set_yticks(range(len(lines)), [plain_text(name) for name in names], fontsize=9)
+    axes[0].set_ylim(len(lines) - 0.5, -0.5)
+    axes[len(axes) // 2].set_xlabel("accuracy", fontsize=10)
     return figure
+
+
+def _draw_accuracy(
+    ax: "Axes", mean: float, line: int, sd: float, kind: int, limits: tuple[float, float]
+) -> None:
+    color = _COLORS[kind % len(_COLORS)]
+    ax.errorbar(
+        [mean],
+        [line],
+        xerr=[sd],
+        linestyle="none",
+        marker=_MARKERS[kind % len(_MARKERS)],
+        color=color,
+        markersize=5.5,
+        markeredgecolor="white",
+        markeredgewidth=0.4,
+        elinewidth=1.1,
+        capsize=1.8,
+    )
+    # Where there is more room.
+    left = mean > sum(limits) / 2
+    ax.annotate(
+        f"{100 * mean:.1f}",
+        (mean - sd if left else mean + sd, line),
+        (-5, 0) if left else (5, 0),
+        textcoords="offset points",
+        ha="right" if left else "left",
+        va="center_baseline",
+        fontsize=8,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.5},
+    )
 
 
 def _wrapped(text: str, width: int) -> str:

@@ -8,6 +8,7 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import PosedTaxelNet
+from torch_geometric_tactile.nn.models.taxels import seen_taxels
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
@@ -167,7 +168,7 @@ def test_posed_taxel_net_taxel_dropout():
     # Where almost all are dropped, one sample still sees something.
     lonely = small(taxel_dropout=0.999, dropout=0.0)
     assert lonely(**data).isfinite().all()
-    assert lonely._seen(data["x"]).any(dim=1).all()
+    assert seen_taxels(data["x"], 0.999).any(dim=1).all()
 
 
 @pytest.mark.parametrize("name", MODELS)

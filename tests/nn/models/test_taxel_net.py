@@ -12,6 +12,7 @@ from torch_geometric_tactile.nn.models.taxel_levels import (
     pitch,
     pooled_layouts,
 )
+from torch_geometric_tactile.nn.models.taxels import seen_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac_sp, grid
 from torch_geometric_tactile.testing import assert_static_equals_batched
 
@@ -210,7 +211,7 @@ def test_taxel_net_export(name):
 
 def test_taxel_net_overfits():
     torch.manual_seed(0)
-    model, y = small("pooled", dropout=0.0), torch.arange(20) % 3
+    model, y = small("pooled", dropout=0.0, taxel_dropout=0.0), torch.arange(20) % 3
     x = samples(20, 20, 3)
     optimizer = torch.optim.Adam(model.parameters(), 0.01)
     for _ in range(60):
@@ -225,7 +226,10 @@ def test_taxel_net_scale_of_the_readings_does_not_matter():
     scale, offset = torch.tensor([1.0, 50.0, 1000.0]), torch.tensor([0.0, 300.0, 30_000.0])
     found = []
     for factor, shift in ((1.0, 0.0), (scale, offset)):
-        model, x = small("pooled", dropout=0.0).double(), samples(16, 20, 3, dtype=torch.double)
+        model, x = (
+            small("pooled", dropout=0.0, taxel_dropout=0.0).double(),
+            samples(16, 20, 3, dtype=torch.double),
+        )
         found += [model(x * factor + shift), model.eval()(x * factor + shift)]
     assert torch.allclose(found[0], found[2], atol=1e-3)
     # A single batch has set the scale by which evaluation goes.
@@ -319,6 +323,7 @@ def test_taxel_net_on_the_meta_device():
         ({"max_taxels": 0}, r"'max_taxels' must be at least 1 \(got 0\)"),
         ({"num_sectors": 0}, r"'num_sectors' must be at least 1 \(got 0\)"),
         ({"direct_channels": -1}, r"'direct_channels' must not be negative \(got -1\)"),
+        ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
         ({"num_joints": -1}, r"'num_joints' must not be negative \(got -1\)"),
         ({"conv": "gcn"}, r"'conv' must be one of \('sector', 'self', .*\(got 'gcn'\)"),
         ({"head": "sum"}, r"'head' must be one of \('flat', 'mean', .*\(got 'sum'\)"),
@@ -341,6 +346,35 @@ def test_taxel_net_bad_features(size):
 def test_taxel_net_bad_taxels(size):
     with pytest.raises(ValueError, match=r"'x' must have 20 taxels in each sample \(got shape"):
         small()(torch.zeros(size))
+
+
+@pytest.mark.parametrize("name", ["pooled", "direct"])
+def test_taxel_net_taxel_dropout(name):
+    model = small(name, taxel_dropout=0.5, dropout=0.0)
+    data = given(model, 16)
+    assert not torch.equal(model(**data), model(**data))
+    model.eval()
+    assert torch.equal(model(**data), model(**data))
+    whole = small(name, taxel_dropout=0.0, dropout=0.0)
+    assert torch.equal(whole(**data), whole(**data))
+
+
+@pytest.mark.parametrize("name", ["pooled", "direct"])
+def test_taxel_net_does_not_see_dropped_taxels(name):
+    """No gradient reaches their readings, in the convolutions or in the direct way."""
+    model = small(name, taxel_dropout=0.5, dropout=0.0)
+    model.norm = torch.nn.Identity()
+    if model.direct is not None:
+        model.norm_readings = torch.nn.Identity()
+    data = given(model, 16)
+    data["x"].requires_grad_()
+    torch.manual_seed(0)
+    model(**data).square().sum().backward()
+    torch.manual_seed(0)
+    seen = seen_taxels(data["x"], 0.5)
+    found = data["x"].grad.abs().sum(dim=-1)
+    assert float(found[~seen].abs().max()) == 0
+    assert float((found[seen] > 0).double().mean()) > 0.9
 
 
 def test_taxel_net_bad_joints():

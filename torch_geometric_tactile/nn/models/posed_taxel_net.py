@@ -11,7 +11,12 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.taxel_levels import ReadingNorm, TaxelNorm
-from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
+from torch_geometric_tactile.nn.models.taxels import (
+    check_taxel_dropout,
+    load_layout,
+    seen_taxels,
+    stacked_readings,
+)
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
@@ -97,10 +102,6 @@ class PosedTaxelNet(Module, TactileHubMixin):
         ):
             if size < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {size})")
-        if not 0 <= taxel_dropout < 1:
-            raise ValueError(
-                f"'taxel_dropout' must be at least 0 and below 1 (got {taxel_dropout})"
-            )
         widths = tuple(widths)
         if not widths or min(widths) < 1:
             raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
@@ -109,7 +110,7 @@ class PosedTaxelNet(Module, TactileHubMixin):
         self.in_channels = in_channels
         self.posed = posed
         self.num_strongest = num_strongest
-        self.taxel_dropout = taxel_dropout
+        self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.places = ("pos", "normal", "tangent") if in_channels == 3 else ("pos", "normal")
         if not posed:
             with torch.device("cpu"):  # on the meta device, places would lose their numbers
@@ -169,7 +170,7 @@ class PosedTaxelNet(Module, TactileHubMixin):
         x = stacked_readings(x, self.num_nodes, self.in_channels, "channels")
         given = {"pos": pos, "normal": normal, "tangent": tangent}
         places = {name: self._place(name, given[name], x) for name in self.places}
-        seen = self._seen(x)
+        seen = seen_taxels(x, self.taxel_dropout if self.training else 0.0)
         score = x[..., -1] if seen is None else x[..., -1].masked_fill(~seen, -torch.inf)
         strongest = score.topk(min(self.num_strongest, self.num_nodes), dim=1).indices
         h = self.norm(self._features(x, places, strongest))
@@ -196,13 +197,6 @@ class PosedTaxelNet(Module, TactileHubMixin):
         size = (force.square().sum(dim=-1, keepdim=True) + 1e-12).sqrt()
         parts = [near["pos"], near["normal"], force, size, pressure]
         return torch.cat(parts if self.in_channels in (1, 3) else [*parts, x], dim=-1)
-
-    def _seen(self, x: Tensor) -> OptTensor:
-        # The taxels that are seen (B, N); of a sample that would lose all, all.
-        if not self.training or self.taxel_dropout == 0:
-            return None
-        seen = torch.rand(x.shape[:2], device=x.device) >= self.taxel_dropout
-        return seen | ~seen.any(dim=1, keepdim=True)
 
     def _place(self, name: str, value: Optional[Tensor], x: Tensor) -> Tensor:
         # Of each sample (B, N, ...).

@@ -20,7 +20,12 @@ from torch_geometric_tactile.nn.models.taxel_levels import (
     TaxelNorm,
     pooled_layouts,
 )
-from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
+from torch_geometric_tactile.nn.models.taxels import (
+    check_taxel_dropout,
+    load_layout,
+    seen_taxels,
+    stacked_readings,
+)
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
@@ -65,6 +70,8 @@ class TaxelNet(Module, TactileHubMixin):
             where nothing is pooled, since small sensors are known by their single taxels, and none
             otherwise.
         dropout (float): Part of the features dropped in training before each layer of the head.
+        taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
+            sample: no answer rests on a few of them.
         max_taxels (int): Number of taxels above which a level is pooled.
         num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
         fast (bool): As of :class:`~torch_geometric_tactile.nn.conv.SectorConv`; without it, there
@@ -101,6 +108,7 @@ class TaxelNet(Module, TactileHubMixin):
         hidden_channels: int = 64,
         direct_channels: Optional[int] = None,
         dropout: float = 0.5,
+        taxel_dropout: float = 0.2,
         max_taxels: int = 64,
         num_joints: int = 0,
         fast: bool = True,
@@ -129,6 +137,7 @@ class TaxelNet(Module, TactileHubMixin):
         self.out_channels = out_channels
         self.in_channels = in_channels
         self.head = head
+        self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.num_joints = num_joints
         pools = pooled_layouts(layout, max_taxels)
         self.widths = _widths(widths, 1 + len(pools))
@@ -190,13 +199,16 @@ class TaxelNet(Module, TactileHubMixin):
             pos (torch.Tensor, optional): Not used.
         """
         x = self.norm(stacked_readings(x, self.num_nodes, self.in_channels, "features"))
-        h = x
+        seen = seen_taxels(x, self.taxel_dropout if self.training else 0.0)
+        h = x if seen is None else x * seen.unsqueeze(-1)
         for level in self.levels:
             h = level(h)
         parts = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
         found = [parts[part] for part in HEADS[self.head]]
         if self.direct is not None:
             rows = self.norm_readings(x.flatten(1).unsqueeze(1)).squeeze(1)
+            if seen is not None:  # behind the scale, which is that of all taxels
+                rows = (rows.view(x.shape) * seen.unsqueeze(-1)).flatten(1)
             found.append(self.norm_direct(self.direct(rows)).relu())
         rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))

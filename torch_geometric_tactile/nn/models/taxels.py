@@ -1,10 +1,11 @@
-r"""The argument :obj:`layout` of the models."""
+r"""The argument :obj:`layout` of the models, and the taxels that they see."""
 
 import os
 from typing import Any, Union
 
 import torch
 from torch import Tensor
+from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 from torch_geometric_tactile.typing import PathLike
@@ -85,3 +86,33 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
     raise ValueError(
         f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
     )
+
+
+def check_taxel_dropout(part: float) -> float:
+    r"""Returns the part of the taxels that are not seen in training.
+
+    Args:
+        part (float): The part.
+
+    Raises:
+        ValueError: If it is negative or not below one.
+    """
+    if not 0 <= part < 1:
+        raise ValueError(f"'taxel_dropout' must be at least 0 and below 1 (got {part})")
+    return part
+
+
+def seen_taxels(x: Tensor, taxel_dropout: float) -> OptTensor:
+    r"""Returns which taxels are seen, drawn for each sample; of one that would lose all, all.
+
+    Args:
+        x (torch.Tensor): Readings :math:`(B, N, F)`.
+        taxel_dropout (float): Part of the taxels that are not.
+
+    Shapes:
+        - **output:** :math:`(B, N)`; nothing where none is dropped
+    """
+    if taxel_dropout == 0:
+        return None
+    seen = torch.rand(x.shape[:2], device=x.device) >= taxel_dropout
+    return seen | ~seen.any(dim=1, keepdim=True)

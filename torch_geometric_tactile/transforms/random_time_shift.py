@@ -1,0 +1,91 @@
+r"""Readings that are shifted in time."""
+
+import torch
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._random import uniform
+from torch_geometric_tactile.transforms._segments import Segments
+
+_MOST_STEPS = 100_000
+
+
+@functional_transform("random_time_shift")
+class RandomTimeShift(BaseTransform):
+    r"""Shifts the frames of each sample by some of them, all taxels alike (functional name:
+    :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or the last
+    frame is repeated where there is none.
+
+    The frames are the features of a taxel: those of its first channel, then those of the second.
+
+    Args:
+        steps (int): By how many frames at most, earlier or later; all from none to these are drawn
+            equally often.
+        num_frames (int, optional): Number of frames :math:`T`, of which the features are a
+            multiple. All features are the frames of one channel if left out.
+        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            out.
+
+    Shapes:
+        - **input:** readings :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or a PyG batch
+          :math:`(B \cdot N, C \cdot T)`
+        - **output:** the same shape. Missing readings (NaN) move along.
+
+    Raises:
+        ValueError: If :obj:`steps` is not 0 to 100,000, :obj:`num_frames` is below one, the
+            features are no multiple of it, or there are no readings.
+
+    Examples:
+        >>> RandomTimeShift(0)(Data(x=torch.tensor([[1.0, 2.0, 3.0]]))).x
+        tensor([[1., 2., 3.]])
+        >>> RandomTimeShift(1, num_frames=2)
+        RandomTimeShift(steps=1, num_frames=2)
+    """
+
+    supports_static = True
+
+    def __init__(
+        self,
+        steps: int = 1,
+        num_frames: int | None = None,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        for name, number, least in (("steps", steps, 0), ("num_frames", num_frames, 1)):
+            if number is None and name == "num_frames":
+                continue
+            if (
+                isinstance(number, bool)
+                or not isinstance(number, int)
+                or not least <= number <= _MOST_STEPS
+            ):
+                raise ValueError(
+                    f"'{name}' must be a whole number, {least} to {_MOST_STEPS} (got {number})"
+                )
+        self.steps = steps
+        self.num_frames = num_frames
+        self.generator = generator
+
+    def forward(self, data: Data) -> Data:
+        r"""Shifts the readings."""
+        x = require_x(self, data)
+        x = x if x.is_floating_point() else x.float()  # counts may be integers
+        frames = x.size(-1) if self.num_frames is None else self.num_frames
+        if frames and x.size(-1) % frames:
+            raise ValueError(
+                f"'x' must have a multiple of {frames} features, the frames (got {x.size(-1)})"
+            )
+        sample, count = Segments(None, None).of_rows(data, x)
+        drawn = uniform(count, x, self.generator)
+        steps = (drawn * (2 * self.steps + 1)).long().clamp(max=2 * self.steps) - self.steps
+        if x.numel() > 0:
+            source = torch.arange(frames, device=x.device) - steps[sample].unsqueeze(1)
+            rows = x.reshape(len(sample), -1, frames)
+            source = source.clamp(0, frames - 1).unsqueeze(1).expand_as(rows)
+            data.x = rows.gather(2, source).reshape(x.shape)
+        return data
+
+    def __repr__(self) -> str:
+        frames = "" if self.num_frames is None else f", num_frames={self.num_frames}"
+        return f"{type(self).__name__}(steps={self.steps}{frames})"
