@@ -84,6 +84,8 @@ def all_runs() -> Iterator[Run]:
     for by, folds in (("trial", 5), ("placement", 3)):
         for task in ("shape", "width"):
             yield from (Run(task, by, fold, "fnn_dropped") for fold in range(folds))
+    for fold in range(3):
+        yield from (Run("shape", "trial", fold, "taxel_net_dropped", t) for t in FEWER)
     for by, folds in (("trial", 5), ("placement", 3)):
         yield from (Run("shape", by, fold, "taxel_net_dropped") for fold in range(folds))
 

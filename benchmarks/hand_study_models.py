@@ -144,10 +144,10 @@ def make(name: str) -> Any:
         "posed_ridge": lambda: Forest("ridge"),
         "fnn": lambda: Network(TactileFNN, {**_FNN, **joints}),
         "fnn_touch": lambda: Network(TactileFNN, _FNN),
-        "taxel_net": lambda: Network(TaxelNet),
+        "taxel_net": lambda: Network(TaxelNet, {"taxel_dropout": 0.0}),
         "taxel_net_joint": lambda: Network(TaxelNet, joints),
         "fnn_dropped": lambda: Network(TactileFNN, {**_FNN, **joints}, dropped=DROPPED),
-        "taxel_net_dropped": lambda: Network(TaxelNet, dropped=DROPPED),
+        "taxel_net_dropped": lambda: Network(TaxelNet),
         "posed": lambda: Network(PosedTaxelNet, scaled=False, any_layout=True),
         "open": lambda: Network(PosedTaxelNet, {"posed": False}, scaled=False, any_layout=True),
     }

@@ -31,8 +31,8 @@ MARK = "<!-- below: written by benchmarks/hand_study_report.py -->\n"
 TITLES = {
     "posed": "`PosedTaxelNet`",
     "open": "`PosedTaxelNet`, open hand",
-    "taxel_net": "`TaxelNet`",
-    "taxel_net_dropped": "`TaxelNet`, taxel dropout",
+    "taxel_net_dropped": "`TaxelNet`",
+    "taxel_net": "`TaxelNet`, no taxel dropout",
     "taxel_net_joint": "`TaxelNet` + joints",
     "fnn": "FNN + joints",
     "fnn_dropped": "FNN + joints, taxel dropout",
@@ -51,11 +51,11 @@ _SPLITS = {
 }
 _PLAIN = ("flat_forest", "flat_forest_touch", "fnn", "fnn_touch", "fnn_dropped", "posed_forest")
 _PAIRS = (
-    *(("shape", "taxel_net", other) for other in _PLAIN),
+    *(("shape", "taxel_net_dropped", other) for other in _PLAIN),
     *(("shape", "posed", other) for other in _PLAIN),
     ("shape", "posed", "open"),
     ("shape", "taxel_net_dropped", "taxel_net"),
-    ("shape", "taxel_net_dropped", "fnn_dropped"),
+    ("shape", "posed", "taxel_net_dropped"),
     ("shape", "taxel_net_joint", "taxel_net"),
     ("shape", "fnn_dropped", "fnn"),
     ("width", "posed", "open"),
