@@ -8,9 +8,9 @@ from torch_geometric_tactile.visualization.figure import new_figure, save_figure
 _COLORS = {
     "posed": "#c1272d",
     "open": "#e8a09c",
-    "taxel_net": "#1f5fa8",
-    "taxel_net_dropped": "#5b8fd0",
-    "taxel_net_joint": "#7fb0e0",
+    "taxel_net": "#5b8fd0",
+    "taxel_net_dropped": "#1f5fa8",
+    "taxel_net_joint": "#a5c8ea",
     "fnn": "#3f3f3f",
     "fnn_dropped": "#6a4c93",
     "fnn_touch": "#8f8f8f",
@@ -20,8 +20,24 @@ _COLORS = {
     "posed_ridge": "#e2c878",
 }
 _MARKS = dict(zip(_COLORS, "osDphdxX^v*P", strict=True))
-_DARK = ("posed", "taxel_net", "fnn", "fnn_dropped", "flat_forest", "posed_forest")
-_CURVES = ("posed", "taxel_net", "fnn", "fnn_dropped", "flat_forest", "posed_forest")
+_DARK = (
+    "posed",
+    "taxel_net",
+    "taxel_net_dropped",
+    "fnn",
+    "fnn_dropped",
+    "flat_forest",
+    "posed_forest",
+)
+_CURVES = (
+    "posed",
+    "taxel_net_dropped",
+    "taxel_net",
+    "fnn_dropped",
+    "fnn",
+    "flat_forest",
+    "posed_forest",
+)
 
 
 def draw(found: dict[str, Any], titles: dict[str, str], folder: Path) -> None:

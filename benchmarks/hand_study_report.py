@@ -56,7 +56,7 @@ _PAIRS = (
     ("shape", "posed", "open"),
     ("shape", "taxel_net_dropped", "taxel_net"),
     ("shape", "posed", "taxel_net_dropped"),
-    ("shape", "taxel_net_joint", "taxel_net"),
+    ("shape", "taxel_net_joint", "taxel_net_dropped"),
     ("shape", "fnn_dropped", "fnn"),
     ("width", "posed", "open"),
     *(("width", "posed", other) for other in _PLAIN if not other.endswith("touch")),
@@ -161,7 +161,7 @@ def of_splits(models: dict[str, Any], name: str, digits: int) -> str:
     if name not in models:
         return ""
     count = len(models[name]["folds"])
-    few = "" if count == most_splits(models) else f" ({count} splits)"
+    few = "" if count == most_splits(models) else f" ({count} split{'s' if count > 1 else ''})"
     return cell(models[name], digits) + few
 
 
