@@ -85,7 +85,8 @@ def all_runs() -> Iterator[Run]:
         for task in ("shape", "width"):
             yield from (Run(task, by, fold, "fnn_dropped") for fold in range(folds))
     for fold in range(3):
-        yield from (Run("shape", "trial", fold, "taxel_net_dropped", t) for t in FEWER)
+        for name in ("fnn_dropped", "taxel_net_dropped"):
+            yield from (Run("shape", "trial", fold, name, trials) for trials in FEWER)
     for by, folds in (("trial", 5), ("placement", 3)):
         yield from (Run("shape", by, fold, "taxel_net_dropped") for fold in range(folds))
 
