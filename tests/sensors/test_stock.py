@@ -77,3 +77,10 @@ def test_as_layout_names_a_file_that_is_not_there(tmp_path):
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(ValueError, match=r"bad\.json' is not a taxel layout"):
         as_layout(str(tmp_path / "bad.json"))
+
+
+def test_a_changed_layout_changes_no_other():
+    changed = stock_layout("biotac")
+    changed.pos.zero_()
+    assert stock_layout("biotac").pos.abs().sum() > 0
+    assert not stock_layout("biotac").matches(changed)

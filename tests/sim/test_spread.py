@@ -1,4 +1,3 @@
-import hashlib
 from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
@@ -7,6 +6,7 @@ import pytest
 from torch_geometric_tactile.sim import SPREADS, GraspSpread, plan_grasp
 
 SIZE = (0.07, 0.18, 0.07)
+SUMS = (18859.181252675706, 6607781.945643889, 135027.0)
 
 
 def plan(seed=0, spread=None):
@@ -23,9 +23,9 @@ def test_repr():
 
 
 def test_the_default_is_the_plan_of_before():
-    # The digest was taken before there was a spread.
-    content = b"".join(np.ascontiguousarray(part).tobytes() for part in plan()[:3])
-    assert hashlib.sha256(content).hexdigest()[:16] == "844b32799c1e5e8b"
+    # The sums were taken before there was a spread (no digest: the last bits differ by processor).
+    sums = [np.sum(part * np.arange(1, part.size + 1).reshape(part.shape)) for part in plan()[:3]]
+    assert sums == pytest.approx(SUMS, rel=1e-9)
     for part, same in zip(plan(1)[:3], plan(1, GraspSpread())[:3], strict=True):
         assert np.array_equal(part, same)
 

@@ -1,6 +1,8 @@
 r"""The data files that come with the package."""
 
+import copy
 import os
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -46,7 +48,12 @@ def stock_layout(name: str) -> TaxelLayout:
     Args:
         name (str): Its name, such as :obj:`"biotac"`.
     """
-    return TaxelLayout.load(stock_path("layouts", name))
+    return copy.deepcopy(_loaded(stock_path("layouts", name)))
+
+
+@lru_cache(maxsize=8)  # a hand takes a twentieth of a second to read, which every run does
+def _loaded(path: Path) -> TaxelLayout:
+    return TaxelLayout.load(path)
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:

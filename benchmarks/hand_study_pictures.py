@@ -1,0 +1,145 @@
+"""The pictures of the study of the simulated hand."""
+
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+
+_COLORS = {
+    "posed": "#c1272d",
+    "open": "#e8a09c",
+    "taxel_net": "#5b8fd0",
+    "taxel_net_dropped": "#1f5fa8",
+    "taxel_net_joint": "#a5c8ea",
+    "fnn": "#3f3f3f",
+    "fnn_dropped": "#6a4c93",
+    "fnn_touch": "#8f8f8f",
+    "flat_forest": "#2e7d32",
+    "flat_forest_touch": "#9ccc9c",
+    "posed_forest": "#b8860b",
+    "posed_ridge": "#e2c878",
+}
+_MARKS = dict(zip(_COLORS, "osDphdxX^v*P", strict=True))
+_DARK = (
+    "posed",
+    "taxel_net",
+    "taxel_net_dropped",
+    "fnn",
+    "fnn_dropped",
+    "flat_forest",
+    "posed_forest",
+)
+_CURVES = (
+    "posed",
+    "taxel_net_dropped",
+    "taxel_net",
+    "fnn_dropped",
+    "fnn",
+    "flat_forest",
+    "posed_forest",
+)
+
+
+def draw(found: dict[str, Any], titles: dict[str, str], folder: Path) -> None:
+    """Writes all for which there are numbers."""
+    names = {name: title.replace("`", "") for name, title in titles.items()}
+    tasks = [task for task in ("shape", "width") if task in found["scores"]]
+    bars(found, names, tasks, folder / "hand_study_models.png")
+    curves(found, names, tasks, folder / "hand_study_dead.png")
+    if "shape" in found["trials"]:
+        trials(found, names, folder / "hand_study_trials.png")
+
+
+def bars(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: Path) -> None:
+    figure = new_figure(5.2 * len(tasks), 5.6)
+    for i, task in enumerate(tasks):
+        axes = figure.add_subplot(1, len(tasks), i + 1)
+        scores = found["scores"][task]
+        shown = [name for name in names if name in scores["trial"]]
+        both = [by for by in ("trial", "placement") if by in scores]
+        for j, by in enumerate(both):
+            there = [(place, name) for place, name in enumerate(shown) if name in scores[by]]
+            values = [scores[by][name] for _, name in there]
+            axes.barh(
+                [place + (j - (len(both) - 1) / 2) * 0.4 for place, _ in there],
+                [value["mean"] for value in values],
+                0.38,
+                xerr=[value["sd"] or 0.0 for value in values],
+                color=[_COLORS[name] for _, name in there],
+                alpha=1.0 if by == "trial" else 0.55,
+                error_kw={"lw": 1.0, "ecolor": "black"},
+            )
+            for place, name in there:
+                digits = 1 if task == "shape" else 2
+                axes.annotate(
+                    f"{scores[by][name]['mean']:.{digits}f}",
+                    (0, place + (j - (len(both) - 1) / 2) * 0.4),
+                    (4, 0),
+                    textcoords="offset points",
+                    va="center",
+                    fontsize=7,
+                    color="white" if by == "trial" and name in _DARK else "black",
+                )
+        axes.set_yticks(range(len(shown)), [names[name] for name in shown], fontsize=8)
+        axes.invert_yaxis()
+        axes.set_xlabel("accuracy in %, higher is better" if task == "shape" else
+                        "mean error in mm, lower is better")  # fmt: skip
+        axes.set_title(f"{task}: by trial (dark) and unseen placements (pale)", fontsize=9)
+        axes.spines[["top", "right"]].set_visible(False)
+    save_figure(figure, file)
+
+
+def curves(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: Path) -> None:
+    figure = new_figure(5.2 * len(tasks), 4.0)
+    for i, task in enumerate(tasks):
+        axes = figure.add_subplot(1, len(tasks), i + 1)
+        tested = found["tests"][task]
+        for name in (name for name in _CURVES if name in tested):
+            levels = tested[name]["dead"]
+            line(axes, [int(level) for level in levels], list(levels.values()), name, names)
+        axes.set_xlabel("dead taxels at the test, %")
+        axes.set_ylabel("accuracy, %" if task == "shape" else "mean error, mm")
+        axes.set_title(f"{task}, by trial", fontsize=9)
+        axes.legend(fontsize=7)
+    save_figure(figure, file)
+
+
+def trials(found: dict[str, Any], names: dict[str, str], file: Path) -> None:
+    figure = new_figure(5.6, 4.0)
+    axes = figure.add_subplot(1, 1, 1)
+    fewer, full = found["trials"]["shape"], found["scores"]["shape"]["trial"]
+    for name in (name for name in _CURVES if any(name in part for part in fewer.values())):
+        levels = sorted((level for level in fewer if name in fewer[level]), key=int)
+        values = [fewer[level][name] for level in levels]
+        folds = full[name]["folds"][: len(values[0]["folds"])]
+        mean = sum(folds) / len(folds)
+        sd = (sum((x - mean) ** 2 for x in folds) / max(1, len(folds) - 1)) ** 0.5
+        values.append({"mean": mean, "sd": sd})
+        line(axes, [*(int(level) for level in levels), 480], values, name, names)
+    axes.set_xscale("log")
+    axes.set_xticks([60, 150, 300, 480], ["60", "150", "300", "480"])
+    axes.minorticks_off()
+    axes.set_xlabel("training trials")
+    axes.set_ylabel("accuracy, %")
+    axes.set_title("shape, by trial", fontsize=9)
+    axes.legend(fontsize=7)
+    save_figure(figure, file)
+
+
+def line(
+    axes: Any, places: list[int], values: list[dict[str, Any]], name: str, names: dict[str, str]
+) -> None:
+    axes.errorbar(
+        places,
+        [value["mean"] for value in values],
+        [value["sd"] or 0.0 for value in values],
+        color=_COLORS[name],
+        marker=_MARKS[name],
+        markersize=5,
+        lw=1.5,
+        elinewidth=0.7,
+        capsize=2,
+        label=names[name],
+    )
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
