@@ -5,11 +5,13 @@ import logging
 import os
 import statistics
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import torch
 from hand_frames import LAYOUT, Frames
+from rounded_products import has_bfloat16, rounded_products
 from torch import nn
 
 from torch_geometric_tactile.data import Protocol
@@ -40,6 +42,7 @@ def measure_precision(
         "batch_size": batch_size,
         "threads": threads,
         "load": os.getloadavg()[0],
+        "has_bfloat16": has_bfloat16(),
         "frames_per_second": {},
         "ratios": {},
     }
@@ -49,7 +52,7 @@ def measure_precision(
             way: {"median": statistics.median(values), "min": min(values), "max": max(values)}
             for way, values in speed.items()
         }
-        for way in list(WAYS)[1:]:
+        for way in list(speed)[1:]:
             pairs = zip(speed[way], speed["loop, float32"], strict=True)
             found["ratios"][f"{name}: {way} against loop, float32"] = statistics.median(
                 a / b for a, b in pairs
@@ -67,6 +70,8 @@ def _speed(segments: str | None, batch_size: int, rounds: int) -> dict[str, list
     first = TactileGCN(LAYOUT, 8, segments=segments)
     sides = {}
     for way, (fused, bf16) in WAYS.items():
+        if bf16 and not has_bfloat16():
+            continue
         model = copy.deepcopy(first)
         optimizer = torch.optim.Adam(model.parameters(), **_options(fused))
         sides[way] = (model, optimizer, bf16)
@@ -111,7 +116,8 @@ def _accuracies(root: Path, batch_size: int, stride: int, epochs: int) -> dict[s
                     transform=ZScore(per="channel"),
                     batch_size=batch_size,
                 )
-                settings = {"accelerator": "cpu", "precision": "bf16-mixed" if bf16 else "32-true"}
+                mixed, rounded = bf16 and has_bfloat16(), bf16 and not has_bfloat16()
+                settings = {"accelerator": "cpu", "precision": "bf16-mixed" if mixed else "32-true"}
                 section = {
                     **model,
                     "num_classes": dataset.num_classes,
@@ -120,8 +126,9 @@ def _accuracies(root: Path, batch_size: int, stride: int, epochs: int) -> dict[s
                         "init_args": {"lr": 0.001, **_options(fused)},
                     },
                 }
-                classifier = fit_classifier(section, data, seed, settings, epochs)
-                said = collect_predictions(classifier, data.test_dataloader())
+                with rounded_products() if rounded else nullcontext():
+                    classifier = fit_classifier(section, data, seed, settings, epochs)
+                    said = collect_predictions(classifier, data.test_dataloader())
                 found = classification_metrics(said.probability, said.y)["accuracy"]
                 accuracy[name][way].append(found)
                 logging.info("%s, seed %d, %s: %.3f", name, seed, way, found)
@@ -131,6 +138,7 @@ def _accuracies(root: Path, batch_size: int, stride: int, epochs: int) -> dict[s
         "num_test": len(dataset) - num_train,
         "stride": stride,
         "epochs": epochs,
+        "bfloat16": "autocast" if has_bfloat16() else "rounded",
         "models": accuracy,
     }
 

@@ -38,6 +38,12 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
     ]
 
 
+ROUNDED = (
+    " bfloat16 here: what goes into linear layers and comes out, forward and backward, is rounded "
+    "to it, and sums are in float32, as instructions for bfloat16 do."
+)
+
+
 def merged(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
     r"""Returns what was measured now, and before what was not measured now.
 
@@ -131,6 +137,11 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
         for way, value in ways.items():
             cells = " | ".join(f"{value[key]:.0f}" for key in ("median", "min", "max"))
             lines.append(f"| {model} | {way} | {cells} |")
+    if not found["has_bfloat16"]:
+        lines += [
+            "",
+            "This processor has no instructions for bfloat16: it would be far slower.",
+        ]
     if "accuracy" in found:
         lines += _accuracy_lines(found["accuracy"])
     return [*lines, ""]
@@ -145,7 +156,7 @@ def _accuracy_lines(found: dict[str, Any]) -> list[str]:
         f"scale for a channel: {found['num_train']} frames to train and {found['num_test']} of "
         f"other trials to test, {found['epochs']} epochs, seeds 0 to {seeds - 1} (of splits, "
         "weights and batches). Mean ± standard deviation; difference to the first way on the same "
-        "seed, with its standard error.",
+        "seed, with its standard error." + ROUNDED * (found["bfloat16"] == "rounded"),
         "",
         "| model | optimizer, precision | accuracy | difference |",
         "|---|---|---|---|",
