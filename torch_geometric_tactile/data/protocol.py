@@ -4,9 +4,7 @@ A split by frame puts frames of one trial on both sides and recognises the trial
 does not; a split by group (by object) asks for what was never touched before.
 """
 
-import warnings
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from typing import Any, Literal, NamedTuple, Self
 
@@ -14,8 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data.sample_classes import Classes, Samples, column
+from torch_geometric_tactile.data.sample_classes import Classes, Samples, column, label_classes
 from torch_geometric_tactile.data.static_dataset import StaticDataset
+from torch_geometric_tactile.data.unit_draws import Folds, Fractions
 
 Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
 _UNITS = ("frame", "trial", "group", "session", "placement", "size")
@@ -151,17 +150,7 @@ class Protocol:
                 values.
         """
         count = self._num_unit_folds(dataset)
-        return count if self.unseen is None else count * len(self._unseen_values(dataset))
-
-    def _unseen_values(self, dataset: Samples) -> np.ndarray:
-        assert self.unseen is not None
-        values = np.unique(column(dataset, self.unseen))
-        if len(values) < 2:
-            raise ValueError(
-                f"'dataset' must have at least 2 values of '{self.unseen}' to train without one "
-                f"(got {len(values)})"
-            )
-        return values
+        return count if self.unseen is None else count * len(_at_least_two(dataset, self.unseen))
 
     def _num_unit_folds(self, dataset: Samples) -> int:
         if not self.leave_one_out:
@@ -193,15 +182,16 @@ class Protocol:
         if self.by == "given":
             return _split_of(_given_parts(dataset))
         if self.unseen is not None:
-            fold, number = divmod(fold, len(self._unseen_values(dataset)))
-            held = column(dataset, self.unseen) == self._unseen_values(dataset)[number]
+            values = _at_least_two(dataset, self.unseen)
+            fold, number = divmod(fold, len(values))
+            held = column(dataset, self.unseen) == values[number]
             part = self._parts(dataset, seed, fold)
             # Samples of the held-out units or of the held-out session, but not both, are left out.
             part = np.where((part == _TEST) == held, part, _NONE)
             if not (part == _TEST).any():
                 raise ValueError(
-                    f"'dataset' must have samples of '{self.unseen}' "
-                    f"{self._unseen_values(dataset)[number]} in each fold (got none in fold {fold})"
+                    f"'dataset' must have samples of '{self.unseen}' {values[number]} in each "
+                    f"fold (got none in fold {fold})"
                 )
             return _split_of(part)
         return _split_of(self._parts(dataset, seed, fold))
@@ -209,106 +199,27 @@ class Protocol:
     def _parts(self, dataset: Samples, seed: int, fold: int) -> np.ndarray:
         names, unit = np.unique(column(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
-        classes = self._classes(dataset, unit)
+        if self.stratify == "auto":
+            classes = label_classes(dataset, unit, self.by, self.folds or 2 + bool(self.val))
+        else:
+            key = self.stratify
+            classes = None if key is None else Classes(dataset, key, unit, self.by)
         part = np.full(len(names), _TRAIN)
-        seeds: list[int] = [seed]
+        seeds = [seed]
         if self._has_folds:
-            if self.leave_one_out:
+            if self.folds is None:
                 held_out = units[fold : fold + 1]
             else:
-                held_out = self._fold(unit, len(names), classes, seed, fold)
+                held_out = Folds(self.folds, self.by).draw(unit, classes, seed, fold)
             part[held_out] = _TEST
             units = np.setdiff1d(units, held_out)
             seeds = [seed, fold]
         if self.val or not self._has_folds:
-            if classes is None:
-                val, test = self._draw(units, seeds)
-            else:
-                val, test = self._draw_by_class(units, classes, seeds)
+            fractions = Fractions(self.val or 0.0, self.test or 0.0, self.by)
+            val, test = fractions.draw(units, classes, seeds)
             part[val], part[test] = _VAL, _TEST
         parts: np.ndarray = part[unit]
         return parts
-
-    def _classes(self, dataset: Samples, unit: np.ndarray) -> "Classes | None":
-        if self.stratify != "auto":
-            key = self.stratify
-            return None if key is None else Classes(dataset, key, unit, self.by)
-        try:
-            classes = Classes(dataset, "y", unit, self.by)
-        except ValueError:  # no labels, or numbers of a regression
-            return None
-        needed = self.folds or 2 + bool(self.val)
-        allowed = classes.of_unit is not None and classes.num_units.min(initial=needed) >= needed
-        return classes if allowed else None
-
-    def _fold(
-        self, unit: np.ndarray, count: int, classes: "Classes | None", seed: int, fold: int
-    ) -> np.ndarray:
-        # Imported here, since it takes as long as everything else together.
-        from sklearn.model_selection import (
-            GroupKFold,
-            KFold,
-            StratifiedGroupKFold,
-            StratifiedKFold,
-        )
-
-        assert self.folds is not None
-        if self.folds > count:
-            raise ValueError(
-                f"'folds' must be between 2 and the {count} {self.by}s there are (got {self.folds})"
-            )
-        drawn = {"n_splits": self.folds, "shuffle": True, "random_state": seed}
-        if classes is None:
-            kind = KFold if self.by == "frame" else GroupKFold
-            parts = kind(**drawn).split(unit, groups=None if self.by == "frame" else unit)
-            return np.unique(unit[list(parts)[fold][1]])
-        classes.check_folds(self.folds)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "The least populated class")  # ours names it
-            if classes.of_unit is not None:
-                parts = StratifiedKFold(**drawn).split(classes.of_unit, classes.of_unit)
-                return list(parts)[fold][1]
-            parts = StratifiedGroupKFold(**drawn).split(unit, classes.of_sample, groups=unit)
-            return np.unique(unit[list(parts)[fold][1]])
-
-    def _draw(self, units: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        val, test, count = self.val or 0.0, self.test or 0.0, len(units)
-        num_val, num_test = round(val * count), round(test * count)
-        for name, part, num in (("val", val, num_val), ("test", test, num_test)):
-            if part > 0 and num == 0:
-                raise ValueError(f"'{name}' of {part} leaves nothing of {count} {self.by}s")
-        if num_val + num_test >= count:
-            raise ValueError(f"'val' and 'test' leave nothing of {count} {self.by}s to train on")
-        order = np.random.default_rng(seeds).permutation(units)
-        return order[num_test : num_test + num_val], order[:num_test]
-
-    def _draw_by_class(
-        self, units: np.ndarray, classes: "Classes", seeds: Sequence[int]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        val, test = [], []
-        for i, name in classes.require_units():
-            mine = units[classes.of_unit[units] == i]  # type: ignore[index]  # required above
-            num_val, num_test = self._num_held_out(len(mine), f"{classes.what} '{name}'")
-            # By name, so that other classes in the data set do not change the draw of this one.
-            rng = np.random.default_rng([*seeds, zlib.crc32(name.encode())])
-            order = rng.permutation(mine)
-            test.append(order[:num_test])
-            val.append(order[num_test : num_test + num_val])
-        return np.concatenate(val), np.concatenate(test)
-
-    def _num_held_out(self, count: int, what: str) -> tuple[int, int]:
-        parts = (self.val or 0.0, self.test or 0.0)
-        num_val, num_test = (max(1, round(part * count)) if part else 0 for part in parts)
-        while num_val + num_test >= count and num_val + num_test > 0:
-            if num_val > num_test or (num_val and num_test == 1):
-                num_val -= 1
-            elif num_test > 1:
-                num_test -= 1
-            else:
-                raise ValueError(
-                    f"{what} must have at least 2 {self.by}s to train and to test on (got {count})"
-                )
-        return num_val, num_test
 
     def describe(self) -> str:
         r"""Returns the protocol in words, for captions.
@@ -357,6 +268,16 @@ class Protocol:
         if unknown:
             raise ValueError(f"a protocol must have keys of {known} (got '{unknown[0]}')")
         return cls(**content)
+
+
+def _at_least_two(dataset: Samples, key: str) -> np.ndarray:
+    values = np.unique(column(dataset, key))
+    if len(values) < 2:
+        raise ValueError(
+            f"'dataset' must have at least 2 values of '{key}' to train without one "
+            f"(got {len(values)})"
+        )
+    return values
 
 
 def _given_parts(dataset: Samples) -> np.ndarray:

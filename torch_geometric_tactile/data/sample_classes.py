@@ -81,6 +81,24 @@ class Classes:
             )
 
 
+def label_classes(dataset: Samples, unit: np.ndarray, by: str, needed: int) -> Classes | None:
+    r"""Returns the classes of :obj:`y` where they allow to stratify: each has enough units, and
+    each unit one class.
+
+    Args:
+        dataset (StaticDataset or StaticData): The samples.
+        unit (numpy.ndarray): The number of the unit of each sample :math:`(S,)`.
+        by (str): What a unit is.
+        needed (int): Number of units that each class must have.
+    """
+    try:
+        classes = Classes(dataset, "y", unit, by)
+    except ValueError:  # no labels, or numbers of a regression
+        return None
+    allowed = classes.of_unit is not None and classes.num_units.min(initial=needed) >= needed
+    return classes if allowed else None
+
+
 def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
     names = getattr(dataset, _NAMED[key]) if key in _NAMED and not _is_data(dataset) else ()
     if found.ndim > 1 or (len(found) and not 0 <= found.min() <= found.max() < len(names)):

@@ -1,21 +1,17 @@
 r"""Grasps with an Allegro hand covered with uSkin."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from torch import Tensor
 
-from torch_geometric_tactile.data import Protocol, StaticData
-from torch_geometric_tactile.datasets.grasp_targets import (
-    GRASP_TARGETS,
-    grasp_target,
-    grasp_targets,
-)
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.datasets.allegro_labels import AllegroLabels
+from torch_geometric_tactile.datasets.grasp_targets import GRASP_TARGETS
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.datasets.trial import Trial, checked_labels, checked_names
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
-from torch_geometric_tactile.sim import PROPERTIES, paper8
+from torch_geometric_tactile.sim import PROPERTIES
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 Task = Literal["object", "property", "shape", "width", "centre", "yaw"]
@@ -155,6 +151,7 @@ class AllegroUSkin(RecordingFrames):
     num_joints = 16
     _stored = _TASKS
     _needs = ("object", "trial")
+    _labels = AllegroLabels()
 
     def __init__(
         self,
@@ -238,46 +235,8 @@ class AllegroUSkin(RecordingFrames):
                 f"{error}: record more, or choose split_by='frame' or split=None"
             ) from error
 
-    def _object_names(self, trials: Sequence[Trial]) -> list[str]:
-        known = [item.name for item in paper8()]
-        found = super()._object_names(trials)
-        return [name for name in known if name in found] + [n for n in found if n not in known]
-
-    def _properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
-        names: tuple[str, ...] = PROPERTIES
-        if trial.meta.get("label_names") is not None:
-            names = checked_names(trial, "label_names")
-        if trial.meta.get("labels") is None or sorted(names) != sorted(PROPERTIES):
-            known = {item.name: item.labels for item in paper8()}.get(trial.object_name or "")
-            return None if known is None else (PROPERTIES, known)
-        labels = checked_labels(trial, names)
-        values = {name: labels[names.index(name)] for name in PROPERTIES}
-        for first, other in zip(PROPERTIES[::2], PROPERTIES[1::2], strict=True):
-            if values[first] and values[other]:
-                raise ValueError(
-                    f"{trial.where} must not be both '{first}' and '{other}' in 'labels' "
-                    f"(got {list(labels)})"
-                )
-        return PROPERTIES, tuple(values.values())
-
-    def _more(self, trials: Sequence[Trial], names: dict[str, list[str]]) -> dict[str, Tensor]:
-        names["shape"], targets = grasp_targets(trials)
-        return targets
-
-    def _target(self, data: StaticData, names: Mapping[str, list[str]]) -> Tensor:
-        if self.task in GRASP_TARGETS:
-            return grasp_target(data, self.task, str(self.root))
-        return super()._target(data, names)
-
     def _no_trials(self) -> str:
         return f"{super()._no_trials()}, or simulate some: tactile simulate --out '{self.root}'"
-
-    def _unknown_properties(self, unknown: Sequence[str]) -> str:
-        return (
-            f"the properties of {list(unknown)} are unknown: give 0 or 1 for each of "
-            f"{list(PROPERTIES)} as 'labels' in the metadata of their recordings, name them as "
-            f"one of {[item.name for item in paper8()]}, or choose task='object'"
-        )
 
 
 def _checked_fractions(fractions: Any) -> tuple[float, float, float]:

@@ -1,44 +1,46 @@
 r"""Objects, labels and phases of trials as attributes of their frames."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.datasets.object_labels import ObjectLabels
 from torch_geometric_tactile.datasets.trial import Trial
 
 # What else trials may be split by, if all of them name it in their metadata.
 GROUPINGS = ("session", "placement", "size")
-Properties = Callable[[Trial], tuple[tuple[str, ...], tuple[int, ...]] | None]
 
 
 def frame_labels(
-    trials: Sequence[Trial], objects: Sequence[str], target: str | None, properties: Properties
+    trials: Sequence[Trial], known: ObjectLabels, target: str | None
 ) -> tuple[dict[str, list[str]], dict[str, Tensor]]:
     r"""Returns the names behind numbers, and the attributes of all frames.
 
     Args:
         trials (sequence of Trial): The trials.
-        objects (sequence of str): The names of the objects, in the order of their numbers.
+        known (ObjectLabels): What is known of their objects and properties.
         target (str, optional): What :obj:`y` is, if neither object nor properties.
-        properties (callable): Returns names and values of the properties of a trial, or
-            :obj:`None` if they are unknown.
 
     Raises:
         ValueError: If a trial does not tell the target, or two contradict each other on the
             properties of an object.
     """
     num_frames = torch.tensor([trial.num_frames for trial in trials])
+    objects = known.object_names(trials)
     names: dict[str, list[str]] = {
-        "group": list(objects),
+        "group": objects,
         "trial": [trial.name for trial in trials],
         "phase": [*dict.fromkeys(name for trial in trials for name in trial.phase_names)],
         "property": [],
         "synthetic": [trial.name for trial in trials if trial.meta.get("synthetic", False)],
     }
-    out: dict[str, Tensor] = {}
+    out = {
+        "time": torch.from_numpy(np.concatenate([trial.time for trial in trials])),
+        "trial": torch.arange(len(trials)).repeat_interleave(num_frames),
+    }
     if trials[0].joint is not None:
         out["joint"] = torch.from_numpy(np.concatenate([trial.joint for trial in trials]))
     if all(trial.object_name is not None for trial in trials):
@@ -49,7 +51,7 @@ def frame_labels(
         if all(isinstance(value, str | int) and not isinstance(value, bool) for value in values):
             names[key], numbers = _numbered(values)
             out[key] = numbers.repeat_interleave(num_frames)
-    names["property"], rows, names["unknown"] = _property_rows(trials, properties)
+    names["property"], rows, names["unknown"] = _property_rows(trials, known)
     if not names["unknown"]:
         out["property"] = torch.tensor(rows).repeat_interleave(num_frames, dim=0)
     if names["phase"]:
@@ -68,15 +70,15 @@ def _numbered(values: list[Any]) -> tuple[list[str], Tensor]:
 
 
 def _property_rows(
-    trials: Sequence[Trial], properties: Properties
+    trials: Sequence[Trial], known: ObjectLabels
 ) -> tuple[list[str], list[list[int]], list[str]]:
     # The names of the properties, their values for each trial, and whose properties are unknown
     # or differ from those of the first trial.
-    known = [properties(trial) for trial in trials]
-    first = next((found[0] for found in known if found is not None), ())
+    properties = [known.properties(trial) for trial in trials]
+    first = next((found[0] for found in properties if found is not None), ())
     rows, unknown = [], set()
     of_object: dict[str, tuple[list[int], str]] = {}
-    for trial, found in zip(trials, known, strict=True):
+    for trial, found in zip(trials, properties, strict=True):
         if found is None or sorted(found[0]) != sorted(first):
             unknown.add(trial.object_name or trial.name)
             continue

@@ -3,7 +3,7 @@ r"""Recordings one after the other, as frames and trials."""
 import logging
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.datasets.trial import Trial, make_trial
+from torch_geometric_tactile.datasets.trial import Trial, check_together, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike
 
 SUFFIXES = (".h5", ".hdf5", ".npz", ".csv")
 _logger = logging.getLogger(__name__)
@@ -48,6 +49,57 @@ def trial_files(folder: Path, pattern: str) -> list[str]:
     )
 
 
+def trial_folder(root: Path, pattern: str) -> Path:
+    r"""Returns the folder of the recordings: :obj:`root/raw`, or :obj:`root` where only that has
+    some.
+
+    Args:
+        root (Path): The folder of the data set.
+        pattern (str): The pattern of the names.
+    """
+    inner = root / "raw"
+    return root if not trial_files(inner, pattern) and trial_files(root, pattern) else inner
+
+
+def opened_files(
+    folder: Path, paths: Sequence[str], read: Callable[[str], Recording]
+) -> Iterator[tuple[str, str, Recording]]:
+    r"""Yields what to call each recording in messages, its name, and the recording.
+
+    Args:
+        folder (Path): The folder that the names are relative to.
+        paths (sequence of str): The files.
+        read (callable): Reads one.
+    """
+    for path in paths:
+        name = Path(path).relative_to(folder).with_suffix("").as_posix()
+        yield f"'{path}'", name, read(path)
+
+
+def opened_recordings(
+    recordings: Sequence[Recording],
+) -> Iterator[tuple[str, str, Recording]]:
+    r"""Yields what to call each recording in messages, its name, and the recording.
+
+    Args:
+        recordings (sequence of Recording): Recordings in memory.
+    """
+    for i, recording in enumerate(recordings):
+        yield f"recording {i}", str(i), recording
+
+
+def no_trials(root: PathLike) -> str:
+    r"""Returns the message of an error about a data set without recordings.
+
+    Args:
+        root (str or PathLike): The folder of the data set.
+    """
+    return (
+        f"there are no trials in '{Path(root, 'raw')}' or '{root}': put recordings there, "
+        f"<object>_<number> with one of {', '.join(SUFFIXES)}"
+    )
+
+
 @dataclass(frozen=True)
 class FrameReader:
     r"""What recordings must be to be read as frames.
@@ -59,6 +111,7 @@ class FrameReader:
         needs (tuple of str): Which of :obj:`"object"` and :obj:`"trial"` must be known.
         num_channels (int, optional): Number of channels of a taxel, if it is known.
         num_joints (int, optional): Number of joint angles of a frame, if it is known.
+        unit (str, optional): The unit of recordings that name none.
     """
 
     layout: TaxelLayout
@@ -66,6 +119,7 @@ class FrameReader:
     needs: tuple[str, ...] = ()
     num_channels: int | None = None
     num_joints: int | None = None
+    unit: str | None = None
 
     def read(
         self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
@@ -74,7 +128,7 @@ class FrameReader:
 
         Args:
             recordings (iterable of tuple): What to call each in messages, its name, and it.
-            folder (Path, optional): The folder of the temporary file.
+            folder (Path, optional): The folder of the temporary file; it is made if need be.
 
         Shapes:
             - **output:** readings :math:`(S, N, C)`
@@ -82,6 +136,8 @@ class FrameReader:
         Raises:
             ValueError: If there is none, or one does not fit the layout or the others.
         """
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
         trials: list[Trial] = []
         num_missing, num_channels = 0, self.num_channels
         # The readings are kept on disk, since they may be more than fits into memory.
@@ -113,6 +169,7 @@ class FrameReader:
                 num_missing,
                 num_frames * self.layout.num_taxels,
             )
+        check_together(trials, self.unit)
         return x, trials
 
     def _trial(self, where: str, name: str, recording: Recording) -> Trial:

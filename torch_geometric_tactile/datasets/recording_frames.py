@@ -1,27 +1,25 @@
 r"""The frames of recordings, for any sensor."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
-import torch
-from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.data.file_state import file_state
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets.frame_labels import frame_labels
-from torch_geometric_tactile.datasets.frame_reader import SUFFIXES, FrameReader, trial_files
-from torch_geometric_tactile.datasets.selected_frames import PARTS, SelectedFrames
-from torch_geometric_tactile.datasets.trial import (
-    Trial,
-    check_together,
-    checked_labels,
-    checked_names,
-    checked_pattern,
+from torch_geometric_tactile.datasets.frame_reader import (
+    FrameReader,
+    no_trials,
+    opened_files,
+    opened_recordings,
+    trial_files,
+    trial_folder,
 )
+from torch_geometric_tactile.datasets.object_labels import ObjectLabels
+from torch_geometric_tactile.datasets.selected_frames import PARTS, SelectedFrames
+from torch_geometric_tactile.datasets.trial import checked_pattern
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
@@ -130,6 +128,7 @@ class RecordingFrames(SelectedFrames):
     num_joints: int | None = None
     _stored: tuple[str, ...] = ("object", "property")  # targets that are in every processed file
     _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
+    _labels = ObjectLabels()
 
     def __init__(
         self,
@@ -154,15 +153,7 @@ class RecordingFrames(SelectedFrames):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        if split is not None and split not in PARTS:
-            raise ValueError(f"'split' must be 'train', 'val', 'test' or None (got '{split}')")
-        if stride < 1:
-            raise ValueError(f"'stride' must be at least 1 (got {stride})")
-        if (root is None) == (recordings is None):
-            both = "none" if root is None else "both"
-            raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")
-        if unit not in (None, *UNITS):
-            raise ValueError(f"'unit' must be one of {UNITS} or None (got {unit!r})")
+        _check_arguments(root, recordings, split=split, stride=stride, unit=unit)
         if layout is None:
             raise ValueError("'layout' must be the taxels of the recordings (got None)")
         self.layout = as_layout(layout)
@@ -188,26 +179,15 @@ class RecordingFrames(SelectedFrames):
         self._recordings = None
         if not self._is_filtered:
             self._data.edge_index = edge_index
-            self._data.y = self._target(self._data, self._names)
-        if len(self.group_names) == 1 and target == "object":
-            _logger.warning(
-                "'%s' holds one object only, '%s': there is nothing to tell apart",
-                self.root,
-                self.group_names[0],
-            )
+            self._data.y = self._labels.target(self._data, self._names, target, str(self.root))
+        _warn_of_one_object(self)
         self._tare()
         self._select()
 
     @property
     def raw_dir(self) -> str:
         r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` where that has none."""
-        root = Path(self.root)
-        inner = root / "raw"
-        return str(
-            root
-            if not trial_files(inner, self.pattern) and trial_files(root, self.pattern)
-            else inner
-        )
+        return str(trial_folder(Path(self.root), self.pattern))
 
     @property
     def raw_file_names(self) -> list[str]:
@@ -260,10 +240,7 @@ class RecordingFrames(SelectedFrames):
         super()._process()
 
     def _no_trials(self) -> str:
-        return (
-            f"there are no trials in '{Path(self.root, 'raw')}' or '{self.root}': put recordings "
-            f"there, <object>_<number> with one of {', '.join(SUFFIXES)}"
-        )
+        return no_trials(self.root)
 
     def read_trial(self, path: PathLike) -> Recording:
         r"""Reads the recording in a file; a subclass may read a format of its own.
@@ -275,79 +252,26 @@ class RecordingFrames(SelectedFrames):
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all trials."""
-        folder = None
-        if self._recordings is None:
-            folder = Path(self.processed_dir)
-            folder.mkdir(parents=True, exist_ok=True)
         needs = {*self._needs, *(["object"] if self.target == "object" else [])}
         reader = FrameReader(
-            self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints
+            self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints, self.unit
         )
-        x, trials = reader.read(self._opened(), folder)
-        check_together(trials, self.unit)
-        num_frames = torch.tensor([trial.num_frames for trial in trials])
-        names, labels = frame_labels(
-            trials,
-            self._object_names(trials),
-            None if self.target in self._stored else self.target,
-            self._properties,
-        )
-        data = StaticData(
-            x=x,
-            time=torch.from_numpy(np.concatenate([trial.time for trial in trials])),
-            trial=torch.arange(len(trials)).repeat_interleave(num_frames),
-            **labels,
-        )
+        if self._recordings is None:
+            files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
+            x, trials = reader.read(files, Path(self.processed_dir))
+        else:
+            x, trials = reader.read(opened_recordings(self._recordings), None)
+        target = None if self.target in self._stored else self.target
+        names, labels = frame_labels(trials, self._labels, target)
+        data = StaticData(x=x, **labels)
         if self.adjacency is not None:
             data.edge_index = self.layout.edge_index(self.adjacency)
         if len(self.layout.link_names) == 1:
             data.pos, data.normal = self.layout.pos, self.layout.normal
-        for key, value in self._more(trials, names).items():
+        for key, value in self._labels.more(trials, names).items():
             data[key] = value
-        data.y = self._target(data, names)
+        data.y = self._labels.target(data, names, self.target, str(self.root))
         return data, names
-
-    def _more(self, trials: Sequence[Trial], names: dict[str, list[str]]) -> dict[str, Tensor]:
-        # Further attributes of the frames; their names are added to those there are.
-        return {}
-
-    def _object_names(self, trials: Sequence[Trial]) -> list[str]:
-        return sorted({trial.object_name for trial in trials if trial.object_name is not None})
-
-    def _properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
-        # Names and values of the properties of a trial, if they are known.
-        if trial.meta.get("labels") is None or trial.meta.get("label_names") is None:
-            return None
-        names = checked_names(trial, "label_names")
-        return names, checked_labels(trial, names)
-
-    def _opened(self) -> Iterator[tuple[str, str, Recording]]:
-        # What to call each recording in messages, its name, and the recording.
-        if self._recordings is not None:
-            for i, recording in enumerate(self._recordings):
-                yield f"recording {i}", str(i), recording
-            return
-        folder = Path(self.raw_dir)
-        for path in self.raw_paths:
-            name = Path(path).relative_to(folder).with_suffix("").as_posix()
-            yield f"'{path}'", name, self.read_trial(path)
-
-    def _target(self, data: StaticData, names: Mapping[str, list[str]]) -> Tensor:
-        if self.target == "object":
-            return data.group.clone()
-        if self.target != "property":
-            y: Tensor = data.y
-            return y
-        if names["unknown"]:
-            raise ValueError(self._unknown_properties(names["unknown"]))
-        target: Tensor = data.property.float()
-        return target
-
-    def _unknown_properties(self, unknown: Sequence[str]) -> str:
-        return (
-            f"the properties of {list(unknown)} are unknown: give 0 or 1 for each as 'labels', and "
-            "the same names as 'label_names', in the metadata of all recordings"
-        )
 
     @property
     def class_names(self) -> list[str]:
@@ -361,7 +285,30 @@ class RecordingFrames(SelectedFrames):
         r"""The number of classes or labels, also where a split lacks one of them."""
         return len(self.class_names)
 
-    @property
-    def property_names(self) -> list[str]:
-        r"""The names of the columns of :obj:`property`; empty if a recording knows none."""
-        return list(self._names["property"])
+
+def _check_arguments(
+    root: PathLike | None,
+    recordings: Sequence[Recording] | None,
+    *,
+    split: str | None,
+    stride: int,
+    unit: str | None,
+) -> None:
+    if split is not None and split not in PARTS:
+        raise ValueError(f"'split' must be 'train', 'val', 'test' or None (got '{split}')")
+    if stride < 1:
+        raise ValueError(f"'stride' must be at least 1 (got {stride})")
+    if (root is None) == (recordings is None):
+        both = "none" if root is None else "both"
+        raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")
+    if unit not in (None, *UNITS):
+        raise ValueError(f"'unit' must be one of {UNITS} or None (got {unit!r})")
+
+
+def _warn_of_one_object(dataset: RecordingFrames) -> None:
+    if len(dataset.group_names) == 1 and dataset.target == "object":
+        _logger.warning(
+            "'%s' holds one object only, '%s': there is nothing to tell apart",
+            dataset.root,
+            dataset.group_names[0],
+        )

@@ -125,6 +125,11 @@ class SelectedFrames(StaticDataset):
         return list(self._names.get("size", ()))
 
     @property
+    def property_names(self) -> list[str]:
+        r"""The names of the columns of :obj:`property`; empty if a recording knows none."""
+        return list(self._names["property"])
+
+    @property
     def synthetic(self) -> bool:
         r"""Whether a simulator made any of the recordings."""
         return bool(self._names["synthetic"])

@@ -18,8 +18,7 @@ used.
 
 import io
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +48,7 @@ from torch_geometric_tactile.io.hdf5_checksums import (
     frame_checksums,
     head_checksum,
 )
-from torch_geometric_tactile.io.hdf5_journal import PatchedFile, ends_in_journal
+from torch_geometric_tactile.io.hdf5_file import CHECKSUMMED, opened, require_h5py
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
     recording_from_fields,
@@ -60,14 +59,7 @@ from torch_geometric_tactile.typing import PathLike
 
 VERSION = 2
 _READABLE = (1, 2)
-_INSTALL = 'pip install "torch-geometric-tactile[io]"'
 _CHECKSUMS_PER_CHUNK = 1024
-_CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 
 def write_hdf5(recording: Recording, path: PathLike) -> None:
@@ -102,7 +94,7 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
         BlockingIOError: If another process writes the file.
     """
     path = hdf5_file(_h5py_needed(path))
-    with _opened(path, "r") as file:
+    with opened(path, "r") as file:
         return _read(path, _checked(path, file), max_bytes)
 
 
@@ -121,7 +113,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
         ValueError: As :meth:`read_hdf5`.
     """
     path = hdf5_file(_h5py_needed(path))
-    with _opened(path, "r") as file:
+    with opened(path, "r") as file:
         return _checked(path, file).head
 
 
@@ -152,7 +144,7 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
         with suppress(FileExistsError):  # by another process just now
             _write(recording, path, growing=True, new=True)
             return
-    with _opened(hdf5_file(path), "r+") as file:
+    with opened(hdf5_file(path), "r+") as file:
         content = _checked(path, file)
         datasets, start = content.datasets, content.num_frames
         stored = {n: as_stored(n, a) for n, a in recording_to_arrays(recording).items()}
@@ -181,24 +173,16 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
         file.attrs.modify("checksum", checksum)
 
 
-def _h5py() -> Any:
-    try:
-        import h5py
-    except ImportError as error:
-        raise ImportError(f"HDF5 files need h5py: {_INSTALL}") from error
-    return h5py
-
-
 def _h5py_needed(path: PathLike) -> Path:
-    _h5py()
+    require_h5py()
     return Path(path)
 
 
 def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -> None:
-    h5py = _h5py()
+    h5py = require_h5py()
     # In memory, since HDF5 ends the process if the disk is full when it closes a file.
     image = io.BytesIO()
-    with h5py.File(image, "w", libver=_CHECKSUMMED) as file:
+    with h5py.File(image, "w", libver=CHECKSUMMED) as file:
         stored = {
             name: with_room(as_stored(name, array)) if growing else as_stored(name, array)
             for name, array in recording_to_arrays(recording).items()
@@ -227,65 +211,7 @@ def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -
 
 def _fixed(text: str) -> np.ndarray:
     content = text.encode()
-    return np.array(content, dtype=_h5py().string_dtype("utf-8", len(content)))
-
-
-@contextmanager
-def _opened(path: Path, mode: str) -> Iterator[Any]:
-    h5py = _h5py()
-    handle = _locked(path, exclusive=mode == "r+")
-    try:
-        with _errors_of_reading(path):
-            in_memory = mode == "r+" or ends_in_journal(path)
-            patched = PatchedFile(handle) if in_memory else None
-            with h5py.File(patched or path, mode, libver=_CHECKSUMMED) as file:
-                yield file
-        if patched is not None and mode == "r+":
-            try:
-                patched.commit()
-            except OSError as error:
-                raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
-    finally:
-        os.close(handle)
-
-
-@contextmanager
-def _errors_of_reading(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except BlockingIOError as error:
-        raise _is_locked(path) from error
-    except Exception as error:  # h5py raises ten kinds for a damaged file
-        ours = isinstance(error, ValueError | OSError) and f"'{path}'" in str(error)
-        if ours or isinstance(error, PermissionError):
-            raise
-        raise ValueError(
-            f"'{path}' cannot be read as HDF5, is it cut or damaged? {error}; copy or record it "
-            "again"
-        ) from error
-
-
-def _is_locked(path: Path) -> BlockingIOError:
-    return BlockingIOError(
-        f"'{path}' is locked by another process that writes it: close it there first"
-    )
-
-
-def _locked(path: Path, exclusive: bool) -> int:
-    while True:
-        handle = os.open(path, os.O_RDWR if exclusive else os.O_RDONLY)
-        if fcntl is None:
-            return handle
-        try:
-            fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH))
-        except BlockingIOError as error:
-            os.close(handle)
-            raise _is_locked(path) from error
-        except OSError:  # a file system without locks
-            return handle
-        if os.path.samestat(os.fstat(handle), path.stat()):
-            return handle
-        os.close(handle)  # replaced by a new file meanwhile
+    return np.array(content, dtype=require_h5py().string_dtype("utf-8", len(content)))
 
 
 class _Content(NamedTuple):

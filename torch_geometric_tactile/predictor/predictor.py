@@ -2,7 +2,7 @@ r"""From a reading to probabilities."""
 
 import copy
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -13,20 +13,12 @@ from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation
+from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike, Transform
 
-Task = Literal["multiclass", "multilabel", "regression"]
 
-# What gives a sample the attributes that models ask for.
-_SOURCES = {
-    "edge_index": "give 'adjacency', or add KNNGraph() to the transform",
-    "edge_attr": "add GeometricEdgeAttr() to the transform",
-    "absolute": "add AbsoluteMorphology() to the transform",
-}
-
-
-class Predictor:
+class Predictor(TrainedModel):
     r"""A trained model with all that a reading goes through before it, the layout of the sensor
     and the fitted transforms, and with the names of its classes. It takes readings as the sensor
     gives them.
@@ -98,25 +90,12 @@ class Predictor:
         preparation = Preparation(
             layout, shared, pre_transform, transform, num_channels, num_joints
         )
-        self._set(Content(preparation, copy.deepcopy(model), tuple(class_names), task))
-
-    def _set(self, parts: Content) -> None:
-        if parts.task not in content.TASKS:
-            raise ValueError(f"'task' must be one of {list(content.TASKS)} (got '{parts.task}')")
-        self.preparation, self.model, self.class_names, _ = parts
-        self.task = parts.task
-        self.model.eval()
-        numbers = [p for p in self.model.parameters() if p.is_floating_point()]
-        self._dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
-        self._names = tuple(getattr(self.model, "modalities", ()))
-        if "joint" in self._names:
-            self.preparation.needs_joint = True
-        self.to(numbers[0].device if numbers else "cpu")
+        super().__init__(Content(preparation, copy.deepcopy(model), tuple(class_names), task))
 
     @classmethod
     def _of(cls, parts: Content) -> Self:
         predictor = cls.__new__(cls)
-        predictor._set(parts)
+        TrainedModel.__init__(predictor, parts)
         return predictor
 
     @classmethod
@@ -196,27 +175,6 @@ class Predictor:
         parts = Content(self.preparation, self.model, self.class_names, self.task)
         content.save(parts, path)
 
-    @property
-    def layout(self) -> TaxelLayout:
-        r"""The layout of the sensor."""
-        return self.preparation.layout
-
-    @property
-    def transform(self) -> Transform | None:
-        r"""What the samples of a data set go through, with its fitted state."""
-        return self.preparation.transform
-
-    def to(self, device: torch.device | str) -> Self:
-        r"""Moves the predictor to a device.
-
-        Args:
-            device (torch.device or str): The device.
-        """
-        self._device = torch.device(device)
-        self.model.to(self._device)
-        self.preparation.to(self._device)
-        return self
-
     def __call__(
         self,
         reading: ArrayLike,
@@ -292,83 +250,10 @@ class Predictor:
         """
         return self.preparation.prepared(self._data(reading, joint, session))
 
-    def prepare_samples(self, data: StaticData) -> StaticData:
-        r"""Returns samples of a data set as the model takes them.
-
-        Args:
-            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
-                before its :obj:`transform`.
-        """
-        return self.preparation.prepared_samples(data)
-
     def _data(self, reading: ArrayLike, joint: ArrayLike | None, session: int | None) -> StaticData:
         return self.preparation.data(
             reading, joint, session, dtype=self._dtype, device=self._device
         )
-
-    def logits(self, data: StaticData) -> Tensor:
-        r"""Returns what the model makes of prepared data :math:`(B, C)`, with gradients.
-
-        Args:
-            data (StaticData): What :meth:`prepare` or :meth:`prepare_samples` returned.
-        """
-        if self.model.training:
-            self.model.eval()
-        inputs = {name: getattr(data, name, None) for name in self._names}
-        lacking = [name for name, value in inputs.items() if value is None]
-        if data.edge_index is None and getattr(self.model, "needs_edges", False):
-            lacking.insert(0, "edge_index")
-        if lacking:
-            source = _SOURCES.get(lacking[0], "add a transform that sets it")
-            raise ValueError(f"the model needs '{lacking[0]}' (got none): {source}")
-        out: Tensor = self.model(data.x, data.edge_index, **inputs)
-        return out
-
-    def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes or labels, or for a regression the numbers.
-
-        Args:
-            logits (torch.Tensor): What the model returned :math:`(B, C)`.
-        """
-        if self.task == "regression":
-            return logits
-        return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
-
-    def names(self, num_outputs: int) -> list[str]:
-        r"""Returns the names of the outputs: of the classes or labels, or their numbers.
-
-        Args:
-            num_outputs (int): Number of outputs :math:`C`.
-
-        Raises:
-            ValueError: If there are names, but not as many.
-        """
-        if self.class_names and len(self.class_names) != num_outputs:
-            raise ValueError(
-                f"'class_names' must have {num_outputs} names, as the model has outputs "
-                f"(got {len(self.class_names)})"
-            )
-        return list(self.class_names) or [str(i) for i in range(num_outputs)]
-
-    def labels(self, probability: Tensor) -> list[list[str]]:
-        r"""Returns the predicted class of each frame, or all its labels with a probability above
-        one half; none for a frame whose probabilities are NaN.
-
-        Args:
-            probability (torch.Tensor): What a call returned :math:`(C,)` or :math:`(B, C)`.
-
-        Raises:
-            ValueError: If :obj:`task` is :obj:`"regression"`.
-        """
-        if self.task == "regression":
-            raise ValueError("a regression has no labels (task='regression')")
-        rows = probability.view(-1, probability.size(-1)).cpu()
-        names = self.names(rows.size(1))
-        if self.task == "multilabel":
-            return [[names[i] for i in (row > 0.5).nonzero().view(-1).tolist()] for row in rows]
-        missing = rows.isnan().any(dim=1).tolist()
-        best = rows.argmax(dim=1).tolist() if len(rows) else []
-        return [[] if is_nan else [names[i]] for i, is_nan in zip(best, missing, strict=True)]
 
     def __repr__(self) -> str:
         return (

@@ -13,12 +13,11 @@ from torch_geometric_tactile.sensors.content_checks import need_text, only_keys,
 from torch_geometric_tactile.sensors.joints import Joint, link_tree
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.pose_tables import (
-    Level,
-    LinkTable,
     few_tables,
     link_tables,
     pose_few,
     pose_links,
+    pose_tables,
     tree_levels,
 )
 from torch_geometric_tactile.sensors.stock import stock_path
@@ -27,8 +26,8 @@ from torch_geometric_tactile.texts import read_json
 from torch_geometric_tactile.typing import PathLike
 
 _KEYS = ("name", "source", "joints", "bodies")
-_FEW = 4  # frames up to which the number of operations costs more than the work in them
 _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
+_FEW = 4  # frames up to which the number of operations costs more than the work in them
 
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
 
@@ -226,20 +225,7 @@ class HandKinematics:
             normals = None if normals is None else normals.view(*shape, num_taxels, 3)
             return PosedTaxels(pos.view(*shape, num_taxels, 3), normals)
         tables, place = self._kept_tables(layout, flat, few=False)
-        parts = flat.split(_CHUNK)
-        if len(parts) > 1 and not (torch.is_grad_enabled() and joint.requires_grad):
-            out = [flat.new_empty(len(flat), num_taxels * 3) for _ in range(1 + with_normal)]
-            targets = zip(*(value.split(_CHUNK) for value in out), strict=True)
-            for part, target in zip(parts, targets, strict=True):
-                for values, whole in zip(
-                    _pose_tables(self._levels, tables, part, normal), target, strict=True
-                ):
-                    torch.cat(values, dim=1, out=whole)
-        else:
-            out = [
-                torch.cat(values, dim=1)
-                for values in _pose_tables(self._levels, tables, flat, normal)
-            ]
+        out = pose_tables(self._levels, tables, flat, with_normal, _CHUNK)
         values = [value.view(*shape, num_taxels, 3) for value in out]
         if place is not None:
             values = [value[..., place, :] for value in values]
@@ -322,16 +308,3 @@ def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
             "looks like degrees (torch.deg2rad converts them)",
             stacklevel=3,
         )
-
-
-def _pose_tables(
-    levels: list[Level], tables: list[LinkTable], joint: Tensor, with_normal: bool
-) -> list[list[Tensor]]:
-    rotation, translation = pose_links(levels, joint)
-    pos, normal = [], []
-    for link, pos_table, normal_table in tables:
-        turn = rotation[:, link].reshape(-1, 9)
-        pos.append(torch.cat([turn, translation[:, link]], dim=1) @ pos_table)
-        if with_normal and normal_table is not None:
-            normal.append(turn @ normal_table)
-    return [pos, normal] if normal else [pos]

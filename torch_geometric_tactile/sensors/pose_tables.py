@@ -176,3 +176,46 @@ def _link_table(layout: TaxelLayout, taxels: Tensor, like: Tensor) -> tuple[Tens
     shift = eye.unsqueeze(1).expand(3, len(taxels), 3).reshape(3, -1)
     normal = None if layout.normal is None else turned(layout.normal)
     return torch.cat([turned(layout.pos), shift]), normal
+
+
+def pose_tables(
+    levels: Sequence[Level],
+    tables: Sequence[LinkTable],
+    joint: Tensor,
+    with_normal: bool,
+    chunk: int,
+) -> list[Tensor]:
+    r"""Returns positions, and normals if they are wanted, of many frames, in the order of the
+    tables :math:`(T, 3 N)`.
+
+    Args:
+        levels (sequence of Level): The links of the hand.
+        tables (sequence of tuple): Of :func:`link_tables`.
+        joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
+        with_normal (bool): Whether normals are wanted; the layout must have some.
+        chunk (int): Number of frames that are worked on at a time, unless gradients are wanted.
+    """
+    parts = joint.split(chunk)
+    if len(parts) == 1 or (torch.is_grad_enabled() and joint.requires_grad):
+        return [torch.cat(values, dim=1) for values in _by_link(levels, tables, joint, with_normal)]
+    width = sum(pos_table.size(1) for _, pos_table, _ in tables)
+    out = [joint.new_empty(len(joint), width) for _ in range(1 + with_normal)]
+    targets = zip(*(value.split(chunk) for value in out), strict=True)
+    for part, target in zip(parts, targets, strict=True):
+        by_link = _by_link(levels, tables, part, with_normal)
+        for values, whole in zip(by_link, target, strict=True):
+            torch.cat(values, dim=1, out=whole)
+    return out
+
+
+def _by_link(
+    levels: Sequence[Level], tables: Sequence[LinkTable], joint: Tensor, with_normal: bool
+) -> list[list[Tensor]]:
+    rotation, translation = pose_links(levels, joint)
+    pos, normal = [], []
+    for link, pos_table, normal_table in tables:
+        turn = rotation[:, link].reshape(-1, 9)
+        pos.append(torch.cat([turn, translation[:, link]], dim=1) @ pos_table)
+        if with_normal and normal_table is not None:
+            normal.append(turn @ normal_table)
+    return [pos, normal] if normal else [pos]

@@ -11,6 +11,7 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.loader.random_states import kept_rng
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.finite import check_part
+from torch_geometric_tactile.training.losses import balanced_weights
 from torch_geometric_tactile.training.metrics import Task
 
 # What gives a sample edges.
@@ -32,6 +33,27 @@ def num_outputs(data: TactileDataModule, task: Task) -> int:
     if task == "multiclass":
         return data.num_classes
     return y.size(1) if y.dim() == 2 else 1
+
+
+def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) -> Tensor:
+    r"""Returns the :func:`~torch_geometric_tactile.training.losses.balanced_weights` of the
+    training part.
+
+    Args:
+        data (TactileDataModule, optional): The data.
+        task (str): What :obj:`y` means.
+        num_classes (int): Number of classes or labels :math:`C`.
+
+    Raises:
+        ValueError: If there is no data module, or it has no labels.
+    """
+    y = None if data is None else data.part("train").column("y")
+    if y is None:
+        raise ValueError(
+            "'class_weights' must be numbers without a TactileDataModule that has labels "
+            "(got 'balanced')"
+        )
+    return balanced_weights(y, task, num_classes)
 
 
 def check_labels(y: Tensor, task: Task, name: str, outputs: int = 0) -> None:

@@ -88,18 +88,7 @@ class TactileDataModule(L.LightningDataModule):
                 f"'train_transform' must have no parts that are fitted (got {', '.join(scalers)}); "
                 "put them into 'transform'"
             )
-        if isinstance(split, Protocol):
-            for name, part in (("val", val), ("test", test)):
-                if part:
-                    raise ValueError(f"'{name}' must be left out with a protocol (got {part})")
-            if split.has_test and test_dataset is not None:
-                raise ValueError(
-                    "'test_dataset' must be left out where the protocol holds out a test part "
-                    f"(got '{split.describe()}')"
-                )
-            val = split.val or 0.0
-        elif val is None:
-            val = 0.1 if val_dataset is None else 0.0
+        val = _val_part(split, val, test, val_dataset, test_dataset)
         for name, part, other in (("val", val, val_dataset), ("test", test, test_dataset)):
             if other is None:
                 continue
@@ -268,6 +257,29 @@ class TactileDataModule(L.LightningDataModule):
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
         )
+
+
+def _val_part(
+    split: str | Protocol | Split,
+    val: float | None,
+    test: float,
+    val_dataset: StaticDataset | None,
+    test_dataset: StaticDataset | None,
+) -> float:
+    # The part of the data set that is held out for validation.
+    if not isinstance(split, Protocol):
+        if val is None:
+            return 0.1 if val_dataset is None else 0.0
+        return val
+    for name, part in (("val", val), ("test", test)):
+        if part:
+            raise ValueError(f"'{name}' must be left out with a protocol (got {part})")
+    if split.has_test and test_dataset is not None:
+        raise ValueError(
+            "'test_dataset' must be left out where the protocol holds out a test part "
+            f"(got '{split.describe()}')"
+        )
+    return split.val or 0.0
 
 
 def _steps(transform: BaseTransform | None) -> list[BaseTransform]:

@@ -86,6 +86,23 @@ def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
     return torch.where(count > 0, len(y) / (num_classes * count), 1.0).float()
 
 
+def check_num_weights(weights: Tensor | None, num_classes: int) -> None:
+    r"""Checks that there is a weight for each class.
+
+    Args:
+        weights (torch.Tensor, optional): Weights of the classes or labels.
+        num_classes (int): Number of classes or labels :math:`C`.
+
+    Raises:
+        ValueError: If there are more or fewer.
+    """
+    if weights is not None and len(weights) != num_classes:
+        raise ValueError(
+            f"'class_weights' must have {num_classes} numbers, one for each class (got "
+            f"{len(weights)})"
+        )
+
+
 def task_loss(
     out: Tensor,
     y: Tensor,

@@ -295,6 +295,21 @@ def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollectio
     return MetricCollection(metrics, compute_groups=False)
 
 
+def session_metric(num_classes: int, task: Task = "multiclass") -> Metric:
+    r"""Returns what is collected of one recording session: the accuracy, or the mean absolute error
+    of a regression.
+
+    Args:
+        num_classes (int): Number of classes, labels or targets :math:`C`.
+        task (str): What :obj:`y` means.
+    """
+    if task == "regression":
+        return MeanAbsoluteError()
+    if task == "multilabel":
+        return MultilabelExactMatch(num_classes)
+    return MulticlassAccuracy(num_classes, average="micro")
+
+
 def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
     r"""Returns the values of :func:`classification_metrics` or :func:`regression_metrics` over all
     batches so far.

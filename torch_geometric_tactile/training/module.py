@@ -8,19 +8,23 @@ from lightning.pytorch.cli import LRSchedulerCallable, OptimizerCallable, instan
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch_geometric.data import Data
-from torchmetrics import MeanAbsoluteError, Metric, MetricCollection
-from torchmetrics.classification import MulticlassAccuracy, MultilabelExactMatch
+from torchmetrics import Metric, MetricCollection
 
 from torch_geometric_tactile.training.checkpoint import INSTANTIATOR
 from torch_geometric_tactile.training.checkpointed_module import CheckpointedModule
-from torch_geometric_tactile.training.checks import EDGE_SOURCE, check_data, num_outputs
+from torch_geometric_tactile.training.checks import (
+    EDGE_SOURCE,
+    check_data,
+    num_outputs,
+    train_weights,
+)
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.finite import BatchCheck
 from torch_geometric_tactile.training.losses import (
     ClassWeights,
     RegressionLoss,
-    balanced_weights,
     check_loss,
+    check_num_weights,
     numbers_like,
     task_loss,
 )
@@ -29,6 +33,7 @@ from torch_geometric_tactile.training.metrics import (
     check_task,
     make_metrics,
     read_metrics,
+    session_metric,
 )
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
@@ -143,7 +148,7 @@ class TactileModule(CheckpointedModule):
             # Every process must hold the same metrics, whatever sessions its own batches have.
             self.test_sessions = dict(getattr(data, "test_sessions", {}))
             self.session_metrics = nn.ModuleList(
-                self._session_metric() for _ in self.test_sessions
+                session_metric(self.num_classes, self.task) for _ in self.test_sessions
             ).to(self.device)
         if of_data:
             check_data(self, data, stage)
@@ -152,26 +157,9 @@ class TactileModule(CheckpointedModule):
 
     def _set_class_weight(self, data: TactileDataModule | None) -> None:
         if self.class_weights == "balanced":
-            y = None if data is None else data.part("train").column("y")
-            if y is None:
-                raise ValueError(
-                    "'class_weights' must be numbers without a TactileDataModule that has labels "
-                    "(got 'balanced')"
-                )
-            weight = balanced_weights(y, self.task, self.num_classes)
+            weight = train_weights(data, self.task, self.num_classes)
             self.class_weight = weight.to(self.device)
-        if self.class_weight is not None and len(self.class_weight) != self.num_classes:
-            raise ValueError(
-                f"'class_weights' must have {self.num_classes} numbers, one for each class (got "
-                f"{len(self.class_weight)})"
-            )
-
-    def _session_metric(self) -> Metric:
-        if self.task == "regression":
-            return MeanAbsoluteError()
-        if self.task == "multilabel":
-            return MultilabelExactMatch(self.num_classes)
-        return MulticlassAccuracy(self.num_classes, average="micro")
+        check_num_weights(self.class_weight, self.num_classes)
 
     def forward(self, batch: Data) -> Tensor:
         r"""Returns the logits of a batch, or its predicted numbers :math:`(B, C)`."""

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.transforms._samples import Samples
+
 if TYPE_CHECKING:
     from torch_geometric_tactile.transforms.base import FittedTransform
 
@@ -35,6 +37,30 @@ def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
     mean = total / count
     deviation = (square / count - mean.square()).clamp(min=0).sqrt()
     return shift + mean, deviation
+
+
+def center_and_scale(
+    transform: "FittedTransform", samples: Samples, index: Tensor
+) -> tuple[Tensor, Tensor]:
+    r"""Returns centre and scale of the samples with one value of a transform's key.
+
+    Args:
+        transform (FittedTransform): The transform.
+        samples (Samples): All samples.
+        index (torch.Tensor): Indices of those with this value, ascending and at least one.
+
+    Shapes:
+        - **output:** that of the attribute in a sample each, or :math:`(1, F)` of channels
+    """
+    parts = samples.values(transform.attr, transform.measured(samples, index))
+    if transform.per == "taxel":
+        center, scale = transform.moments(part.double() for part in parts)
+        return center.cpu(), scale.cpu()
+    first = samples.first[transform.attr]
+    dims = first.dim() - (0 if samples.first.is_shared(transform.attr) else 1)
+    moments = transform.moments(part.double().flatten(end_dim=-2) for part in parts)
+    center, scale = (value.cpu().view(*(1,) * (dims - 1), -1) for value in moments)
+    return center, scale
 
 
 def check_size(transform: "FittedTransform", x: Tensor, size: torch.Size) -> None:

@@ -2,17 +2,25 @@ r"""What the scaling transforms share."""
 
 import logging
 from collections.abc import Iterable, Mapping
-from math import prod
 from typing import Any, Literal, Protocol, Self
 
 import torch
 from torch import Tensor
-from torch_geometric.data import Batch, Data
+from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import require
-from torch_geometric_tactile.transforms._moments import check_size, mean_and_deviation
+from torch_geometric_tactile.transforms._moments import (
+    center_and_scale,
+    check_size,
+    mean_and_deviation,
+)
+from torch_geometric_tactile.transforms._sample_tables import (
+    KeptTables,
+    by_sample,
+    expand_shared,
+    tables_like,
+)
 from torch_geometric_tactile.transforms._samples import AnySamples, Samples
 
 _CHUNK = 8192  # samples read at a time, at most
@@ -20,8 +28,6 @@ _CHUNK = 8192  # samples read at a time, at most
 _PER = ("taxel", "channel")
 
 _logger = logging.getLogger(__name__)
-
-_Place = tuple[torch.dtype, torch.device]
 
 
 class _Attributes(Protocol):
@@ -79,7 +85,7 @@ class FittedTransform(BaseTransform):
         self.center: Tensor | None = None
         self.scale: Tensor | None = None  # of the same shape
         self.key_values: Tensor | None = None  # (K,), sorted
-        self._kept: tuple[Tensor, Tensor, _Place, tuple[Tensor, Tensor, Tensor]] | None = None
+        self._kept: KeptTables | None = None
 
     def fit(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
         r"""Measures centre and scale on the readings of :obj:`data`, which are read a few samples
@@ -122,11 +128,7 @@ class FittedTransform(BaseTransform):
             raise ValueError(f"{type(self).__name__} must be fitted on samples (got none)")
         if self.key is None:
             return torch.zeros(samples.num_samples, dtype=torch.long)
-        return self._sample_keys(samples, samples.num_samples)
-
-    def _sample_keys(self, data: _Attributes, num_samples: int) -> Tensor:
-        assert self.key is not None
-        return self.sample_values(data, self.key, num_samples).long()
+        return self.sample_values(samples, self.key, samples.num_samples).long()
 
     def sample_values(self, data: _Attributes, key: str, num_samples: int) -> Tensor:
         r"""Returns an attribute that must have one number a sample.
@@ -162,31 +164,19 @@ class FittedTransform(BaseTransform):
         if samples.is_shared(self.attr) and self.per == "taxel":
             _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
         center, scale = zip(
-            *(self._moments(samples, (keys == value).nonzero().view(-1)) for value in values),
+            *(
+                center_and_scale(self, samples, (keys == value).nonzero().view(-1))
+                for value in values
+            ),
             strict=True,
         )
-        new_center, new_scale = torch.stack(center), torch.stack(scale)
-        if self.key_values is not None:
-            assert self.center is not None
-            assert self.scale is not None
-            values = torch.cat([self.key_values, values])
-            new_center = torch.cat([self.center, new_center])
-            new_scale = torch.cat([self.scale, new_scale])
-        order = values.argsort()
-        self.key_values = values[order]
-        self.center, self.scale = new_center[order], new_scale[order]
+        new = [torch.stack(center), torch.stack(scale), values]
+        if self.center is not None and self.scale is not None and self.key_values is not None:
+            known = [self.center, self.scale, self.key_values]
+            new = [torch.cat(pair) for pair in zip(known, new, strict=True)]
+        order = new[2].argsort()
+        self.center, self.scale, self.key_values = (value[order] for value in new)
         return self
-
-    def _moments(self, samples: Samples, index: Tensor) -> tuple[Tensor, Tensor]:
-        parts = samples.values(self.attr, self.measured(samples, index))
-        if self.per == "taxel":
-            center, scale = self.moments(part.double() for part in parts)
-            return center.cpu(), scale.cpu()
-        first = samples.first[self.attr]
-        dims = first.dim() - (0 if samples.first.is_shared(self.attr) else 1)
-        moments = self.moments(part.double().flatten(end_dim=-2) for part in parts)
-        center, scale = (value.cpu().view(*(1,) * (dims - 1), -1) for value in moments)
-        return center, scale
 
     def measured(self, samples: Samples, index: Tensor) -> Tensor:
         r"""Returns which samples count, of those with one value of :obj:`key`.
@@ -251,59 +241,20 @@ class FittedTransform(BaseTransform):
         size = self.center.shape[1:]  # of one sample
         check_size(self, x, size)
         if x.numel() > 0:
-            near, rest, scale = self._tables(self.center, self.scale, x)
-            shape = x.shape
+            self._kept = kept = tables_like(self._kept, self.center, self.scale, x)
+            near, rest, scale = kept.tables
             if self.key is None:
+                shape = x.shape
                 x = x.reshape(-1, *size)
                 near, rest, scale = near[0], rest[0], scale[0]
             else:
-                if isinstance(data, StaticData) and data.is_shared(self.attr):
-                    if self.attr in data.schema["shared"]:
-                        raise ValueError(
-                            f"'{self.attr}' must have a value for each sample, since "
-                            f"{type(self).__name__} scales them by '{self.key}' (got one that is "
-                            "declared in 'shared')"
-                        )
-                    x = x.expand(data.num_samples, *x.shape)
-                    shape = x.shape
-                x, row = self._by_sample(data, x, size)
+                x = expand_shared(self, data, x)
+                shape = x.shape
+                x, row = by_sample(self, data, x, size)
                 near, rest, scale = (table[row.to(x.device)] for table in (near, rest, scale))
             x = ((x - near - rest) / scale).reshape(shape)
         data[self.attr] = x
         return data
-
-    def _by_sample(self, data: Data, x: Tensor, size: torch.Size) -> tuple[Tensor, Tensor]:
-        # The readings of each sample, and the row of its centre and scale.
-        if self.per == "taxel":
-            return x.reshape(-1, *size), self._row(data, x.numel() // prod(size))
-        if isinstance(data, Batch):
-            row = self._row(data, data.num_graphs)
-            counts = data._slice_dict[self.attr].diff()  # of rows; samples may differ in them
-            return x.reshape(-1, *size), row.repeat_interleave(counts)
-        num_samples = data.num_samples if isinstance(data, StaticData) else 1
-        return x.reshape(num_samples, *x.shape[-len(size) :]), self._row(data, num_samples)
-
-    def _tables(self, center: Tensor, scale: Tensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        # The centre in the precision of x, and what that leaves over: together as good as double.
-        # Kept, since converting them costs as much as scaling a batch.
-        kept = self._kept
-        if kept is None or kept[0] is not center or kept[1] is not scale or kept[2] != _place(x):
-            near = center.to(x.dtype)
-            tables = near.to(x.device), (center - near).to(x), scale.to(x)
-            self._kept = kept = (center, scale, _place(x), tables)
-        return kept[3]
-
-    def _row(self, data: Data, num_samples: int) -> Tensor:
-        assert self.key_values is not None
-        wanted = self._sample_keys(data, num_samples)
-        row = torch.searchsorted(self.key_values, wanted).clamp(max=len(self.key_values) - 1)
-        unknown = self.key_values[row] != wanted
-        if unknown.any():
-            raise ValueError(
-                f"{type(self).__name__} has not seen {self.key} {int(wanted[unknown][0])}: call "
-                f"'adapt' with its (unlabelled) samples first"
-            )
-        return row
 
     def state_dict(self) -> dict[str, Tensor]:
         r"""Returns what was fitted, for a checkpoint."""
@@ -327,7 +278,3 @@ class FittedTransform(BaseTransform):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._attr_repr().removeprefix(', ')})"
-
-
-def _place(x: Tensor) -> _Place:
-    return x.dtype, x.device
