@@ -10,7 +10,7 @@ demo: $(VENV)/installed
 	$(VENV)/bin/tactile demo $(if $(DATA),--root "$(DATA)")
 
 test: $(VENV)/installed
-	OMP_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
+	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
 
 lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .

@@ -32,6 +32,20 @@ def test_atomic_path_shows_no_half_file_while_it_is_written(tmp_path):
         assert path.read_text() == "old"
 
 
+def test_atomic_path_leaves_what_another_writer_began_under_the_free_name(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def replaced(source, target):
+        replace(source, target)
+        source.write_text("of another")
+
+    monkeypatch.setattr(files.os, "replace", replaced)
+    with atomic_path(tmp_path / "a.txt") as temporary:
+        temporary.write_text("whole")
+    assert (tmp_path / "a.txt").read_text() == "whole"
+    assert temporary.read_text() == "of another"
+
+
 @pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])
 def test_atomic_path_error_keeps_the_old_file_and_removes_the_new(tmp_path, error):
     path = tmp_path / "a.txt"

@@ -61,7 +61,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
                 os.fsync(written.fileno())
             os.replace(temporary, path)
     finally:
-        temporary.unlink(missing_ok=True)
+        # Under its name there may already be the temporary of another writer.
+        if fcntl is None or _is_at(handle, temporary):
+            temporary.unlink(missing_ok=True)
         _release(handle)
 
 

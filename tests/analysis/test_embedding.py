@@ -97,3 +97,14 @@ def test_bad_input_is_named():
         segment_clustering(APART, SEGMENT * 0)
     with pytest.raises(ValueError, match=r"'num_neighbors' must be between 1 and 23 \(got 24\)"):
         segment_clustering(APART, SEGMENT, num_neighbors=24)
+
+
+def test_umap_leaves_the_threads_of_torch_alone():
+    pytest.importorskip("umap", reason="needs the extra 'viz'")
+    before = torch.get_num_threads()
+    torch.set_num_threads(before + 5)
+    try:
+        embed_nodes(APART, "umap")
+        assert torch.get_num_threads() == before + 5
+    finally:
+        torch.set_num_threads(before)

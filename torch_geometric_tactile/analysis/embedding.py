@@ -115,4 +115,9 @@ def embed_nodes(
             random_state=seed,
             n_jobs=1,  # more would not be reproducible
         )
-    return torch.from_numpy(reducer.fit_transform(rows)).float()
+    # numba, below UMAP, sets the threads of OpenMP, and so those of PyTorch, to one for each core.
+    threads = torch.get_num_threads()
+    try:
+        return torch.from_numpy(reducer.fit_transform(rows)).float()
+    finally:
+        torch.set_num_threads(threads)
