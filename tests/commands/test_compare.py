@@ -118,7 +118,11 @@ def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
 
 def command(folder):
     options = [*QUICK, *LONG, "--out", str(folder / "out")]
-    code = "from torch_geometric_tactile.cli import main; raise SystemExit(main())"
+    # What a shell runs in the background ignores Ctrl-C, and what that starts does as well.
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from torch_geometric_tactile.cli import main; raise SystemExit(main())"
+    )
     return [sys.executable, "-c", code, "compare", str(folder / "a.npz"), *options]
 
 
