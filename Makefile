@@ -7,7 +7,7 @@ DATA ?= $(wildcard ../shared/data)
 .PHONY: demo test lint clean
 
 demo: $(VENV)/installed
-	$(VENV)/bin/tactile demo $(if $(DATA),--root "$(DATA)")
+	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
 
 test: $(VENV)/installed
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
