@@ -9,7 +9,7 @@ import argparse
 import json
 import platform
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -244,16 +244,15 @@ def main(argv: list[str] | None = None) -> int:
         "machine": platform.machine(),
     }
     out = Path(arguments.out)
-    write(out / "hand_study.json", lambda: json.dumps(found, indent=1) + "\n")
+    write(out / "hand_study.json", json.dumps(found, indent=1) + "\n")
     page = out / "hand_study.md"
     above = page.read_text("utf-8").partition(MARK)[0] if page.is_file() else ""
-    write(page, lambda: (above + MARK + "\n" + "".join(sections(found))).rstrip() + "\n")
+    write(page, (above + MARK + "\n" + "".join(sections(found))).rstrip() + "\n")
     draw(found, TITLES, Path(arguments.images))
     return 0
 
 
-def write(file: Path, text: Callable[[], str]) -> None:
-    content = text()
+def write(file: Path, content: str) -> None:
     with atomic_path(file) as path:
         path.write_text(content, encoding="utf-8")
 

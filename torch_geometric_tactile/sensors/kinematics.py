@@ -26,8 +26,8 @@ from torch_geometric_tactile.texts import read_json
 from torch_geometric_tactile.typing import PathLike
 
 _KEYS = ("name", "source", "joints", "bodies")
-_CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 _FEW = 4  # frames up to which the number of operations costs more than the work in them
+_CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
 

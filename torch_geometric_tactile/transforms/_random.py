@@ -65,3 +65,20 @@ def check_probability(p: float) -> float:
     if not 0 <= p <= 1:
         raise ValueError(f"'p' must be a probability, 0 to 1 (got {p})")
     return float(p)
+
+
+def check_whole(name: str, number: int, least: int, most: int) -> int:
+    r"""Returns a whole number.
+
+    Args:
+        name (str): The name of the argument, for the message.
+        number (int): The number.
+        least (int): The smallest that is allowed.
+        most (int): The largest that is allowed.
+
+    Raises:
+        ValueError: If it is none, or outside of these.
+    """
+    if isinstance(number, bool) or not isinstance(number, int) or not least <= number <= most:
+        raise ValueError(f"'{name}' must be a whole number, {least} to {most} (got {number})")
+    return number

@@ -9,7 +9,7 @@ from torch_geometric.transforms import BaseTransform
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
-from torch_geometric_tactile.transforms._random import uniform
+from torch_geometric_tactile.transforms._random import check_whole, uniform
 from torch_geometric_tactile.typing import PathLike
 
 _MOST_STEPS = 100
@@ -60,18 +60,9 @@ class RandomShift(BaseTransform):
         value: float = 0.0,
         generator: torch.Generator | None = None,
     ) -> None:
-        for name, steps in (("rows", rows), ("columns", columns)):
-            if (
-                isinstance(steps, bool)
-                or not isinstance(steps, int)
-                or not 0 <= steps <= _MOST_STEPS
-            ):
-                raise ValueError(
-                    f"'{name}' must be a whole number, 0 to {_MOST_STEPS} (got {steps})"
-                )
+        self.rows = check_whole("rows", rows, 0, _MOST_STEPS)
+        self.columns = check_whole("columns", columns, 0, _MOST_STEPS)
         self.layout, self._map = require_map(self, layout)
-        self.rows = rows
-        self.columns = columns
         self.value = float(value)
         self.generator = generator
 

@@ -6,7 +6,7 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import require_x
-from torch_geometric_tactile.transforms._random import uniform
+from torch_geometric_tactile.transforms._random import check_whole, uniform
 from torch_geometric_tactile.transforms._segments import Segments
 
 _MOST_STEPS = 100_000
@@ -52,18 +52,9 @@ class RandomTimeShift(BaseTransform):
         num_frames: int | None = None,
         generator: torch.Generator | None = None,
     ) -> None:
-        for name, number, least in (("steps", steps, 0), ("num_frames", num_frames, 1)):
-            if number is None and name == "num_frames":
-                continue
-            if (
-                isinstance(number, bool)
-                or not isinstance(number, int)
-                or not least <= number <= _MOST_STEPS
-            ):
-                raise ValueError(
-                    f"'{name}' must be a whole number, {least} to {_MOST_STEPS} (got {number})"
-                )
-        self.steps = steps
+        self.steps = check_whole("steps", steps, 0, _MOST_STEPS)
+        if num_frames is not None:
+            num_frames = check_whole("num_frames", num_frames, 1, _MOST_STEPS)
         self.num_frames = num_frames
         self.generator = generator
 
