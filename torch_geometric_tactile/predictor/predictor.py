@@ -46,6 +46,8 @@ class Predictor(TrainedModel):
             :meth:`prepare_samples` has been through it.
         num_channels (int, optional): Number of channels of a taxel; not checked if left out.
         num_joints (int, optional): Number of joint angles of a frame; likewise.
+        threshold (float, optional): Of two classes, the probability of class 1 above which
+            :meth:`labels` tells it; one half if left out.
 
     Shapes:
         - **reading:** :math:`(N, F)` or :math:`(B, N, F)`
@@ -81,6 +83,7 @@ class Predictor(TrainedModel):
         pre_transform: Transform | None = None,
         num_channels: int | None = None,
         num_joints: int | None = None,
+        threshold: float | None = None,
     ) -> None:
         edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
         shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), pos=layout.pos)
@@ -90,7 +93,8 @@ class Predictor(TrainedModel):
         preparation = Preparation(
             layout, shared, pre_transform, transform, num_channels, num_joints
         )
-        super().__init__(Content(preparation, copy.deepcopy(model), tuple(class_names), task))
+        names = tuple(class_names)
+        super().__init__(Content(preparation, copy.deepcopy(model), names, task, threshold))
 
     @classmethod
     def _of(cls, parts: Content) -> Self:
@@ -105,6 +109,7 @@ class Predictor(TrainedModel):
         dataset: StaticDataset,
         transform: Transform | None = None,
         task: Task = "multiclass",
+        threshold: float | None = None,
     ) -> Self:
         r"""Returns the predictor of a model that was trained on a data set, with the data set's
         layout, edges, transforms and class names.
@@ -115,10 +120,11 @@ class Predictor(TrainedModel):
             transform (callable, optional): What came after the data set's own transform in
                 training, such as a fitted scaler.
             task (str): As of the class.
+            threshold (float, optional): As of the class.
         """
         preparation = Preparation.of_dataset(dataset, transform)
         names = tuple(dataset.class_names)
-        return cls._of(Content(preparation, copy.deepcopy(model), names, task))
+        return cls._of(Content(preparation, copy.deepcopy(model), names, task, threshold))
 
     @classmethod
     def from_checkpoint(
@@ -172,7 +178,8 @@ class Predictor(TrainedModel):
         Args:
             path (str or PathLike): The file.
         """
-        parts = Content(self.preparation, self.model, self.class_names, self.task)
+        names = self.class_names
+        parts = Content(self.preparation, self.model, names, self.task, self.threshold)
         content.save(parts, path)
 
     def __call__(
