@@ -34,6 +34,7 @@ def full_recording() -> Recording:
             "force": np.arange(12.0).reshape(FRAMES, 2),
             "name": np.array(["reach", "hold"] * 3),
         },
+        extra={"pac": np.arange(FRAMES * 6, dtype=np.int16).reshape(FRAMES, 3, 2)},
     )
 
 

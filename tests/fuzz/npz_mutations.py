@@ -21,7 +21,7 @@ def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
     if kind == 0:
         other = draw.choice([name + "_", name[:-1], name.upper(), "../" + name, "x", ""])
         content[other] = content.pop(name)
-        kept = name.startswith("privileged/") and other.startswith("privileged/")
+        kept = any(name.startswith(g) and other.startswith(g) for g in ("privileged/", "extra/"))
         return _npz(content, draw), REWRITTEN if kept else JUDGED
     if kind == 1:
         del content[draw.choice(required)]

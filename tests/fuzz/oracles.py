@@ -33,6 +33,7 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
         "label": label,
         "meta": meta,
         "privileged": privileged,
+        "extra": {},
     }
 
 

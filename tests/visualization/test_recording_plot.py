@@ -134,6 +134,7 @@ def test_describe_names_every_fact():
         label="cup",
         meta={"unit": "count", "joint_names": ["base", "tip"], "long": "a" * 200},
         privileged={"pose": np.zeros((4, 7))},
+        extra={"pac": np.zeros((4, 3, 22))},
     )
     assert describe_recording(rec).splitlines() == [
         "frames       4 in 0.03 s, 100 per second",
@@ -149,6 +150,7 @@ def test_describe_names_every_fact():
         '             joint_names = ["base", "tip"]',
         f"             long = {'a' * 97}...",
         "privileged   pose (4, 7)",
+        "extra        pac (4, 3, 22)",
     ]
 
 

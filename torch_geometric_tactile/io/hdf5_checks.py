@@ -10,7 +10,7 @@ import numpy as np
 
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
-    PRIVILEGED,
+    GROUPS,
     checked_file,
     missing_field,
 )
@@ -36,12 +36,13 @@ def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
     for name in ("time", "tactile"):
         if name not in names:
             raise missing_field(path, name)
-    if PRIVILEGED[:-1] in there:
-        _check_hard_link(path, file, PRIVILEGED[:-1])
-        group = file[PRIVILEGED[:-1]]
-        if not isinstance(group, type(file["/"])):
-            raise ValueError(f"'{path}' must hold a group in 'privileged' (got {group})")
-        names += [PRIVILEGED + name for name in group]
+    for prefix in GROUPS:
+        if prefix[:-1] in there:
+            _check_hard_link(path, file, prefix[:-1])
+            group = file[prefix[:-1]]
+            if not isinstance(group, type(file["/"])):
+                raise ValueError(f"'{path}' must hold a group in '{prefix[:-1]}' (got {group})")
+            names += [prefix + name for name in group]
     return {name: checked_dataset(path, file, name) for name in names}
 
 
