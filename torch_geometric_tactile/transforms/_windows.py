@@ -131,3 +131,52 @@ def refuse_ragged(transform: object, data: Data) -> None:
             f"{type(transform).__name__} must get windows of one length (got padded ones, with "
             "'valid_frames'): put Resample() before it, or cut trials to one length"
         )
+
+
+def repeated(values: Tensor, num_frames: int) -> Tensor:
+    r"""Returns the numbers of signals as those of all frames of a window.
+
+    Args:
+        values (torch.Tensor): A number for each channel :math:`(\ldots, N, C)`.
+        num_frames (int): Number of frames :math:`T`.
+
+    Shapes:
+        - **output:** :math:`(\ldots, N, C \cdot T)`
+    """
+    size = (*values.shape[:-1], num_frames, values.size(-1))
+    return join_frames(values.unsqueeze(-2).expand(size))
+
+
+def num_channels_and_frames(data: Data, x: Tensor) -> tuple[int, int]:
+    r"""Returns the number of channels :math:`C` and of frames :math:`T` of windows, which is one of
+    other samples.
+
+    Args:
+        data (torch_geometric.data.Data): The samples.
+        x (torch.Tensor): Their readings :math:`(\ldots, N, C \cdot T)`.
+
+    Raises:
+        ValueError: If the readings are not those of as many frames as the windows have.
+    """
+    num_frames = given_num_frames(data) or 1
+    return split_frames(x, num_frames).size(-1), num_frames
+
+
+def padded_frames(transform: object, data: Data) -> Tensor | None:
+    r"""Returns which numbers of ragged windows are padding, or :obj:`None` if there is none.
+
+    Args:
+        transform (object): The transform that asks, for the message.
+        data (torch_geometric.data.Data): The samples.
+
+    Shapes:
+        - **output:** booleans of the shape of :obj:`x`
+    """
+    if getattr(data, "valid_frames", None) is None:
+        return None
+    signals = require_signals(transform, data)
+    num_frames = signals.size(-1)
+    valid = valid_frames(data, len(signals), num_frames, signals.device)
+    frames = torch.arange(num_frames, device=signals.device)
+    padding = (frames >= valid.unsqueeze(1))[:, None, None].expand_as(signals)
+    return joined_signals(padding, data)
