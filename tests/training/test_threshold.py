@@ -61,7 +61,7 @@ def test_batches_give_the_threshold_of_all():
 
 
 @pytest.mark.parametrize(
-    "score, metric, match",
+    ("score", "metric", "match"),
     [
         ([0.5], "recall", r"'metric' must be one of \['accuracy', .* \(got 'recall'\)"),
         ([float("nan")], "f1", "'score' must hold numbers, none of them NaN"),
@@ -94,7 +94,7 @@ class _Shifted(torch.nn.Module):
 
 
 def _data(num_samples=80, **arguments):
-    dataset = FakeTactileDataset(num_samples, num_classes=2, pre_transform=KNNGraph(2))
+    dataset = FakeTactileDataset(num_samples, pre_transform=KNNGraph(2))
     dataset.data.x = dataset.data.y.view(-1, 1, 1).expand_as(dataset.data.x).float().clone()
     return TactileDataModule(dataset, split="frame", val=0.3, test=0.3, batch_size=20, **arguments)
 
@@ -139,7 +139,7 @@ def test_validation_alone_changes_no_threshold():
 
 
 @pytest.mark.parametrize(
-    "arguments, match",
+    ("arguments", "match"),
     [
         ({"threshold": "recall"}, "'threshold' must be a probability, or what it is chosen by"),
         ({"threshold": 1.5}, r"'threshold' must be a probability, .* \(got 1.5\)"),
@@ -152,7 +152,7 @@ def test_bad_thresholds(arguments, match):
 
 
 def test_threshold_needs_a_validation_part_and_two_classes():
-    dataset = FakeTactileDataset(40, num_classes=2, pre_transform=KNNGraph(2))
+    dataset = FakeTactileDataset(40, pre_transform=KNNGraph(2))
     data = TactileDataModule(dataset, split="frame", val=0.0)
     module = TactileModule(GraspGCN(), threshold="accuracy")
     with pytest.raises(ValueError, match="'threshold' must be a number without a validation part"):
@@ -162,10 +162,8 @@ def test_threshold_needs_a_validation_part_and_two_classes():
         _trainer(enable_checkpointing=False).fit(module, data)
 
 
-@pytest.mark.parametrize("threshold, task", [(1.5, "multiclass"), (0.5, "multilabel")])
+@pytest.mark.parametrize(("threshold", "task"), [(1.5, "multiclass"), (0.5, "multilabel")])
 def test_predictor_refuses_other_thresholds(threshold, task):
     layout = FakeTactileDataset(5).layout
     with pytest.raises(ValueError, match="'threshold' must be a probability, with task='multicl"):
         Predictor(GraspGCN(), layout, task=task, threshold=threshold)
-
-

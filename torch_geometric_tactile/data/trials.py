@@ -69,6 +69,8 @@ class Trials(FrameView):
             raise ValueError(f"'length' must be at least 1 (got {length})")
         self.ragged = ragged
         self.length = length
+        #: Number of frames of a sample, before any transform.
+        self.num_cut = 0
         super().__init__(dataset, target, series, transform, pre_transform)
 
     def _choose(self, runs: TrialRuns) -> dict[str, Any]:
@@ -80,6 +82,7 @@ class Trials(FrameView):
                 f"numbers of frames (got {shortest} in {names[0]} and {longest} in {names[1]})"
             )
         length = self.length or (longest if self.ragged == "pad" else shortest)
+        self.num_cut = length
         chosen = {"length": length, "target": self._label(runs, constant=True)}
         if self.ragged == "pad":
             if longest > length:

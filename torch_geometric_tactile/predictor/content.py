@@ -17,13 +17,15 @@ from torch_geometric_tactile.predictor.builder import Builder, MissingOwnError, 
 from torch_geometric_tactile.predictor.describer import Describer
 from torch_geometric_tactile.predictor.preparation import Preparation
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
+from torch_geometric_tactile.predictor.window_cut import WindowCut
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike, Transform
 
 TASKS = ("multiclass", "multilabel", "regression")
-# Since 2, a file has a checksum; since 3, a threshold, and numbers among what frames share.
+# Since 2, a file has a checksum; since 3, a threshold and windows of frames.
 _FORMAT = 3
 _OLD_FORMATS = (1, 2)
+_TRANSFORMS = ("frame_transform", "pre_transform", "transform")
 _MOST = 10**5  # channels of a taxel, joints of a hand
 _KEY = "torch_geometric_tactile.predictor"
 _WEIGHT = "model."
@@ -73,7 +75,8 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
         "schema": shared.schema,
         "model": describer.model(model),
     }
-    for key in ("pre_transform", "transform"):
+    header["window"] = None if preparation.window is None else preparation.window.to_dict()
+    for key in _TRANSFORMS:
         transform = getattr(preparation, key)
         header[key] = None if transform is None else describer.transform(transform)
     return header, describer.tensors
@@ -142,9 +145,9 @@ def build(
     for key, value in builder.value(header["shared"]).items():
         shared[key] = value
     parts = [
-        None if header[key] is None else builder.transform(header[key])
-        for key in ("pre_transform", "transform")
+        None if header.get(key) is None else builder.transform(header[key]) for key in _TRANSFORMS
     ]
+    window = header.get("window")  # older formats have none
     num_channels, num_joints = header["num_channels"], header["num_joints"]
     for key in ("num_channels", "num_joints"):
         number = header[key]
@@ -152,7 +155,16 @@ def build(
             raise ValueError(
                 f"its '{key}' must be a number up to {_MOST} or null (got {str(number)[:80]})"
             )
-    preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
+    preparation = Preparation(
+        layout,
+        shared,
+        parts[1],
+        parts[2],
+        num_channels,
+        num_joints,
+        window=None if window is None else WindowCut.from_dict(window),
+        frame_transform=parts[0],
+    )
     for part in preparation.fitted:
         fitted = part.center if part.attr == "joint" and num_joints else None
         if fitted is not None and fitted.size(-1) != num_joints:

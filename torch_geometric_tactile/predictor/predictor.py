@@ -49,8 +49,13 @@ class Predictor(TrainedModel):
         threshold (float, optional): Of two classes, the probability of class 1 above which
             :meth:`labels` tells it; one half if left out.
 
+    A model that was trained on :class:`~torch_geometric_tactile.data.Windows` or
+    :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames, as these cut them; of
+    a :class:`~torch_geometric_tactile.data.Recording`, it cuts them itself.
+
     Shapes:
-        - **reading:** :math:`(N, F)` or :math:`(B, N, F)`
+        - **reading:** :math:`(N, F)` or :math:`(B, N, F)`; windows :math:`(N, C \cdot T)` or
+          :math:`(B, N, C \cdot T)`
         - **joint:** angles in radians :math:`(J,)` or :math:`(B, J)`
         - **output:** probabilities :math:`(C,)` for one frame, or :math:`(B, C)`; for a regression
           the numbers themselves
@@ -223,27 +228,85 @@ class Predictor(TrainedModel):
         Raises:
             ValueError: If no transform measures sessions, or as for a call.
         """
-        if not self.preparation.keys:
-            raise ValueError("no transform of this predictor measures sessions: there is no need")
+        self._check_adapts()
         data = self._data(reading, joint, session=-1)
         if time is not None:
             data.time = torch.as_tensor(time, dtype=torch.double)
         return self.preparation.adapt(data)
 
     def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
-        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`.
+        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
+        windows those of its windows :math:`(W, C)`, cut as in training.
 
         Args:
             recording (Recording): The recording, in the unit and at the rest (tare) of those that
                 the model was trained on.
-            batch_size (int): Number of frames that are computed at a time.
+            batch_size (int): Number of frames or windows that are computed at a time.
 
         Raises:
-            ValueError: If it has other taxels, channels or joints.
+            ValueError: If it has other taxels, channels or joints, or too few frames for a window.
         """
+        if self.window is not None:
+            return self._of_windows(self.windows(recording)[0], batch_size)
         recording.check(self.layout)
         parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
         return torch.cat(parts)
+
+    def windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording, cut as in training and before the transforms of
+        windows, and the last frame of each :math:`(W,)`.
+
+        Args:
+            recording (Recording): The recording.
+
+        Raises:
+            ValueError: If the model takes single frames, or as of :meth:`recording`.
+        """
+        if self.window is None:
+            raise ValueError("this predictor takes single frames, not windows: call 'recording'")
+        recording.check(self.layout)
+        # A session is the same for all frames, and may be adapted to with these windows.
+        frames = self.preparation.data(
+            recording.tactile,
+            recording.joint,
+            -1 if self.preparation.session is None else None,
+            dtype=self._dtype,
+            device=self._device,
+            num_frames=1,
+        )
+        del frames.num_frames
+        frames.time = torch.as_tensor(recording.time.copy())
+        return self.preparation.cut(frames)
+
+    def adapt_windows(self, windows: StaticData) -> int:
+        r"""Measures a new recording session by some windows: :meth:`adapt` for what
+        :meth:`windows` returned.
+
+        Args:
+            windows (StaticData): The windows.
+
+        Raises:
+            ValueError: If no transform measures sessions.
+        """
+        self._check_adapts()
+        return self.preparation.adapt(windows)
+
+    def _of_windows(self, windows: StaticData, batch_size: int) -> Tensor:
+        _check_size(batch_size)
+        for key in self.preparation.keys:
+            number = self.preparation._session(None)
+            windows[key] = torch.full((windows.num_samples,), number, device=self._device)
+        parts = []
+        with torch.inference_mode():
+            for start in range(0, windows.num_samples, batch_size):
+                part = windows.index_select(slice(start, start + batch_size))
+                data = self.preparation.prepared_windows(part)
+                parts.append(self.probability(self.logits(data)))
+        return torch.cat(parts)
+
+    def _check_adapts(self) -> None:
+        if not self.preparation.keys:
+            raise ValueError("no transform of this predictor measures sessions: there is no need")
 
     def prepare(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
@@ -270,7 +333,11 @@ class Predictor(TrainedModel):
 
 
 def _chunks(recording: Recording, size: int) -> Iterator[Any]:
-    if size < 1:
-        raise ValueError(f"'batch_size' must be at least 1 (got {size})")
+    _check_size(size)
     for start in range(0, max(recording.num_frames, 1), size):
         yield recording.select(slice(start, start + size))
+
+
+def _check_size(size: int) -> None:
+    if size < 1:
+        raise ValueError(f"'batch_size' must be at least 1 (got {size})")

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.predictor.content import TASKS, Content
+from torch_geometric_tactile.predictor.window_cut import WindowCut
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import Transform
 
@@ -59,6 +60,20 @@ class TrainedModel:
     def transform(self) -> Transform | None:
         r"""What the samples of a data set go through, with its fitted state."""
         return self.preparation.transform
+
+    @property
+    def window(self) -> WindowCut | None:
+        r"""How windows are cut from the frames of a recording; :obj:`None` for single frames."""
+        return self.preparation.window
+
+    @property
+    def causal(self) -> bool:
+        r"""Whether an answer could be given with the last frame of its window: whether no transform
+        looks at frames to come. One that needs the whole window first, such as
+        :class:`~torch_geometric_tactile.transforms.Resample` of whole trials, says so by its
+        attribute :obj:`causal`.
+        """
+        return self.preparation.causal
 
     def to(self, device: torch.device | str) -> Self:
         r"""Moves model and preparation to a device.

@@ -254,7 +254,7 @@ class TactileModule(CheckpointedModule):
         r"""Logs what was measured on the validation part."""
         self._log_metrics("val", self.val_metrics)
         if self.val_threshold is not None:
-            if not self.trainer.validating:  # a trained model keeps what it was trained with
+            if self.trainer.state.fn == "fit":  # a trained model keeps what it was trained with
                 self.decision_threshold = float(self.val_threshold.compute())
                 self.log("val/threshold", self.decision_threshold, sync_dist=True)
             self.val_threshold.reset()

@@ -3,6 +3,7 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 """
 
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
+from torch_geometric_tactile.visualization.curves import plot_curves
 from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
@@ -23,6 +24,7 @@ __all__ = [
     "open_hand",
     "plot_comparison",
     "plot_confusion",
+    "plot_curves",
     "plot_embedding",
     "plot_grasps",
     "plot_hand",

@@ -102,6 +102,8 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         torch.Size([5, 2])
     """
 
+    splits_frames = True  # its channels are those of one frame
+
     def __init__(
         self,
         layout: Union[TaxelLayout, PathLike] = "biotac",
