@@ -112,7 +112,8 @@ def test_threshold_of_training_counts_in_test_checkpoint_and_predictor(tmp_path)
     trainer = _trainer(enable_checkpointing=False)
     trainer.fit(module, data)
     assert float(trainer.callback_metrics["val/accuracy"]) < 1  # without the threshold
-    assert module.decision_threshold == float(trainer.callback_metrics["val/threshold"])
+    logged = float(trainer.callback_metrics["val/threshold"])
+    assert module.decision_threshold == pytest.approx(logged)
     assert module.decision_threshold < 0.01
     (tested,) = trainer.test(module, data, verbose=False)
     assert tested["test/accuracy"] == tested["test/recall_positive"] == 1.0
