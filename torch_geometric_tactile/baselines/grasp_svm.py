@@ -11,7 +11,8 @@ from sklearn.svm import SVC
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines.features import check_finite, statistical_features
+from torch_geometric_tactile.baselines.features import check_finite
+from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
 
 class GraspSVM(ClassifierMixin, BaseEstimator):
@@ -20,7 +21,9 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
 
     A static reading has no time series, and its 12 features are all functions of one number; then
     the readings themselves are the features. The paper names neither kernel nor penalty; ours are
-    scikit-learn's defaults. Features are standardised on the training part.
+    scikit-learn's defaults. Features are standardised on the training part. They are ordered
+    electrode by electrode, in each finger by finger, in each as
+    :class:`~torch_geometric_tactile.baselines.SignalFeatures` orders them.
 
     Args:
         num_fingers (int): Number of fingers :math:`K` whose signals stand side by side.
@@ -85,9 +88,12 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
                     f"'finger' must be between 0 and {self.num_fingers - 1} (got {self.finger})"
                 )
             signal = signal[:, :, [self.finger]]
-        if signal.shape[-1] > 1:
-            signal = statistical_features(signal)
-        return signal.reshape(len(x), int(np.prod(signal.shape[1:])))
+        series = signal.transpose(0, 3, 1, 2)
+        series = series.reshape(len(x), num_frames, signal.shape[1] * signal.shape[2])
+        if num_frames == 1:
+            return series[:, 0]
+        features: np.ndarray = SignalFeatures().fit_transform(series)
+        return features
 
     def fit(self, x: ArrayLike, y: ArrayLike) -> Self:
         r"""Fits the machine.

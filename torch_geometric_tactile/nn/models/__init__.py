@@ -3,6 +3,7 @@ r"""The models of the papers, and those to begin with."""
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.grasp_gcn import GraspGCN
+from torch_geometric_tactile.nn.models.grasp_lstm import GraspLSTM
 from torch_geometric_tactile.nn.models.hand_cnn import HandCNN
 from torch_geometric_tactile.nn.models.mt_cnn import MTCNN
 from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
@@ -23,6 +24,7 @@ __all__ = [
     "CNNThread",
     "GCNThread",
     "GraspGCN",
+    "GraspLSTM",
     "HandCNN",
     "PooledMLP",
     "PosedTaxelNet",
