@@ -9,6 +9,7 @@ from torch.nn import Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.data import split_frames
 from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.tactile_model import with_joints
@@ -285,7 +286,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
                 f"(got shape {tuple(x.shape)})"
             )
         x = stacked_readings(x, self.num_nodes, x.size(-1), "features")
-        return x.unflatten(-1, (self.in_channels, num_frames)).permute(0, 3, 1, 2)
+        return split_frames(x, num_frames).transpose(1, 2)
 
     def _vectors(self, x: Tensor, seen: OptTensor) -> Tensor:
         # The vector of each frame, of (M, N, F).
