@@ -30,6 +30,8 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         finger (int, optional): The one finger to look at (SVM-L, -M, -R). All if left out (SVM-F).
         C (float): Penalty of an error.
         kernel (str): Kernel of :class:`sklearn.svm.SVC`.
+        class_weight (dict or str, optional): As of :class:`sklearn.svm.SVC`: :obj:`"balanced"`
+            makes rare classes of the training part count as much as common ones.
 
     Shapes:
         - **input:** readings :math:`(S, N, K \cdot T)` with :math:`T` frames of each finger
@@ -51,11 +53,13 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         finger: int | None = None,
         C: float = 1.0,  # noqa: N803 - scikit-learn's name
         kernel: str = "rbf",
+        class_weight: dict[int, float] | str | None = None,
     ) -> None:
         self.num_fingers = num_fingers
         self.finger = finger
         self.C = C
         self.kernel = kernel
+        self.class_weight = class_weight
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
@@ -103,7 +107,9 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
             y (array-like): Labels :math:`(S,)`.
         """
         labels = np.asarray(y)
-        self.pipeline_ = make_pipeline(StandardScaler(), SVC(C=self.C, kernel=self.kernel))
+        self.pipeline_ = make_pipeline(
+            StandardScaler(), SVC(C=self.C, kernel=self.kernel, class_weight=self.class_weight)
+        )
         self.pipeline_.fit(self.features(x), labels)
         self.classes_ = self.pipeline_.classes_
         return self

@@ -80,7 +80,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "for those of P1 and P2, 10 for those of P3)",
     )
     parser.add_argument(
-        "--epochs", metavar="N", type=positive, help="epochs, instead of those of the configurations"
+        "--epochs",
+        metavar="N",
+        type=positive,
+        help="epochs, instead of those of the configurations",
     )
     parser.add_argument(
         "--stride",

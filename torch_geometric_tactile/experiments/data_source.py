@@ -240,17 +240,29 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
         return f"{said}."
     try:
         simulation = read_json(found[0])
-        preset = simulation["preset"]
-        made = (
-            f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
-            f"{preset['duration']:g} s at {preset['rate']:g} Hz, MuJoCo {simulation['mujoco']}"
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        made = _made(simulation)
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "
             "command again"
         ) from error
     return f"{said} of `tactile simulate` ({printable(made)})."
+
+
+def _made(simulation: Mapping[str, Any]) -> str:
+    end = f"MuJoCo {simulation['mujoco']}"
+    if "preset" in simulation:
+        preset = simulation["preset"]
+        return (
+            f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
+            f"{preset['duration']:g} s at {preset['rate']:g} Hz, {end}"
+        )
+    rates = (
+        f"{name} {counts['grasps']}, of which {100 * counts['successes'] / counts['grasps']:.1f} % "
+        "are a success"
+        for name, counts in simulation["objects"].items()
+    )
+    return f"{'; '.join(rates)}; seed {simulation['seed']}, {end}"
 
 
 def _fingerprint(dataset: StaticDataset) -> str:
