@@ -149,9 +149,19 @@ def changed(path, change):
 
 
 HOSTILE = {
-    "another format": (lambda h, p: p.update(format=99), "its format must be 2 .got 99"),
-    "no format": (lambda h, p: p.pop("format"), "its format must be 2 .got None"),
+    "another format": (lambda h, p: p.update(format=99), "its format must be 3 .got 99"),
+    "no format": (lambda h, p: p.pop("format"), "its format must be 3 .got None"),
     "task": (lambda h, p: p.update(task="x"), "its task must be one of"),
+    "threshold": (lambda h, p: p.update(threshold=2.0), "its threshold must be a probability"),
+    "threshold of no number": (
+        lambda h, p: p.update(threshold="0.5"),
+        "its threshold must be a probability",
+    ),
+    "window": (lambda h, p: p.update(window=[3]), "a window must have 'length', 'hop' and 'ragged'"),
+    "window without end": (
+        lambda h, p: p.update(window={"length": 10**12, "hop": 1, "ragged": "error"}),
+        "'length' must be a number of frames",
+    ),
     "no layout": (lambda h, p: p.pop("layout"), "KeyError: 'layout'"),
     "layout": (lambda h, p: p["layout"].update(taxels=[]), "at least one taxel"),
     "other layout": (lambda h, p: p["layout"]["taxels"].pop(), "'pos' must have shape|joins?"),
@@ -278,6 +288,18 @@ def test_a_checksum_is_missed_and_not_needed_by_older_files(path, caplog):
     assert Predictor.load(path)(X).equal(predictor()(X))
     (record,) = caplog.records
     assert record.getMessage() == f"'{path}' has no checksum: save it again with this version"
+
+
+def test_older_files_have_neither_window_nor_threshold(path):
+    def age(header, inner):
+        for key in ("threshold", "window", "frame_transform"):
+            del inner[key]
+        inner["format"] = 2
+
+    changed(path, age)
+    old = Predictor.load(path)
+    assert (old.window, old.threshold) == (None, None)
+    assert old(X).equal(predictor()(X))
 
 
 class Attack:
