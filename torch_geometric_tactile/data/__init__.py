@@ -2,6 +2,7 @@ r"""Recordings as data: one topology, many samples."""
 
 from torch_geometric_tactile.data import splits
 from torch_geometric_tactile.data.apply_transform import StaticRule, apply_transform
+from torch_geometric_tactile.data.frame_ring import FrameRing
 from torch_geometric_tactile.data.frames import join_frames, split_frames
 from torch_geometric_tactile.data.protocol import Protocol, Split
 from torch_geometric_tactile.data.recording import Recording
@@ -13,6 +14,7 @@ from torch_geometric_tactile.data.windows import Windows
 
 __all__ = [
     "Fold",
+    "FrameRing",
     "Protocol",
     "Recording",
     "Split",

@@ -16,6 +16,15 @@ from torch_geometric_tactile.data.window_data import WindowData
 from torch_geometric_tactile.typing import Transform
 
 _logger = logging.getLogger(__name__)
+# What data sets of recordings tell of themselves, which holds for the windows of their frames.
+_OF_FRAMES = (
+    "phase_names",
+    "placement_names",
+    "property_names",
+    "size_names",
+    "synthetic",
+    "trial_names",
+)
 _BYTES = 2**26  # of the windows that are transformed at a time
 
 
@@ -102,6 +111,22 @@ class FrameView(StaticDataset):
         """
         stored = self._selected()
         return stored.index_select(slice(None)) if isinstance(stored, WindowData) else stored
+
+    @property
+    def nbytes(self) -> int:
+        r"""The bytes of the frames, or of the samples that :obj:`pre_transform` made of them."""
+        stored = self._data
+        return super().nbytes if isinstance(stored, StaticData) else self.dataset.nbytes
+
+    @property
+    def transforms(self) -> list[Transform | None]:
+        r"""All transforms that run at every access, of the frames first."""
+        return [*self.dataset.transforms, self.transform]
+
+    def __getattr__(self, key: str) -> Any:
+        if key in _OF_FRAMES:
+            return getattr(self.__dict__["dataset"], key)
+        return super().__getattr__(key)
 
     def _selected(self) -> Any:
         if isinstance(self._data, WindowData) and self._indices is not None:

@@ -1,5 +1,9 @@
 r"""The order of the numbers in a window of frames."""
 
+from collections.abc import Sequence
+
+import numpy as np
+import torch
 from torch import Tensor
 
 
@@ -60,17 +64,32 @@ def join_frames(x: Tensor) -> Tensor:
     return x.transpose(-1, -2).flatten(-2)
 
 
-def cut_windows(x: Tensor, starts: Tensor, num_frames: int) -> Tensor:
-    r"""Returns windows of consecutive frames, in one copy.
+def cut_windows(x: Tensor, rows: Sequence[slice | np.ndarray], num_frames: int) -> Tensor:
+    r"""Returns windows of frames, in one copy.
 
     Args:
         x (torch.Tensor): Frames :math:`(S, N, C)`.
-        starts (torch.Tensor): The first frame of each window :math:`(B,)`.
+        rows (sequence of slice or numpy.ndarray): The frames of each window, of :obj:`num_frames`
+            or fewer, after which there is NaN.
         num_frames (int): Number of frames of each window :math:`T`.
 
     Shapes:
         - **output:** :math:`(B, N, C \cdot T)`
     """
-    if len(starts) == 0:
-        return x.new_empty((0, x.size(1), x.size(2) * num_frames))
-    return x.unfold(0, num_frames, 1).index_select(0, starts).flatten(-2)
+    shape = (len(rows), *x.shape[1:], num_frames)
+    is_short = any(_num_rows(index) < num_frames for index in rows)
+    if x.device.type != "cpu" or x.requires_grad or x.dtype == torch.bfloat16:
+        cut = x.new_full(shape, torch.nan) if is_short else x.new_empty(shape)
+        for window, index in zip(cut, rows, strict=True):
+            window[..., : _num_rows(index)] = x[index].movedim(0, -1)
+        return cut.flatten(-2)
+    # NumPy transposes two to five times as fast as PyTorch, into memory of large pages.
+    frames = x.numpy()
+    out = np.full(shape, np.nan, frames.dtype) if is_short else np.empty(shape, frames.dtype)
+    for i, index in enumerate(rows):
+        out[i, ..., : _num_rows(index)] = frames[index].transpose(1, 2, 0)
+    return torch.from_numpy(out).flatten(-2)
+
+
+def _num_rows(index: slice | np.ndarray) -> int:
+    return index.stop - index.start if isinstance(index, slice) else len(index)

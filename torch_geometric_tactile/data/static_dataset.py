@@ -108,6 +108,19 @@ class StaticDataset(FromArrays, ProcessedDataset):
         stored: StaticData = self._selected()
         return stored
 
+    @property
+    def nbytes(self) -> int:
+        r"""The bytes of the attributes that are stored, of all samples. Those of a memory-mapped
+        file are in memory only while they are used.
+        """
+        values = [value for value in self._data.to_dict().values() if isinstance(value, Tensor)]
+        return sum(value.numel() * value.element_size() for value in values)
+
+    @property
+    def transforms(self) -> list[Transform | None]:
+        r"""All transforms that run at every access, in their order."""
+        return [self.transform]
+
     def batch(self, index: Tensor | Sequence[int]) -> StaticData:
         r"""Returns some samples at once, after :obj:`transform`: what :obj:`dataset[i]` is for one.
 

@@ -87,6 +87,10 @@ class Trials(FrameView):
                     f"'length' must be at least that of the longest trial, {longest} in "
                     f"{runs.name(int(runs.length.argmax()))}, with ragged='pad' (got {length})"
                 )
+            if not self.dataset._data["x"].is_floating_point():
+                raise ValueError(
+                    "'ragged' must not be 'pad' where 'x' holds whole numbers, which have no NaN"
+                )
             return {"starts": runs.start, "valid": runs.length, **chosen}
         self._drop_short(runs, length)
         kept = runs.length >= length

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data.apply_transform import apply_transform
-from torch_geometric_tactile.data.frames import cut_windows, join_frames
+from torch_geometric_tactile.data.frames import cut_windows
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.typing import Transform
 
@@ -184,29 +184,34 @@ class WindowData:
         if self.transform is not None:
             return self._transformed()._cut()
         frames, last = self.frames, self._rows(self._last())
-        schema = frames.schema
-        values: dict[str, Any] = {"x": self._cut_x()}
-        for key, value in frames.to_dict().items():
-            if key in ("x", "y"):
-                continue
+        out = copy.copy(frames)
+        # Straight into the mapping: what was checked keeps its level.
+        mapping = out._store._mapping
+        for key, value in list(mapping.items()):
             if frames.is_shared(key):
-                values[key] = value
+                continue
+            if key == "x":
+                mapping[key] = cut_windows(value, self._row_sets(), self.length)
             elif key in self.series:
-                values[key] = self._series(value)
+                mapping[key] = self._series(value)
             else:
-                values[key] = value[last]
+                mapping[key] = value[last]
         if self.target is not None:
-            values["y"] = self["y"]
-        values["num_frames"] = self.length
+            mapping["y"] = self["y"]
+        mapping["num_frames"] = self.length
         if self.valid is not None:
-            values["valid_frames"] = self.valid
-        return StaticData(**values, **schema)
+            mapping["valid_frames"] = self.valid
+        return out
 
-    def _cut_x(self) -> Tensor:
-        x = self.frames.x
-        if self.order is None and self.valid is None:
-            return cut_windows(x, self.starts, self.length)
-        return join_frames(self._series(x).transpose(1, 2))
+    def _row_sets(self) -> list[Any]:
+        # The rows of the frames of each window.
+        starts = self.starts.tolist()
+        counts = [self.length] * len(starts) if self.valid is None else self.valid.tolist()
+        spans = [slice(a, a + n) for a, n in zip(starts, counts, strict=True)]
+        if self.order is None:
+            return spans
+        rows = self.order.numpy(force=True)
+        return [rows[span] for span in spans]
 
     def _series(self, value: Tensor) -> Tensor:
         out = value[self._rows(self._steps())]
