@@ -68,7 +68,8 @@ class SignalFeatures(TransformerMixin, BaseEstimator):
                 f"'x' must have {self.n_features_in_} electrodes, as {type(self).__name__} was "
                 f"fitted on (got shape {values.shape})"
             )
-        features = statistical_features(values.transpose(0, 2, 1))
+        # Sums over what is contiguous are rounded alike, however the series came.
+        features = statistical_features(np.ascontiguousarray(values.transpose(0, 2, 1)))
         return features.reshape(len(values), features.shape[1] * features.shape[2])
 
     def get_feature_names_out(self, input_features: Sequence[str] | None = None) -> np.ndarray:

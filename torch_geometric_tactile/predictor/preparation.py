@@ -33,6 +33,7 @@ from torch_geometric_tactile.typing import Transform
 ArrayLike = Tensor | np.ndarray | Sequence[Any]
 
 _EDGES = ("edge_index", "edge_attr", "edge_weight")
+_FRAMES = ("num_frames", "valid_frames")
 _GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
 # Which attributes these transforms read and write. If all that a transform reads is the same for
 # every frame, its result is computed once. A transform that is not listed is applied to every
@@ -40,19 +41,21 @@ _GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
 _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.AbsoluteMorphology: (("pos",), ("absolute",)),
     T.CommonMode: (("x",), ("x",)),
+    T.ContactCrop: (("x", *_FRAMES), ("x", "valid_frames", "contact_frame")),
     T.DropPatches: (("x", "dropped"), ("x", "dropped")),
     T.DropTaxels: (("x", "dropped"), ("x", "dropped")),
-    T.FillMissing: (("x", "missing"), ("x", "missing")),
+    T.FillMissing: (("x", "missing", *_FRAMES), ("x", "missing")),
     T.GeometricEdgeAttr: _GEOMETRY,
     T.KNNGraph: (("pos", *_EDGES), _EDGES),
-    T.SelectChannels: (("x",), ("x",)),
+    T.Resample: (("x", *_FRAMES), ("x", *_FRAMES)),
+    T.SelectChannels: (("x", *_FRAMES), ("x",)),
     T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
-    T.RandomGain: (("x",), ("x",)),
-    T.RandomMirror: (("x",), ("x",)),
+    T.RandomGain: (("x", *_FRAMES), ("x",)),
+    T.RandomMirror: (("x", *_FRAMES), ("x",)),
     T.RandomNoise: (("x",), ("x",)),
-    T.RandomOffset: (("x",), ("x",)),
+    T.RandomOffset: (("x", *_FRAMES), ("x",)),
     T.RandomShift: (("x",), ("x",)),
-    T.RandomTimeShift: (("x",), ("x",)),
+    T.RandomTimeShift: (("x", *_FRAMES), ("x",)),
     T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
     T.TopologicalSegmentation: (
         (*_EDGES, "edge_is_within"),
@@ -351,7 +354,8 @@ def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[A
 def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
     # The attributes that a transform reads and writes, where they are known.
     if isinstance(part, FittedTransform):
-        return (part.attr, *((part.key, "x") if part.key else ())), (part.attr,)
+        frames = _FRAMES if part.per == "signal" else ()
+        return (part.attr, *((part.key, "x") if part.key else ()), *frames), (part.attr,)
     reads, writes = _ACCESS.get(type(part), (None, None))
     if isinstance(part, T.TaxelForce):
         return ("x", "tangent", "normal"), (part.out,)

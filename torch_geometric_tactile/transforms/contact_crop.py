@@ -143,9 +143,9 @@ class ContactCrop(BaseTransform):
         if signals.numel() == 0:
             return valid.new_full((len(signals),), -1)
         at_rest = signals[..., : self.rest]
-        center = at_rest.nanmedian(dim=-1, keepdim=True).values
-        spread = (at_rest - center).abs().nanmedian(dim=-1).values
-        usual = spread.flatten(1).nanmedian(dim=1).values[:, None, None]
+        center = _median(at_rest).unsqueeze(-1)
+        spread = _median((at_rest - center).abs())
+        usual = _median(spread.flatten(1))[:, None, None]
         threshold = (self.k * _DEVIATION * torch.fmax(spread, usual)).clamp(min=self.floor)
         beyond = (signals - center).abs_() > threshold.unsqueeze(-1)
         num_frames = signals.size(-1)
@@ -176,3 +176,11 @@ class ContactCrop(BaseTransform):
             f"{type(self).__name__}(rest={self.rest}, k={self.k}, floor={self.floor}, "
             f"sustain={self.sustain}, before={self.before}, missing='{self.missing}')"
         )
+
+
+def _median(values: Tensor) -> Tensor:
+    # Over the last dimension, without what is missing; of two in the middle their mean.
+    ordered = values.sort(dim=-1).values  # NaN comes last
+    count = (~values.isnan()).sum(dim=-1, keepdim=True)
+    middle = torch.cat([(count - 1).clamp(min=0) // 2, count // 2], dim=-1)
+    return ordered.gather(-1, middle).mean(dim=-1)

@@ -9,6 +9,7 @@ from torch_geometric_tactile.nn import (
     MTCNN,
     MTGCN,
     GraspGCN,
+    GraspLSTM,
     HandCNN,
     PosedTaxelNet,
     SmallCNN,
@@ -22,6 +23,7 @@ CLASSES = [
     MTCNN,
     MTGCN,
     GraspGCN,
+    GraspLSTM,
     HandCNN,
     PosedTaxelNet,
     SmallCNN,
@@ -78,8 +80,9 @@ def test_model_ignores_inputs_of_others(name):
     assert torch.equal(model(*[{**rest, **given}[key] for key in FORWARD]), out)
 
 
-def test_grasp_gcn_ignores_inputs_of_others():
-    model = GraspGCN(11)
+@pytest.mark.parametrize("cls", [GraspGCN, GraspLSTM])
+def test_grasp_models_ignore_inputs_of_others(cls):
+    model = cls(11)
     given = inputs(model_of_all(), 9)
     out = model(given["x"], given["edge_index"])
     assert torch.equal(model(*[given[key] for key in FORWARD]), out)

@@ -51,6 +51,9 @@ class LSTMCells(Module):
         """
         zeros = x.new_zeros(self.num_layers, x.size(0), self.hidden_channels)
         weights = list(self.parameters())
+        if torch.compiler.is_compiling():
+            # PyTorch compiles the layer of oneDNN, which has no gradient, for an input without one.
+            x = x + 0 * weights[0][0, 0]
         out, _, _ = torch.lstm(
             x, (zeros, zeros), weights, True, self.num_layers, 0.0, self.training, False, True
         )
@@ -58,10 +61,10 @@ class LSTMCells(Module):
 
 
 class GraspLSTM(Module, TactileHubMixin):
-    r"""The LSTM baseline of the "Tactile Grasp Stability Classification Based on Graph Convolutional
-    Networks" paper: one layer of 128 cells over time on the signals of all electrodes, of one
-    finger (LSTM-L, -M, -R) or of all (LSTM-F), then one fully connected layer on the hidden state
-    of the last frame.
+    r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
+    Convolutional Networks" paper: one layer of 128 cells over time on the signals of all
+    electrodes, of one finger or (F) of all, then one fully connected layer on the hidden state of
+    the last frame.
 
     It knows no graph. In each frame, the electrodes' readings stand side by side: electrode by
     electrode, in each finger by finger. The paper has two classes and a sigmoid; outputs are
