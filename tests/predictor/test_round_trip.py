@@ -13,7 +13,13 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models import GraspGCN, PosedTaxelNet, SmallCNN, TaxelNet
+from torch_geometric_tactile.nn.models import (
+    GraspGCN,
+    PosedTaxelNet,
+    SmallCNN,
+    TaxelNet,
+    TemporalTaxelNet,
+)
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.describer import Describer
@@ -254,6 +260,9 @@ MODELS = {
     "small_cnn": lambda: SmallCNN(small_models.LAYOUT, 3, widths=(4, 4), hidden_channels=5),
     "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
     "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
+    "temporal": lambda: TemporalTaxelNet(
+        small_models.LAYOUT, 3, num_filters=2, filter_size=2, max_taxels=6, num_joints=2
+    ),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
 OWN = {"gcn_patch"}  # with an encoder that is given as a module

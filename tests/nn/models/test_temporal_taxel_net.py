@@ -90,7 +90,7 @@ def test_temporal_taxel_net_parameter_count():
 
     net = TemporalTaxelNet("biotac", 2, in_channels=3)
     assert num_parameters(net) == (
-        temporal(3, 16, 8) + sector(16, 32) + 3 * temporal(32, 32, 3) + head(21 * 32, 2, 64)
+        temporal(3, 16, 16) + sector(16, 32) + 2 * temporal(32, 32, 3) + head(21 * 32, 2, 64)
     )
     blocks = sector(4, 4) + sector(4, 6) + sector(6, 6) + 2 * sector(6, 6)
     assert num_parameters(small("pooled")) == (
@@ -143,7 +143,7 @@ def test_temporal_taxel_net_streaming_of_the_stock_layouts():
         torch.manual_seed(0)
         model = TemporalTaxelNet(layout, 2, in_channels=channels, num_blocks=1).eval()
         num_frames = model.receptive_field + 1
-        assert num_frames == 17
+        assert num_frames == 33
         x = samples(2, model.num_nodes, channels * num_frames)
         assert_streaming_equals_window(model, x, num_frames)
 

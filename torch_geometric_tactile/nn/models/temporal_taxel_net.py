@@ -117,6 +117,8 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         torch.Size([5, 2])
     """
 
+    splits_frames = True  # `in_channels` is that of one frame, whatever their number
+
     def __init__(
         self,
         layout: Union[TaxelLayout, PathLike] = "biotac",
@@ -124,14 +126,14 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         *,
         in_channels: int = 1,
         num_filters: int = 16,
-        filter_size: int = 8,
+        filter_size: int = 16,
         widths: Optional[Sequence[int]] = None,
         depth: int = 1,
         conv: ConvName = "sector",
         num_sectors: int = 8,
         kernel_size: int = 3,
-        dilation: int = 4,
-        num_blocks: int = 3,
+        dilation: int = 8,
+        num_blocks: int = 2,
         hidden_channels: int = 64,
         dropout: float = 0.3,
         taxel_dropout: float = 0.2,
