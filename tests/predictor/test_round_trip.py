@@ -19,6 +19,7 @@ from torch_geometric_tactile.nn.models import (
     PosedTaxelNet,
     SmallCNN,
     TaxelNet,
+    TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
@@ -292,6 +293,9 @@ MODELS = {
     "small_cnn": lambda: SmallCNN(small_models.LAYOUT, 3, widths=(4, 4), hidden_channels=5),
     "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
     "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
+    "temporal": lambda: TemporalTaxelNet(
+        small_models.LAYOUT, 3, num_filters=2, filter_size=2, max_taxels=6, num_joints=2
+    ),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
 OWN = {"gcn_patch"}  # with an encoder that is given as a module

@@ -131,3 +131,26 @@ def test_causal_temporal_conv_bad_state(x, state):
     match = r"'x' and 'state' must have shape \(\.\.\., 3\) and \(\.\.\., 2, 3\) \(got"
     with pytest.raises(ValueError, match=match):
         conv().step(torch.zeros(x), torch.zeros(state))
+
+
+@pytest.mark.parametrize("num_frames", [1, 5, 12])
+def test_causal_temporal_conv_of_the_frames_that_are_needed(num_frames):
+    first, second = conv(3, 5, 3, 2), conv(5, 4, 2, 4)
+    x = samples(2, num_frames, 3)
+    whole = second(first(x))
+    needed = first(x, stride=4)
+    assert torch.allclose(needed, first(x)[:, (num_frames - 1) % 4 :: 4], atol=1e-6)
+    assert torch.allclose(second(needed, spacing=4)[:, -1], whole[:, -1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"spacing": 3}, r"'spacing' must divide the dilation 4 \(got 3\)"),
+        ({"spacing": 0}, r"'spacing' must divide the dilation 4 \(got 0\)"),
+        ({"stride": 0}, r"'stride' must be at least 1 \(got 0\)"),
+    ],
+)
+def test_causal_temporal_conv_bad_frames(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        conv(3, 5, 3, 4)(torch.zeros(9, 3), **arguments)

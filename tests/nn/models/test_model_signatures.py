@@ -16,6 +16,7 @@ from torch_geometric_tactile.nn import (
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalTaxelNet,
 )
 from torch_geometric_tactile.sensors import stock_path
 
@@ -30,6 +31,7 @@ CLASSES = [
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalTaxelNet,
 ]
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
@@ -55,8 +57,8 @@ def test_model_takes_layout_and_outputs_first(cls):
 
 @pytest.mark.parametrize("cls", CLASSES)
 def test_model_forward_has_one_order(cls):
-    given = parameters(cls.forward)
-    assert [p.name for p in given if p.kind is not inspect.Parameter.KEYWORD_ONLY] == FORWARD
+    given = [p for p in parameters(cls.forward) if p.kind is not inspect.Parameter.KEYWORD_ONLY]
+    assert [p.name for p in given] == FORWARD
     assert [p.default for p in given[1:]] == [None] * (len(given) - 1)
 
 
@@ -130,6 +132,7 @@ def test_model_layout_bad(cls):
         PosedTaxelNet: "places",
         SmallCNN: "image map",
         TaxelNet: "neighbours",
+        TemporalTaxelNet: "neighbours",
     }
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):

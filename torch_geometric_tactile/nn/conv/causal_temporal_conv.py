@@ -88,17 +88,30 @@ class CausalTemporalConv(Module):
         glorot(self.weight.flatten(0, 1))
         zeros(self.bias)
 
-    def forward(self, x: Tensor) -> Tensor:
-        r"""Convolves all frames.
+    def forward(self, x: Tensor, *, spacing: int = 1, stride: int = 1) -> Tensor:
+        r"""Convolves all frames, or those that are needed.
+
+        An answer at the last frame rests on fewer and fewer frames of the layers before: where each
+        dilation is a multiple of the one before, a layer with :obj:`stride` gives them alone, and
+        the next takes them with that :obj:`spacing`.
 
         Args:
             x (torch.Tensor): Features.
+            spacing (int): Distance of the given frames, of which the dilation is a multiple.
+            stride (int): Distance of the frames to return, in those given, counted back from the
+                last.
         """
         if x.dim() < 2 or x.size(-1) != self.in_channels:
             raise ValueError(
                 f"'x' must have shape (..., num_frames, {self.in_channels}) (got {tuple(x.shape)})"
             )
-        return self._product(F.pad(x, (0, 0, self.num_past, 0)), x.size(-2))
+        if spacing < 1 or self.dilation % spacing:
+            raise ValueError(f"'spacing' must divide the dilation {self.dilation} (got {spacing})")
+        if stride < 1:
+            raise ValueError(f"'stride' must be at least 1 (got {stride})")
+        past = self.num_past // spacing
+        starts = range(0, past + 1, self.dilation // spacing)
+        return self._product(F.pad(x, (0, 0, past, 0)), starts, x.size(-2), stride)
 
     def initial_state(
         self,
@@ -131,13 +144,14 @@ class CausalTemporalConv(Module):
                 f"{tuple(state.shape)})"
             )
         rows = torch.cat([state, x.unsqueeze(-2)], dim=-2)
-        return self._product(rows, 1).squeeze(-2), rows[..., 1:, :]
-
-    def _product(self, rows: Tensor, num_frames: int) -> Tensor:
-        # Of as many frames, behind those that they see.
         starts = range(0, self.num_past + 1, self.dilation)
-        near = torch.cat([rows.narrow(-2, start, num_frames) for start in starts], dim=-1)
-        return F.linear(near, self.weight.flatten(0, 1).t(), self.bias)
+        return self._product(rows, starts, 1, 1).squeeze(-2), rows[..., 1:, :]
+
+    def _product(self, rows: Tensor, starts: range, num_frames: int, stride: int) -> Tensor:
+        # Of frames behind those that they see; the last of them always.
+        first = (num_frames - 1) % stride
+        parts = [rows[..., start + first : start + num_frames : stride, :] for start in starts]
+        return F.linear(torch.cat(parts, dim=-1), self.weight.flatten(0, 1).t(), self.bias)
 
     def __repr__(self) -> str:
         return (

@@ -1,8 +1,6 @@
-r"""What :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` is made of: differences of
-frames, and blocks of causal convolutions."""
+r"""What :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` is made of besides the levels
+of :class:`~torch_geometric_tactile.nn.models.TaxelNet`."""
 
-import torch
-import torch.nn.functional as F
 from torch import Tensor
 from torch.nn import Module
 
@@ -11,52 +9,52 @@ from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
 from torch_geometric_tactile.nn.models.taxel_levels import TaxelNorm
 
 
-class FrameDifference(Module):
-    r"""Puts the difference to an earlier frame behind the readings of each taxel.
-
-    A frame that was not seen, or not read (NaN), has no difference: it is zero.
+class FrameFilters(Module):
+    r"""Causal filters of the readings of each taxel, the same for all taxels, with normalisation
+    and ReLU.
 
     Args:
-        in_channels (int): Number of channels :math:`C`.
-        lag (int): How many frames earlier :math:`L`.
-
-    Shapes:
-        - **input:** readings :math:`(B, T, N, C)`; of a step :math:`(B, N, C)` and a state
-          :math:`(B, L, N, C)`
-        - **output:** :math:`(B, T, N, 2 C)`; of a step :math:`(B, N, 2 C)` and the next state
+        in_channels (int): Channels of a taxel in one frame.
+        out_channels (int): Number of filters.
+        kernel_size (int): Length of the filters in frames.
     """
 
-    def __init__(self, in_channels: int, lag: int) -> None:
+    def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
         super().__init__()
-        self.in_channels = in_channels
-        self.lag = lag
+        self.conv = CausalTemporalConv(in_channels, out_channels, kernel_size, bias=False)
+        self.norm = TaxelNorm(out_channels)
 
-    def forward(self, x: Tensor) -> Tensor:
-        r"""Returns readings and differences of all frames.
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        self.conv.reset_parameters()
+        self.norm.reset_parameters()
+
+    def forward(self, x: Tensor, stride: int = 1) -> Tensor:
+        r"""Filters readings :math:`(B, N, T, C)`.
 
         Args:
             x (torch.Tensor): Readings.
+            stride (int): As of :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv`.
         """
-        past = F.pad(x, (0, 0, 0, 0, self.lag, 0), value=torch.nan)[:, : x.size(1)]
-        return _with_difference(x, past)
+        return self._scaled(self.conv(x, stride=stride))
 
     def step(self, x: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        r"""Returns readings and differences of the next frame, and the state after it.
+        r"""Filters the readings :math:`(B, N, C)` of the next frame.
 
         Args:
             x (torch.Tensor): Readings of one frame.
-            state (torch.Tensor): The state before it.
+            state (torch.Tensor): The state of the convolution.
         """
-        rows = torch.cat([state, x.unsqueeze(1)], dim=1)
-        return _with_difference(x, rows[:, 0]), rows[:, 1:]
+        out, state = self.conv.step(x, state)
+        return self._scaled(out), state
 
-
-def _with_difference(x: Tensor, past: Tensor) -> Tensor:
-    return torch.cat([x, torch.where(past.isnan(), 0.0, x - past)], dim=-1)
+    def _scaled(self, h: Tensor) -> Tensor:
+        return self.norm(h.flatten(0, -2)).relu().view(h.shape)
 
 
 class TemporalBlock(Module):
-    r"""A causal convolution, normalisation, ReLU and dropout, with the input added.
+    r"""A causal convolution over the features of each taxel, normalisation, ReLU and dropout, with
+    the input added.
 
     Args:
         channels (int): Size of each feature, before and after.
@@ -76,16 +74,20 @@ class TemporalBlock(Module):
         self.conv.reset_parameters()
         self.norm.reset_parameters()
 
-    def forward(self, h: Tensor) -> Tensor:
-        r"""Convolves features :math:`(B, T, F)`.
+    def forward(self, h: Tensor, spacing: int = 1, stride: int = 1) -> Tensor:
+        r"""Convolves features :math:`(B, M, T, F)`.
 
         Args:
             h (torch.Tensor): Features.
+            spacing (int): As of :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv`.
+            stride (int): Likewise.
         """
-        return self._join(h, self.conv(h))
+        out = self.conv(h, spacing=spacing, stride=stride)
+        h = h[:, :, (h.size(2) - 1) % stride :: stride]
+        return self._join(h, out)
 
     def step(self, h: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        r"""Convolves the features :math:`(B, F)` of the next frame.
+        r"""Convolves the features :math:`(B, M, F)` of the next frame.
 
         Args:
             h (torch.Tensor): Features of one frame.
@@ -95,4 +97,18 @@ class TemporalBlock(Module):
         return self._join(h, out), state
 
     def _join(self, h: Tensor, out: Tensor) -> Tensor:
-        return h + self.dropout(self.norm(out).relu())
+        return h + self.dropout(self.norm(out.flatten(0, -2)).relu()).view(out.shape)
+
+
+def in_frames(layer: Module, h: Tensor) -> Tensor:
+    r"""Applies a layer of taxels to each frame.
+
+    Args:
+        layer (torch.nn.Module): The layer, from :math:`(S, N, F)` to :math:`(S, M, O)`.
+        h (torch.Tensor): Features :math:`(B, N, T, F)`.
+
+    Shapes:
+        - **output:** :math:`(B, M, T, O)`
+    """
+    out: Tensor = layer(h.transpose(1, 2).flatten(0, 1))
+    return out.unflatten(0, (h.size(0), h.size(2))).transpose(1, 2)
