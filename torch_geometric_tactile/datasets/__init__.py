@@ -1,6 +1,7 @@
 r"""Frames of your own recordings, published data sets, and a generated one."""
 
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
+from torch_geometric_tactile.datasets.bigs import BiGS
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
@@ -10,6 +11,7 @@ from torch_geometric_tactile.datasets.samples_file import SamplesFile
 
 __all__ = [
     "AllegroUSkin",
+    "BiGS",
     "BioTacSP",
     "FakeTactileDataset",
     "ICubGrasp",
