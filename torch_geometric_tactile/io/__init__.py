@@ -3,6 +3,7 @@ r"""File formats: one per file, the only home of byte layouts."""
 from torch_geometric_tactile.io.bigs_format import BiGSFormat
 from torch_geometric_tactile.io.bigs_grasp import read_bigs
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
+from torch_geometric_tactile.io.biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from torch_geometric_tactile.io.icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_files import (
@@ -37,6 +38,7 @@ __all__ = [
     "parse_xela_message",
     "read_bigs",
     "read_biotac_sp_csv",
+    "read_biotac_sp_dos_csv",
     "read_hdf5",
     "read_hdf5_head",
     "read_icub_grasp_txt",
