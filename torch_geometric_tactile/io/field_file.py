@@ -83,7 +83,7 @@ def _hdf5_fields(path: Path, wanted: Iterable[str]) -> Fields:
             owner = _object(path, file, place)
             if is_attribute and owner is not None and attribute in owner.attrs:
                 found[name] = _attribute(path, owner.attrs, name, attribute)
-            elif not is_attribute and owner is not None and hasattr(owner, "shape"):
+            elif not is_attribute and owner is not None:
                 found[name] = _dataset(path, owner, name, left)
                 left -= found[name].nbytes
         return Fields(found, _names(file))
@@ -112,8 +112,8 @@ def _attribute(path: Path, attrs: Any, name: str, attribute: str) -> np.ndarray:
 
 
 def _dataset(path: Path, dataset: Any, name: str, left: int) -> np.ndarray:
-    if dataset.shape is None:
-        raise ValueError(f"'{path}' must hold an array in '{name}' (got none)")
+    if getattr(dataset, "shape", None) is None:
+        raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
     check_storage(path, dataset, name)
     _check_type(path, name, dataset.id.get_type())
     is_text = dataset.dtype.kind == "O"
