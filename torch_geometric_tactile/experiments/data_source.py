@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data.frame_view import FrameView
 from torch_geometric_tactile.experiments.building import build, check_arguments
 from torch_geometric_tactile.files import file_sha256
 from torch_geometric_tactile.texts import printable, read_json
@@ -124,10 +125,9 @@ class DataSource:
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
-        arguments = {k: value for k, value in self.arguments.items() if k not in _PLACES}
         return {
             "class_path": self.class_path,
-            "arguments": arguments,
+            "arguments": _without_places(self.arguments),
             "selection": self.selection,
             "fingerprint": self.fingerprint,
         }
@@ -194,7 +194,7 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     if kind != "simulated":
         return f"Recordings of your own: {held}."
     said = f"**Simulated**, never a real hand's result: {held}"
-    root = Path(dataset.root)
+    root = Path(_frames(dataset).root)
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
         return f"{said}."
@@ -213,7 +213,20 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     return f"{said} of `tactile simulate` ({printable(made)})."
 
 
+def _without_places(value: Any) -> Any:
+    # Also of a data set that is an argument of another one, as of windows.
+    if not isinstance(value, Mapping):
+        return value
+    return {key: _without_places(item) for key, item in value.items() if key not in _PLACES}
+
+
+def _frames(dataset: StaticDataset) -> StaticDataset:
+    # What windows and trials are cut from: how they are cut is among the arguments.
+    return dataset.dataset if isinstance(dataset, FrameView) else dataset
+
+
 def _fingerprint(dataset: StaticDataset) -> str:
+    dataset = _frames(dataset)
     code = hashlib.sha256()
     files = _files(dataset)
     for file in files:
