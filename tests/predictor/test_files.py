@@ -157,7 +157,10 @@ HOSTILE = {
         lambda h, p: p.update(threshold="0.5"),
         "its threshold must be a probability",
     ),
-    "window": (lambda h, p: p.update(window=[3]), "a window must have 'length', 'hop' and 'ragged'"),
+    "window": (
+        lambda h, p: p.update(window=[3]),
+        "a window must have 'length', 'hop' and 'ragged'",
+    ),
     "window without end": (
         lambda h, p: p.update(window={"length": 10**12, "hop": 1, "ragged": "error"}),
         "'length' must be a number of frames",
