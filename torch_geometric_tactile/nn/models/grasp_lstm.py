@@ -50,7 +50,7 @@ class LSTMCells(Module):
             x (torch.Tensor): The frames :math:`(B, T, F)`.
         """
         zeros = x.new_zeros(self.num_layers, x.size(0), self.hidden_channels)
-        weights = list(self.parameters())
+        weights: list[Tensor] = list(self.parameters())
         if torch.compiler.is_compiling():
             # PyTorch compiles the layer of oneDNN, which has no gradient, for an input without one.
             x = x + 0 * weights[0][0, 0]
