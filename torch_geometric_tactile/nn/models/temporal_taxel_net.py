@@ -135,7 +135,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         dilation: int = 8,
         num_blocks: int = 2,
         hidden_channels: int = 64,
-        dropout: float = 0.3,
+        dropout: float = 0.5,
         taxel_dropout: float = 0.2,
         max_taxels: int = 64,
         num_joints: int = 0,
@@ -237,7 +237,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         h = self.filters(x, 1 if per_frame else self.dilation)
         for level in self.levels:
             h = in_frames(level, h)
-        for block in self.blocks:
+        for block in self._temporal:
             h = block(h) if per_frame else block(h, block.conv.dilation, 2)
         return self._logits(h if per_frame else h[:, :, -1], joint)
 
@@ -260,7 +260,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         )
         others = (
             block.conv.initial_state(batch_size, self.taxels[-1], device=device, dtype=dtype)
-            for block in self.blocks
+            for block in self._temporal
         )
         return (first, *others)
 
@@ -290,10 +290,14 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         after = [first]
         for level in self.levels:
             h = level(h)
-        for block, seen in zip(self.blocks, state[1:], strict=True):
+        for block, seen in zip(self._temporal, state[1:], strict=True):
             h, seen = block.step(h, seen)
             after.append(seen)
         return self._logits(h, joint), tuple(after)
+
+    @property
+    def _temporal(self) -> list[TemporalBlock]:
+        return [block for block in self.blocks if isinstance(block, TemporalBlock)]
 
     def _frames(self, x: Tensor) -> Tensor:
         # As (B, N, T, C).
