@@ -28,6 +28,7 @@ examples:
   tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   the facts of a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
+  tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
   tactile compare touches.npz --grid 28x50       which model to take for data of your own

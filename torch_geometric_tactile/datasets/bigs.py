@@ -29,8 +29,8 @@ class BiGS(TrialFolder):
     close, lift and shake an object, which holds or falls.
 
     **No public copy, file format or reading code of the original could be found.** The files of
-    this class are of a neutral form of this package's own, one grasp a file, HDF5 or npz, see
-    :doc:`BiGS </bigs>`: a holder of the original makes them with ``tactile convert bigs``.
+    this class are of a neutral form of this package's own, one grasp a file, HDF5 or npz, described
+    in ``docs/bigs.md``: a holder of the original makes them with ``tactile convert bigs``.
 
     A sample is a frame: 19 electrodes with three channels, the left, middle and right finger, in
     raw counts. :obj:`y` is 1 where the grasp succeeded, the positive class, and 0 where it failed;
