@@ -131,6 +131,7 @@ class Table:
         seeds (int): Runs of each experiment, unless told otherwise.
         measure_memory (bool): Whether every run gets a process whose memory is measured. Not worth
             it for hundreds of small models.
+        paper_protocol (str): Which of the protocols the paper used, if it says so.
         positive (str): Of two classes, the name of class 1, whose precision, recall and F1 score
             are shown then.
         axis (str): What the columns are if they are numbers: the picture has a line for each row
@@ -153,6 +154,7 @@ class Table:
     shows: str = "accuracy"
     seeds: int = 5
     measure_memory: bool = True
+    paper_protocol: str = ""
     positive: str = ""
     axis: str = ""
     orderings: tuple[Ordering, ...] = ()

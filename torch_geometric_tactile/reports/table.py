@@ -135,8 +135,8 @@ def markdown(run: PlanRun) -> str:
                         *_row(run, index, section, row, source, metric),
                     ]
                     for row in table.rows
-                    if any(cell.row == row and cell.section == section for cell in table.cells)
-                    for i, (source, metric, name) in enumerate(series)
+                    if any(_at(cell, section, row) for cell in table.cells)
+                    for i, (source, metric, name) in enumerate(_of_row(run, section, row, series))
                 ],
             )
     lines += ordering_lines(run)
@@ -182,6 +182,12 @@ def _row(
         else:
             texts.append(_shown(index.get((cell.experiment, source, metric)), run.plan.seeds))
     return texts
+
+
+def _of_row(run: PlanRun, section: str, row: str, series: Sequence[_Series]) -> list[_Series]:
+    # A model that is in no paper has no line for published numbers.
+    is_published = any(cell.published for cell in run.plan.table.cells if _at(cell, section, row))
+    return [entry for entry in series if is_published or entry[0] != OF_PAPER]
 
 
 def _at(cell: Cell, section: str, row: str) -> bool:
