@@ -18,6 +18,7 @@ from torch_geometric_tactile.sim import (
     GraspPlan,
     paper8,
     plan_grasp,
+    trial_files,
     twenty,
 )
 
@@ -181,8 +182,10 @@ def test_folder_of_another_seed_is_explained(quick, capsys):
 @pytest.mark.parametrize("package", ["mujoco", "h5py"])
 def test_missing_package_names_the_extra(quick, capsys, monkeypatch, package):
     out, run = quick
-    find = module.find_spec
-    monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))
+    find = trial_files.find_spec
+    monkeypatch.setattr(
+        trial_files, "find_spec", lambda name: None if name == package else find(name)
+    )
     assert run() == 1
     error = capsys.readouterr().err
     assert f"needs {package}: pip install 'torch-geometric-tactile[sim]'" in error

@@ -30,6 +30,7 @@ from torch_geometric_tactile.sim import (
     paper8,
     plan_grasp,
     simulate,
+    trial_files,
     twenty,
 )
 
@@ -371,8 +372,10 @@ def test_bad_arguments_are_named(tmp_path):
 
 @pytest.mark.parametrize("package", ["mujoco", "h5py"])
 def test_missing_package_names_the_extra(tmp_path, monkeypatch, package):
-    find = module.find_spec
-    monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))
+    find = trial_files.find_spec
+    monkeypatch.setattr(
+        trial_files, "find_spec", lambda name: None if name == package else find(name)
+    )
     message = rf"needs {package}: pip install 'torch-geometric-tactile\[sim\]'"
     with pytest.raises(ImportError, match=message):
         simulate(tmp_path)
