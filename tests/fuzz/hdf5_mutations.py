@@ -16,7 +16,19 @@ def mutate_hdf5(path: Path, draw: Random) -> str:
         return draw.choice(_HDF5)(file, draw, h5py)
 
 
+def mutate_fields(path: Path, draw: Random) -> str:
+    """Changes a file of named arrays, in which nothing but the names is known, in place."""
+    import h5py
+
+    kind = draw.choice([*(_h_rename, _h_delete, _h_link, _h_link, _h_storage, _h_texts, _h_group)])
+    with h5py.File(path, "r+") as file:
+        allowed = kind(file, draw, h5py)
+    return allowed if kind in (_h_link, _h_storage) else REWRITTEN
+
+
 def _arrays(file: Any) -> list[str]:
+    if "elec" in file:
+        return [*file]
     names = [name for name in ("time", "tactile", "joint", "checksums") if name in file]
     groups = ("privileged", "extra")
     return names + [f"{group}/{name}" for group in groups for name in file.get(group, ())]
@@ -57,8 +69,8 @@ def _h_link(file: Any, draw: Random, h5py: Any) -> str:
 def _h_storage(file: Any, draw: Random, h5py: Any) -> str:
     """A data set whose numbers are in other files."""
     name = draw.choice(_arrays(file))
-    array = file[name][()]
-    if array.dtype.kind not in "fiu":
+    array = np.asarray(file[name][()])
+    if array.dtype.kind not in "fiu" or array.ndim == 0:
         return JUDGED
     del file[name]
     if draw.random() < 0.5:

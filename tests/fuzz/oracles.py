@@ -192,6 +192,18 @@ def biotac_csv(data: bytes) -> Any:
     return [values.astype(np.float32), found[:, 0].astype(np.int64), objects]
 
 
+def dos_csv(data: bytes) -> Any:
+    names = [f"{finger}_e{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
+    head, rows = table(data)
+    _need({*head} in ({*names[:24]}, {*names}))
+    found = numbers(rows)
+    with np.errstate(over="ignore"):
+        _need(bool(np.isfinite(found.astype(np.float32)).all()))
+    own = found[:, [head.index(name) for name in names[:24]]]
+    meta = {"sensor": "biotac_sp", "unit": "count", "rate": 100.0}
+    return reading(np.arange(len(rows)) / 100, own[:, :, None], meta=meta)
+
+
 def icub_txt(data: bytes) -> Any:
     """Seven lines a frame, with 9, 5 and five times 12 numbers."""
     try:

@@ -153,7 +153,7 @@ def test_npz_whose_table_hides_an_array(tmp_path):
     entry = damaged.rindex(b"PK\x01\x02", 0, damaged.rindex(b"tactile.npy"))
     damaged[entry + 32] = 46 + len("joint.npy")  # a comment as long as the next entry
     (tmp_path / "a.npz").write_bytes(damaged)
-    with pytest.raises(ValueError, match=r"a.npz' cannot be read .* it holds 10 parts \(got 9"):
+    with pytest.raises(ValueError, match=r"a.npz' cannot be read .* it holds 11 parts \(got 10"):
         read_npz(tmp_path / "a.npz")
 
 

@@ -182,4 +182,4 @@ def test_describe_shows_what_a_terminal_would_obey():
     )
     assert r"label        a\x1b[2J\n\u202eb" in lines
     assert r"metadata     k\n = \x9b" in lines
-    assert len(lines) == 9
+    assert len(lines) == 10
