@@ -20,7 +20,8 @@ _SLIP = "#b00020"
 def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
     r"""Draws simulated grasps side by side over time: the change of every electrode of each
     fingertip, the normal force and the shear of each, and how loud the vibration is. Phases are
-    shaded; a dashed line is where the input of the paper ends, a red one the onset of slip.
+    shaded; a dashed line is where the input of the paper ends, a red one the onset of slip, a dotted
+    one the loss of the object.
 
     Args:
         recordings (sequence of Recording): Grasps as :func:`simulate_bigs` writes them.
@@ -64,7 +65,8 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
     axes[3, 0].legend(loc="upper left", fontsize=8, frameon=False)
     figure.colorbar(image, ax=axes[:3, :], label="change (counts)", aspect=40, pad=0.01)
     figure.suptitle(
-        "Simulated grasps: dashed, where the input ends; red, the onset of slip", fontsize=11
+        "Simulated grasps: dashed, where the input ends; red, the onset of slip; dotted, the loss",
+        fontsize=11,
     )
     return figure
 
@@ -148,3 +150,6 @@ def _mark(ax: Any, recording: Recording, shade: bool) -> None:
     ax.axvline(recording.meta["pickup_time"] + _INPUT, color="black", linestyle="--", linewidth=1)
     if recording.meta.get("slip_time") is not None:
         ax.axvline(recording.meta["slip_time"], color=_SLIP, linewidth=1.4)
+    if recording.meta.get("lost") is not None:
+        lost = recording.meta["pickup_time"] + recording.meta["lost"]
+        ax.axvline(lost, color=_SLIP, linewidth=1.4, linestyle=":")
