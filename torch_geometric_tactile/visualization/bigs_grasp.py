@@ -20,8 +20,8 @@ _SLIP = "#b00020"
 def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
     r"""Draws simulated grasps side by side over time: the change of every electrode of each
     fingertip, the normal force and the shear of each, and how loud the vibration is. Phases are
-    shaded; a dashed line is where the input of the paper ends, a red one the onset of slip, a dotted
-    one the loss of the object.
+    shaded; a dashed line is where the input of the paper ends, a red one the onset of slip, a
+    dotted one the loss of the object.
 
     Args:
         recordings (sequence of Recording): Grasps as :func:`simulate_bigs` writes them.
