@@ -1,4 +1,5 @@
 import json
+import os
 import signal
 import sys
 from dataclasses import asdict, replace
@@ -138,7 +139,7 @@ def test_order_of_work_does_not_matter(undisturbed, tmp_path, same_arrays):
         for trial in (1, 0)
     ]
     for task in tasks:
-        module._simulate_trial(task, parent=module.os.getpid())
+        module._simulate_trial(task, parent=os.getpid())
     assert same_arrays(tmp_path / "sponge_000.h5", out / "sponge_000.h5")
     assert not same_arrays(tmp_path / "sponge_001.h5", out / "sponge_000.h5")
 

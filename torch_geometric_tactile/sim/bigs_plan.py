@@ -26,7 +26,7 @@ _MASS = {"cylinder": (0.25, 0.50), "box": (0.20, 0.45), "ball": (0.18, 0.42)}
 _PLACE = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
 _FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
 _FRICTION_SPREAD = 0.11
-_GRIP = {"cylinder": 4.1, "box": 2.55, "ball": 3.5}
+_GRIP = {"cylinder": 4.2, "box": 2.47, "ball": 3.5}
 _GRIP_SPREAD = 0.45
 _GRIP_LIMITS = (1.0, 14.0)
 
