@@ -9,7 +9,6 @@ from torch_geometric_tactile.sim.bigs_plan import (
     CONTROL_RATE,
     FRAME_RATE,
     INPUT_END,
-    PHYSICS_RATE,
     BigsGrasp,
     hand_motion,
 )
@@ -85,9 +84,8 @@ class BigsSimulator:
         mujoco, model, data, grasp = self._mujoco, self.model, self.data, self.grasp
         start = self._start()
         motion = hand_motion(grasp)
-        velocity = np.diff(motion, axis=0, prepend=motion[:1]) * PHYSICS_RATE
-        push = np.diff(velocity, axis=0, append=velocity[-1:]) * PHYSICS_RATE * HAND_MASS
-        substeps = PHYSICS_RATE // CONTROL_RATE
+        velocity = np.diff(motion, axis=0, prepend=motion[:1]) * CONTROL_RATE
+        push = np.diff(velocity, axis=0, append=velocity[-1:]) * CONTROL_RATE * HAND_MASS
         # Turns are stored as roll, pitch, yaw; the hinges are yaw, pitch, roll.
         order = np.array([0, 1, 2, 5, 4, 3])
         motion, velocity, push = motion[:, order], velocity[:, order], push[:, order]
@@ -107,7 +105,7 @@ class BigsSimulator:
         free, rest_height, tick = 0, 0.0, 0
         mujoco.mj_forward(model, data)
         while True:
-            step = 0 if pickup is None else (tick - pickup) * substeps
+            step = 0 if pickup is None else tick - pickup
             if step >= len(motion):
                 break
             if loss is not None and tick > max(
@@ -146,16 +144,14 @@ class BigsSimulator:
                 since_first = None if first is None else (tick - first) * dt
                 self._close(target, touched, normal, tick * dt, since_first, step_time)
                 data.ctrl[:] = target
-            for sub in range(substeps):
-                if pickup is not None:
-                    k = min(step + sub, len(motion) - 1)
-                    data.qpos[hand] = start + motion[k]
-                    data.qvel[hand_dof] = velocity[k]
-                    data.qfrc_applied[hand_dof] = push[k]
-                else:
-                    data.qpos[hand] = start
-                    data.qvel[hand_dof] = 0.0
-                mujoco.mj_step(model, data)
+            if pickup is not None:
+                data.qpos[hand] = start + motion[step]
+                data.qvel[hand_dof] = velocity[step]
+                data.qfrc_applied[hand_dof] = push[step]
+            else:
+                data.qpos[hand] = start
+                data.qvel[hand_dof] = 0.0
+            mujoco.mj_step(model, data)
             tick += 1
         columns = [np.array(column) for column in zip(*rows, strict=True)]
         columns[1] = columns[1][:, order]

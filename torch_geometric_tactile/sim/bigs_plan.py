@@ -9,8 +9,7 @@ BigsShape = Literal["cylinder", "box", "ball"]
 #: The objects, in the proportions of the BiGS set: two cylinders to one box and one ball.
 BIGS_ORDER: tuple[BigsShape, ...] = ("cylinder", "box", "cylinder", "ball")
 NUM_SESSIONS = 16
-PHYSICS_RATE = 600  # steps a second
-CONTROL_RATE = 300  # controller ticks and robot samples a second
+CONTROL_RATE = 300  # steps of the physics, controller ticks and robot samples a second
 FRAME_RATE = 100  # frames of a recording a second
 INPUT_END = 2.0  # s after pick-up begins, where the input of P3 ends
 
@@ -18,15 +17,16 @@ _DIRECTIONS = 5  # of the shake: x, y, z, roll, pitch
 _CYCLES = 2  # of the shake in each direction
 _TURN = 0.28  # rad, of the shake about x and y
 
-# Half width, half height (m) and mass (kg) from which, and to which; median and spread (of the
-# logarithm) of the friction, and of the grip in newtons. Plausible; frictions and grips are
-# calibrated so that as many grasps hold as in the BiGS set.
+# Half width, half height (m), mass (kg) and height of the fingertips above the centre (m) from
+# which, and to which; median and spread (of the logarithm) of the friction, and of the grip in
+# newtons. Plausible; grips are calibrated so that as many grasps hold as in the BiGS set.
 _WIDTH = {"cylinder": (0.036, 0.042), "box": (0.033, 0.039), "ball": (0.036, 0.043)}
 _HEIGHT = {"cylinder": (0.060, 0.075), "box": (0.033, 0.039), "ball": (0.0, 0.0)}
 _MASS = {"cylinder": (0.25, 0.50), "box": (0.20, 0.45), "ball": (0.18, 0.42)}
+_PLACE = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
 _FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
-_FRICTION_SPREAD = 0.10
-_GRIP = {"cylinder": 3.6, "box": 3.6, "ball": 3.6}
+_FRICTION_SPREAD = 0.11
+_GRIP = {"cylinder": 4.2, "box": 2.47, "ball": 3.5}
 _GRIP_SPREAD = 0.45
 _GRIP_LIMITS = (1.0, 14.0)
 
@@ -40,7 +40,7 @@ class BigsGrasp(NamedTuple):
         half_height (float): Half height in metres.
         mass (float): Mass in kilograms.
         friction (float): Friction coefficient of object and fingertips.
-        grip (float): Normal force in newtons that the controller of the left and right finger wants.
+        grip (float): Normal force in newtons that the left and right finger shall have.
         balance (float): Grip of the left finger, relative to the mean of left and right.
         height (float): Place of the fingertips above the centre of the object in metres.
         offset (tuple of float): Place of the hand beside the object, x and y, in metres.
@@ -106,7 +106,6 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
         raise ValueError(f"'shape' must be one of {list(_WIDTH)} (got {shape!r})")
     half_width = rng.uniform(*_WIDTH[shape])
     half_height = half_width if shape == "ball" else rng.uniform(*_HEIGHT[shape])
-    reach = {"cylinder": 0.025, "box": 0.014, "ball": 0.008}[shape]
     yaw = 0.06 if shape == "box" else 0.3  # a box is seen, and grasped along its sides
     spread = rng.normal(0.0, 0.05) if shape == "box" else rng.uniform(0.35, 0.65)
     grip = _GRIP[shape] * np.exp(rng.normal(0.0, _GRIP_SPREAD))
@@ -118,7 +117,7 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
         friction=_FRICTION[shape] * float(np.exp(rng.normal(0.0, _FRICTION_SPREAD))),
         grip=float(np.clip(grip, *_GRIP_LIMITS)),
         balance=float(np.clip(rng.normal(1.0, 0.12), 0.7, 1.3)),
-        height=rng.uniform(-reach, reach),
+        height=rng.uniform(*_PLACE[shape]),
         offset=(rng.normal(0.0, 0.003), rng.normal(0.0, 0.004)),
         turn=(rng.normal(0.0, 0.07), rng.normal(0.0, 0.07), rng.normal(0.0, yaw)),
         spread=float(spread),
@@ -130,7 +129,7 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
         rise=rng.uniform(0.12, 0.18),
         lift=rng.uniform(1.0, 1.4),
         pause=INPUT_END + rng.uniform(0.05, 0.25),
-        shake=0.020 * rng.uniform(0.85, 1.15),
+        shake=0.032 * rng.uniform(0.88, 1.12),
         shake_time=rng.uniform(0.48, 0.54),
     )
 
@@ -145,7 +144,7 @@ def hand_motion(grasp: BigsGrasp) -> np.ndarray:
     Args:
         grasp (BigsGrasp): The grasp.
     """
-    time = np.arange(round(grasp.span * PHYSICS_RATE)) / PHYSICS_RATE
+    time = np.arange(round(grasp.span * CONTROL_RATE)) / CONTROL_RATE
     out = np.zeros((len(time), 6))
     s = (time / grasp.lift).clip(0.0, 1.0)
     out[:, 2] = grasp.rise * s**3 * (10 - 15 * s + 6 * s**2)

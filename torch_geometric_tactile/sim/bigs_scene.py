@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from torch_geometric_tactile.sim.bigs_plan import PHYSICS_RATE, BigsGrasp
+from torch_geometric_tactile.sim.bigs_plan import CONTROL_RATE, BigsGrasp
 
 #: The fingers. The middle one opposes the other two, as on a Barrett hand.
 FINGERS = ("left", "middle", "right")
@@ -67,7 +67,7 @@ def bigs_mjcf(grasp: BigsGrasp) -> str:
     kind = "sphere" if grasp.shape == "ball" else grasp.shape
     return f"""<mujoco model="bigs">
 <compiler angle="radian" autolimits="true"/>
-<option timestep="{1 / PHYSICS_RATE!r}" integrator="implicitfast" solver="Newton" cone="elliptic"
+<option timestep="{1 / CONTROL_RATE!r}" integrator="implicitfast" solver="Newton" cone="elliptic"
  impratio="20"/>
 <worldbody>
 <geom name="table" type="plane" size="1 1 0.1" contype="1" conaffinity="1" condim="6"

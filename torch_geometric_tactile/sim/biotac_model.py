@@ -35,8 +35,8 @@ class FingertipReadings(NamedTuple):
 
 @dataclass(frozen=True)
 class BioTacModel:
-    r"""Readings of three fluid-filled fingertips such as the BioTac under given forces. A model: its
-    constants are plausible, not measured.
+    r"""Readings of three fluid-filled fingertips such as the BioTac under given forces. A model:
+    its constants are plausible, not measured.
 
     The parts, in their order: the middle of a contact is dragged along by shear (:obj:`drag`); the
     contact is as wide as one of elastic bodies (Hertz, :obj:`stiffness`), widened by the fluid

@@ -263,6 +263,7 @@ def _whole(name: str, length: float, step: float) -> int:
 
 
 def import_mujoco() -> Any:
+    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
     try:
         import mujoco
     except ImportError as error:

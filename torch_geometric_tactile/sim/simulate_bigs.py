@@ -245,8 +245,8 @@ def _summary(task: _Task, reports: Sequence[BigsReport]) -> dict[str, Any]:
         totals.update(counts)
     return {
         "synthetic": True,
-        "note": "Simulated. Masses, frictions, grips and the model of the fingertips are plausible, "
-        "not measured; frictions and grips were calibrated to the success rates of the BiGS set.",
+        "note": "Simulated. Masses, frictions, grips and the model of the fingertips are "
+        "plausible, not measured; grips were calibrated to the success rates of the BiGS set.",
         "generator": _GENERATOR,
         "generator_version": _VERSION,
         "seed": task.seed,

@@ -2,6 +2,7 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 ``viz`` when a function is called, not when this package is imported.
 """
 
+from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
 from torch_geometric_tactile.visualization.curves import plot_curves
 from torch_geometric_tactile.visualization.embedding import plot_embedding
@@ -22,6 +23,7 @@ __all__ = [
     "ComparisonPanel",
     "layout_plane",
     "open_hand",
+    "plot_bigs_grasps",
     "plot_comparison",
     "plot_confusion",
     "plot_curves",
