@@ -134,7 +134,7 @@ def test_frames_go_through_their_own_transform_first(tmp_path):
 
 def test_frame_by_frame_equals_windows():
     torch.manual_seed(0)
-    model = TemporalTaxelNet("biotac", in_channels=3, num_blocks=2, depth=1)
+    model = TemporalTaxelNet("biotac", in_channels=3, num_blocks=2, kernel_size=2)
     dataset = windows(length=model.receptive_field + 3, hop=1)
     predictor, transform = predictor_of(dataset, model, ZScore(per="signal"))
     one = recording(dataset, 1)
