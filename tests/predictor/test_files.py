@@ -293,18 +293,6 @@ def test_a_checksum_is_missed_and_not_needed_by_older_files(path, caplog):
     assert record.getMessage() == f"'{path}' has no checksum: save it again with this version"
 
 
-def test_older_files_have_neither_window_nor_threshold(path):
-    def age(header, inner):
-        for key in ("threshold", "window", "frame_transform"):
-            del inner[key]
-        inner["format"] = 2
-
-    changed(path, age)
-    old = Predictor.load(path)
-    assert (old.window, old.threshold) == (None, None)
-    assert old(X).equal(predictor()(X))
-
-
 class Attack:
     def __reduce__(self):
         return os.mkdir, ("attacked",)

@@ -13,7 +13,7 @@ from torch_geometric_tactile.data import (
     join_frames,
 )
 from torch_geometric_tactile.nn.models import GraspGCN, TemporalTaxelNet
-from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.predictor import Predictor, content
 from torch_geometric_tactile.predictor.window_cut import WindowCut
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.transforms import (
@@ -200,6 +200,20 @@ def test_bad_recordings():
     single = Predictor(GraspGCN("biotac"), biotac(), adjacency=torch.tensor([[0, 1], [1, 0]]))
     with pytest.raises(ValueError, match="this predictor takes single frames, not windows"):
         single.windows(recording(dataset, 0))
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_older_formats_have_neither_window_nor_threshold(number):
+    predictor = Predictor(GraspGCN("biotac"), biotac(), transform=KNNGraph(2), threshold=0.4)
+    names, task = predictor.class_names, predictor.task
+    parts = content.Content(predictor.preparation, predictor.model, names, task, 0.4)
+    header, tensors = content.describe(parts)
+    assert (header["format"], header["threshold"]) == (3, 0.4)
+    for key in ("threshold", "window", "frame_transform"):
+        del header[key]
+    header["format"] = number
+    old = content.build(header, tensors, predictor.model.state_dict())
+    assert (old.threshold, old.preparation.window) == (None, None)
 
 
 @pytest.mark.parametrize(

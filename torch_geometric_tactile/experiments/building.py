@@ -50,8 +50,8 @@ def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
         ValueError: If the class cannot be imported, or lacks one; the message lists those it has.
     """
     known = argument_names(class_path)
-    for name in arguments if known is not None else ():
-        if name not in known:
+    for name in arguments:
+        if known is not None and name not in known:
             raise ValueError(
                 f"'{name}' must be an argument of {class_path.rpartition('.')[2]}: "
                 f"{', '.join(known)} (got none)"

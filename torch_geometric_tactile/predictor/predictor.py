@@ -14,11 +14,12 @@ from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation
 from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel
+from torch_geometric_tactile.predictor.windowed_model import WindowedModel, check_size
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike, Transform
 
 
-class Predictor(TrainedModel):
+class Predictor(WindowedModel):
     r"""A trained model with all that a reading goes through before it, the layout of the sensor
     and the fitted transforms, and with the names of its classes. It takes readings as the sensor
     gives them.
@@ -247,66 +248,10 @@ class Predictor(TrainedModel):
             ValueError: If it has other taxels, channels or joints, or too few frames for a window.
         """
         if self.window is not None:
-            return self._of_windows(self.windows(recording)[0], batch_size)
+            return self.of_windows(self.windows(recording)[0], batch_size)
         recording.check(self.layout)
         parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
         return torch.cat(parts)
-
-    def windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording, cut as in training and before the transforms of
-        windows, and the last frame of each :math:`(W,)`.
-
-        Args:
-            recording (Recording): The recording.
-
-        Raises:
-            ValueError: If the model takes single frames, or as of :meth:`recording`.
-        """
-        if self.window is None:
-            raise ValueError("this predictor takes single frames, not windows: call 'recording'")
-        recording.check(self.layout)
-        # A session is the same for all frames, and may be adapted to with these windows.
-        frames = self.preparation.data(
-            recording.tactile,
-            recording.joint,
-            -1 if self.preparation.session is None else None,
-            dtype=self._dtype,
-            device=self._device,
-            num_frames=1,
-        )
-        del frames.num_frames
-        frames.time = torch.as_tensor(recording.time.copy())
-        return self.preparation.cut(frames)
-
-    def adapt_windows(self, windows: StaticData) -> int:
-        r"""Measures a new recording session by some windows: :meth:`adapt` for what
-        :meth:`windows` returned.
-
-        Args:
-            windows (StaticData): The windows.
-
-        Raises:
-            ValueError: If no transform measures sessions.
-        """
-        self._check_adapts()
-        return self.preparation.adapt(windows)
-
-    def _of_windows(self, windows: StaticData, batch_size: int) -> Tensor:
-        _check_size(batch_size)
-        for key in self.preparation.keys:
-            number = self.preparation._session(None)
-            windows[key] = torch.full((windows.num_samples,), number, device=self._device)
-        parts = []
-        with torch.inference_mode():
-            for start in range(0, windows.num_samples, batch_size):
-                part = windows.index_select(slice(start, start + batch_size))
-                data = self.preparation.prepared_windows(part)
-                parts.append(self.probability(self.logits(data)))
-        return torch.cat(parts)
-
-    def _check_adapts(self) -> None:
-        if not self.preparation.keys:
-            raise ValueError("no transform of this predictor measures sessions: there is no need")
 
     def prepare(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
@@ -333,11 +278,6 @@ class Predictor(TrainedModel):
 
 
 def _chunks(recording: Recording, size: int) -> Iterator[Any]:
-    _check_size(size)
+    check_size(size)
     for start in range(0, max(recording.num_frames, 1), size):
         yield recording.select(slice(start, start + size))
-
-
-def _check_size(size: int) -> None:
-    if size < 1:
-        raise ValueError(f"'batch_size' must be at least 1 (got {size})")

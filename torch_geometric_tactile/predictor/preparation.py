@@ -7,65 +7,18 @@ from typing import Any, Self
 import numpy as np
 import torch
 from torch import Tensor
-from torch_geometric.transforms import (
-    AddSelfLoops,
-    Cartesian,
-    Compose,
-    Distance,
-    ToUndirected,
-)
+from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile import transforms as T
-from torch_geometric_tactile.data import (
-    StaticData,
-    StaticDataset,
-    apply_transform,
-    join_frames,
-    split_frames,
-)
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.data.frame_view import FrameView
 from torch_geometric_tactile.predictor.classes import flat
-from torch_geometric_tactile.predictor.window_cut import WindowCut
+from torch_geometric_tactile.predictor.settling import access, is_settled, settle
+from torch_geometric_tactile.predictor.window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
+from torch_geometric_tactile.transforms import fit_parts, fitted_parts
 from torch_geometric_tactile.typing import Transform
 
 ArrayLike = Tensor | np.ndarray | Sequence[Any]
-
-_EDGES = ("edge_index", "edge_attr", "edge_weight")
-_FRAMES = ("num_frames", "valid_frames")
-_GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
-# Which attributes these transforms read and write. If all that a transform reads is the same for
-# every frame, its result is computed once. A transform that is not listed is applied to every
-# frame, and so is everything after it.
-_ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    T.AbsoluteMorphology: (("pos",), ("absolute",)),
-    T.CommonMode: (("x",), ("x",)),
-    T.ContactCrop: (("x", *_FRAMES), ("x", "valid_frames", "contact_frame")),
-    T.DropPatches: (("x", "dropped"), ("x", "dropped")),
-    T.DropTaxels: (("x", "dropped"), ("x", "dropped")),
-    T.FillMissing: (("x", "missing", *_FRAMES), ("x", "missing")),
-    T.GeometricEdgeAttr: _GEOMETRY,
-    T.KNNGraph: (("pos", *_EDGES), _EDGES),
-    T.Resample: (("x", *_FRAMES), ("x", *_FRAMES)),
-    T.SelectChannels: (("x", *_FRAMES), ("x",)),
-    T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
-    T.RandomGain: (("x", *_FRAMES), ("x",)),
-    T.RandomMirror: (("x", *_FRAMES), ("x",)),
-    T.RandomNoise: (("x",), ("x",)),
-    T.RandomOffset: (("x", *_FRAMES), ("x",)),
-    T.RandomShift: (("x",), ("x",)),
-    T.RandomTimeShift: (("x", *_FRAMES), ("x",)),
-    T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
-    T.TopologicalSegmentation: (
-        (*_EDGES, "edge_is_within"),
-        (*_EDGES, "segment_batch", "edge_is_within"),
-    ),
-    Cartesian: _GEOMETRY,
-    Distance: _GEOMETRY,
-    AddSelfLoops: (_EDGES, _EDGES),
-    ToUndirected: (_EDGES, _EDGES),
-}
 
 
 class Preparation:
@@ -118,7 +71,7 @@ class Preparation:
                     "numbers): call its fit, or train with TactileDataModule"
                 )
         self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
-        reads = {name for part in parts for name in _access(part)[0] or ()}
+        reads = {name for part in parts for name in access(part)[0] or ()}
         self.needs_joint = "joint" in reads
         self._constant, self._frame_parts = settle(self.shared, of_frames)
         self._parts = parts[len(of_frames) :]
@@ -144,7 +97,7 @@ class Preparation:
             frames = frames.dataset
         sample, frame = (_first_stored(part) for part in (dataset, frames))
         # Results that depend on the layout only are among what the samples share.
-        steps = [part for part in flat(frames.pre_transform) if not _is_settled(part, frame)]
+        steps = [part for part in flat(frames.pre_transform) if not is_settled(part, frame)]
         joint = frame.joint if "joint" in frame else None
         known: dict[str, Any] = {
             "num_channels": None if steps else frame.num_features,
@@ -152,7 +105,7 @@ class Preparation:
         }
         if window is not None:
             known |= {"window": window, "frame_transform": _joined([*steps, frames.transform])}
-            steps = [part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)]
+            steps = [part for part in flat(dataset.pre_transform) if not is_settled(part, sample)]
         last = Compose([*flat(dataset.transform), *flat(transform)])
         return cls(dataset.layout, sample, _joined(steps), last, **known)
 
@@ -251,7 +204,7 @@ class Preparation:
             data (StaticData): What :meth:`data` returned.
         """
         if self._frame_parts:
-            data = self._of_frames(data)
+            data = frame_by_frame(self._frame_parts, data)
         return self.prepared_windows(data)
 
     def prepared_windows(self, data: StaticData) -> StaticData:
@@ -275,22 +228,6 @@ class Preparation:
         for part in self._frame_parts:
             frames = apply_transform(part, frames)
         return self.window.cut(frames, self.layout)
-
-    def _of_frames(self, windows: StaticData) -> StaticData:
-        # The transforms of frames on windows: what they do to other attributes is that of the last.
-        num_frames = windows.num_frames
-        data = copy.copy(windows)
-        apart = split_frames(windows.x, num_frames).transpose(1, 2)  # (B, T, N, C)
-        for key, value in windows.to_dict().items():
-            if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key):
-                data[key] = value.repeat_interleave(num_frames, dim=0)
-        data.x = apart.flatten(0, 1)
-        for part in self._frame_parts:
-            data = apply_transform(part, data)
-        x = data.x.unflatten(0, (-1, num_frames)).transpose(1, 2)
-        data = data.index_select(slice(num_frames - 1, None, num_frames))
-        data.x = join_frames(x)
-        return data
 
     def prepared_samples(self, data: StaticData) -> StaticData:
         r"""Applies :obj:`transform` to samples of a data set.
@@ -326,50 +263,6 @@ class Preparation:
             device (torch.device): The device.
         """
         self._constant = self._constant.to(device)
-
-
-def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
-    r"""Applies those of some transforms whose result is the same for all frames, and returns what
-    frames share then, and the other transforms.
-
-    Args:
-        shared (StaticData): What frames share.
-        parts (sequence of BaseTransform): The transforms, in their order.
-    """
-    rest: list[Any] = []
-    changing, used = {"x", "joint"}, set[str]()  # what differs, and what later parts may not change
-    for i, part in enumerate(parts):
-        reads, writes = _access(part)
-        if reads is None or writes is None:
-            return shared, [*rest, *parts[i:]]
-        if changing.isdisjoint((*reads, *writes)) and used.isdisjoint(writes):
-            shared = apply_transform(part, shared)
-        else:
-            rest.append(part)
-            changing.update(writes)
-            used.update(reads)
-    return shared, rest
-
-
-def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
-    # The attributes that a transform reads and writes, where they are known.
-    if isinstance(part, FittedTransform):
-        frames = _FRAMES if part.per == "signal" else ()
-        return (part.attr, *((part.key, "x") if part.key else ()), *frames), (part.attr,)
-    reads, writes = _ACCESS.get(type(part), (None, None))
-    if isinstance(part, T.TaxelForce):
-        return ("x", "tangent", "normal"), (part.out,)
-    if isinstance(part, T.AbsoluteMorphology) and part.cat:
-        return ("pos", "x"), ("x",)
-    return reads, writes
-
-
-def _is_settled(part: Any, sample: StaticData) -> bool:
-    # Whether its results are among what the samples of a data set share.
-    _, writes = _access(part)
-    if writes is None or "x" in writes:
-        return False
-    return all(key not in sample or sample.is_shared(key) for key in writes)
 
 
 def _first_stored(dataset: StaticDataset) -> StaticData:

@@ -1,13 +1,22 @@
 r"""Cutting the frames of a recording as those of a data set were cut."""
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data import StaticData, StaticDataset, Trials, Windows
+from torch_geometric_tactile.data import (
+    StaticData,
+    StaticDataset,
+    Trials,
+    Windows,
+    apply_transform,
+    join_frames,
+    split_frames,
+)
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _MOST = 10**7  # frames
@@ -125,3 +134,24 @@ class WindowCut:
         last: Tensor = windows.step
         del windows.step
         return windows, last
+
+
+def frame_by_frame(parts: Sequence[Any], windows: StaticData) -> StaticData:
+    r"""Applies transforms of frames to windows. Other attributes become those of the last frame.
+
+    Args:
+        parts (sequence of callable): The transforms.
+        windows (StaticData): The windows, with :obj:`num_frames`.
+    """
+    num_frames = windows.num_frames
+    data = copy.copy(windows)
+    for key, value in windows.to_dict().items():
+        if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key):
+            data[key] = value.repeat_interleave(num_frames, dim=0)
+    data.x = split_frames(windows.x, num_frames).transpose(1, 2).flatten(0, 1)  # (B * T, N, C)
+    for part in parts:
+        data = apply_transform(part, data)
+    x = data.x.unflatten(0, (-1, num_frames)).transpose(1, 2)
+    data = data.index_select(slice(num_frames - 1, None, num_frames))
+    data.x = join_frames(x)
+    return data

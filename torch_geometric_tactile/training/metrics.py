@@ -41,8 +41,8 @@ from torchmetrics.classification import (
     MultilabelExactMatch,
     MultilabelStatScores,
 )
-from torchmetrics.functional.classification import binary_auroc
-from torchmetrics.utilities import dim_zero_cat
+
+from torch_geometric_tactile.training.auroc import MacroAUROC, macro_auroc
 
 Task = Literal["multiclass", "multilabel", "regression"]
 TASKS: tuple[Task, ...] = ("multiclass", "multilabel", "regression")
@@ -252,69 +252,6 @@ def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
     # True positives, false positives and false negatives of each class.
     of_two = task == "multiclass" and len(counts[0]) == 2
     return {"f1": macro_f1(*counts), **(positive_scores(*counts) if of_two else {})}
-
-
-def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
-    r"""Returns the mean area under the ROC curve, over the classes that some samples have and
-    some have not; NaN if there is none, or a score is NaN.
-
-    Args:
-        score (torch.Tensor): Probabilities.
-        positive (torch.Tensor): Which samples are of each class.
-
-    Shapes:
-        - **input:** :math:`(S, C)` each
-        - **output:** a scalar
-    """
-    mixed = (positive.any(dim=0) & ~positive.all(dim=0)).nonzero().view(-1)
-    if len(mixed) == 0 or score.isnan().any():
-        return score.new_tensor(torch.nan)
-    areas = [
-        binary_auroc(score[:, i], positive[:, i].long(), validate_args=False)
-        for i in mixed.tolist()
-    ]
-    return torch.stack(areas).mean()
-
-
-class MacroAUROC(Metric):
-    r"""The mean area under the ROC curve of each class against the rest, or of each label; classes
-    that no sample has, or all have, are left out (torchmetrics counts them as zero).
-
-    It keeps the scores of all samples until it is reset.
-
-    Args:
-        num_classes (int): Number of classes or labels :math:`C`.
-        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
-    """
-
-    full_state_update = False
-    higher_is_better = True
-    scores: list[Tensor]
-    positives: list[Tensor]
-
-    def __init__(self, num_classes: int, task: Task = "multiclass") -> None:
-        super().__init__()
-        self.num_classes = num_classes
-        self.task = task
-        self.add_state("scores", default=[], dist_reduce_fx="cat")
-        self.add_state("positives", default=[], dist_reduce_fx="cat")
-
-    def update(self, score: Tensor, y: Tensor) -> None:
-        r"""Takes the predictions of a batch.
-
-        Args:
-            score (torch.Tensor): Probabilities :math:`(B, C)`.
-            y (torch.Tensor): Classes :math:`(B,)`, or labels :math:`(B, C)`.
-        """
-        self.scores.append(score.detach())
-        positive = y if self.task == "multilabel" else F.one_hot(y, self.num_classes)
-        self.positives.append(positive > 0.5)
-
-    def compute(self) -> Tensor:
-        r"""Returns the mean of all samples so far."""
-        if len(self.scores) == 0:
-            return torch.tensor(torch.nan)
-        return macro_auroc(dim_zero_cat(self.scores), dim_zero_cat(self.positives))
 
 
 def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollection:

@@ -11,7 +11,6 @@ from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
 from torch_geometric_tactile.training.checkpoint import INSTANTIATOR
-from torch_geometric_tactile.training.checkpointed_module import CheckpointedModule
 from torch_geometric_tactile.training.checks import (
     EDGE_SOURCE,
     check_data,
@@ -20,6 +19,7 @@ from torch_geometric_tactile.training.checks import (
     train_weights,
 )
 from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.deciding_module import DecidingModule
 from torch_geometric_tactile.training.finite import BatchCheck
 from torch_geometric_tactile.training.losses import (
     ClassWeights,
@@ -39,11 +39,7 @@ from torch_geometric_tactile.training.metrics import (
     update_metrics,
 )
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
-from torch_geometric_tactile.training.threshold import (
-    BestThreshold,
-    ThresholdMetric,
-    check_threshold,
-)
+from torch_geometric_tactile.training.threshold import ThresholdMetric, check_threshold
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
@@ -56,7 +52,7 @@ _SOURCES = {
 }
 
 
-class TactileModule(CheckpointedModule):
+class TactileModule(DecidingModule):
     r"""Trains a model to tell the class of a sample, each of its labels, or numbers, and measures
     how well it does.
 
@@ -131,9 +127,7 @@ class TactileModule(CheckpointedModule):
         self.regression_loss = loss
         self.class_weights = class_weights
         self.label_smoothing = label_smoothing
-        self.threshold = threshold
-        self.decision_threshold = None if isinstance(threshold, str) else threshold
-        self.val_threshold = BestThreshold(threshold) if isinstance(threshold, str) else None
+        self.set_threshold(threshold)
         self.class_names: list[str] = []
         self.layout = None
         self.test_sessions: dict[int, str] = {}
@@ -206,17 +200,6 @@ class TactileModule(CheckpointedModule):
             raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
         return inputs
 
-    def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes or of each label :math:`(B, C)`; the numbers of
-        a regression as they are.
-
-        Args:
-            logits (torch.Tensor): What the model returned :math:`(B, C)`.
-        """
-        if self.task == "regression":
-            return logits
-        return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
-
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
         r"""Returns the loss of a batch, without class weights and label smoothing.
 
@@ -253,11 +236,7 @@ class TactileModule(CheckpointedModule):
     def on_validation_epoch_end(self) -> None:
         r"""Logs what was measured on the validation part."""
         self._log_metrics("val", self.val_metrics)
-        if self.val_threshold is not None:
-            if self.trainer.state.fn == "fit":  # a trained model keeps what it was trained with
-                self.decision_threshold = float(self.val_threshold.compute())
-                self.log("val/threshold", self.decision_threshold, sync_dist=True)
-            self.val_threshold.reset()
+        self.choose_threshold()
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the test part, also by recording session."""
