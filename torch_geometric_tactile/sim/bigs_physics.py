@@ -153,10 +153,9 @@ class BigsSimulator:
                 data.qvel[hand_dof] = 0.0
             mujoco.mj_step(model, data)
             tick += 1
-        columns = [np.array(column) for column in zip(*rows, strict=True)]
-        columns[1] = columns[1][:, order]
+        finger, moved, pose, phases = (np.array(column) for column in zip(*rows, strict=True))
         assert pickup is not None
-        return BigsPhysics(*log.finish(), *columns, pickup=pickup, loss=loss)
+        return BigsPhysics(*log.finish(), finger, moved[:, order], pose, phases, pickup, loss)
 
     def _start(self) -> np.ndarray:
         # Places the hand and opens the fingers.
