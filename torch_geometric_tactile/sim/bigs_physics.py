@@ -12,13 +12,16 @@ from torch_geometric_tactile.sim.bigs_plan import (
     BigsGrasp,
     hand_motion,
 )
-from torch_geometric_tactile.sim.bigs_scene import FINGERS, HAND_MASS, OPEN, bigs_mjcf
+from torch_geometric_tactile.sim.bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim.grasp import import_mujoco
 
 BIGS_PHASES = ("closing", "hold", "lift", "shake")
+_TICK = 1.0 / CONTROL_RATE  # s
+_FRAME = CONTROL_RATE // FRAME_RATE  # ticks
 _TOUCH = 0.3  # N, at which a finger stops closing
-_SQUEEZE = 0.5  # s in which the wanted force is reached
+_SQUEEZE = 0.5  # s, half of that in which the wanted force is reached
 _FORCE_GAIN = 0.05  # rad per second and newton
+_FASTEST = 0.4  # rad/s
 _PATIENCE = 1.6  # s until pick-up if nothing is touched
 _LOST = 0.03  # m by which an object that is lost has sunk in the hand
 _FREE = 0.1  # s without contact, after which it is lost as well
@@ -81,82 +84,46 @@ class BigsSimulator:
         r"""Runs the grasp to the end of the shake, or until shortly after the object is lost, but
         not before the input of P3 ends.
         """
-        mujoco, model, data, grasp = self._mujoco, self.model, self.data, self.grasp
-        start = self._start()
-        motion = hand_motion(grasp)
+        mujoco, model, data = self._mujoco, self.model, self.data
+        start, target = self._start(), np.full(3, OPEN)
+        motion = hand_motion(self.grasp)
         velocity = np.diff(motion, axis=0, prepend=motion[:1]) * CONTROL_RATE
         push = np.diff(velocity, axis=0, append=velocity[-1:]) * CONTROL_RATE * HAND_MASS
         # Turns are stored as roll, pitch, yaw; the hinges are yaw, pitch, roll.
         order = np.array([0, 1, 2, 5, 4, 3])
         motion, velocity, push = motion[:, order], velocity[:, order], push[:, order]
-        hand, hand_dof = (
-            slice(self._hand, self._hand + 6),
-            slice(self._hand_dof, self._hand_dof + 6),
-        )
-
-        log = ContactLog(model)
+        hand = slice(self._hand, self._hand + 6)
+        hand_dof = slice(self._hand_dof, self._hand_dof + 6)
+        held = slice(self._object, self._object + 7)
+        log, seen = ContactLog(model), _Course(self.grasp)
         rows: list[tuple[Any, ...]] = []
-        first: int | None = None
-        pickup: int | None = None
-        loss: int | None = None
-        touched = np.zeros(3, dtype=bool)
-        target = np.full(3, OPEN)
-        dt, every = 1.0 / CONTROL_RATE, CONTROL_RATE // FRAME_RATE
-        free, rest_height, tick = 0, 0.0, 0
         mujoco.mj_forward(model, data)
-        while True:
-            step = 0 if pickup is None else tick - pickup
-            if step >= len(motion):
-                break
-            if loss is not None and tick > max(
-                loss + _AFTER * CONTROL_RATE, (pickup or 0) + (INPUT_END + 0.05) * CONTROL_RATE
-            ):
-                break
+        while not seen.is_over(len(rows), len(motion)):
+            tick = len(rows)
             normal = log.add(data)
-            if first is None and normal.max() > _TOUCH:
-                first = tick
-            if pickup is None:
-                began = (
-                    round(_PATIENCE * CONTROL_RATE)
-                    if first is None
-                    else first + round(grasp.hold * CONTROL_RATE)
-                )
-                if tick >= began:
-                    pickup, rest_height = tick, self._sunk()
-            elif loss is None:
-                free = free + 1 if normal.max() == 0 else 0
-                if rest_height - self._sunk() > _LOST or free > _FREE * CONTROL_RATE:
-                    loss = tick
-            since = -1.0 if pickup is None else (tick - pickup) * dt
-            phase = int(first is not None) if since < 0 else 2 + int(since >= grasp.pause)
+            seen.notice(tick, normal, float(data.qpos[held][2] - data.qpos[hand][2]))
+            phase = seen.phase(tick)
             rows.append(
-                (
-                    data.qpos[self._fingers],
-                    data.qpos[hand].copy(),
-                    data.qpos[self._object : self._object + 7].copy(),
-                    phase,
-                )
+                (data.qpos[self._fingers], data.qpos[hand].copy(), data.qpos[held].copy(), phase)
             )
-            touched |= normal > _TOUCH
             # As often as frames come once all fingers touch, at every tick until then.
-            if tick % every == 0 or not touched.all():
-                step_time = every * dt if touched.all() else dt
-                since_first = None if first is None else (tick - first) * dt
-                self._close(target, touched, normal, tick * dt, since_first, step_time)
+            every = _FRAME if seen.touched.all() else 1
+            if tick % every == 0:
+                self._close(target, seen, normal, tick, every * _TICK)
                 data.ctrl[:] = target
-            if pickup is not None:
+            if seen.pickup is None:
+                data.qpos[hand] = start
+                data.qvel[hand_dof] = 0.0
+            else:
+                step = tick - seen.pickup
                 data.qpos[hand] = start + motion[step]
                 data.qvel[hand_dof] = velocity[step]
                 data.qfrc_applied[hand_dof] = push[step]
-            else:
-                data.qpos[hand] = start
-                data.qvel[hand_dof] = 0.0
             mujoco.mj_step(model, data)
-            tick += 1
-        columns = [np.array(column) for column in zip(*rows, strict=True)]
-        columns[1] = columns[1][:, order]
-        assert pickup is not None
-        return BigsPhysics(*log.finish(), *columns, pickup=pickup, loss=loss)
+        finger, moved, pose, phases = (np.array(column) for column in zip(*rows, strict=True))
+        assert seen.pickup is not None
+        contacts = log.finish()
+        return BigsPhysics(*contacts, finger, moved[:, order], pose, phases, seen.pickup, seen.loss)
 
     def _start(self) -> np.ndarray:
         # Places the hand and opens the fingers.
@@ -167,29 +134,61 @@ class BigsSimulator:
         data.qpos[self._fingers] = OPEN
         return np.array(place)
 
-    def _sunk(self) -> float:
-        # Height of the object in the hand.
-        data = self.data
-        return float(data.qpos[self._object + 2] - data.qpos[self._hand + 2])
-
     def _close(
-        self,
-        target: np.ndarray,
-        touched: np.ndarray,
-        normal: np.ndarray,
-        time: float,
-        since: float | None,
-        dt: float,
+        self, target: np.ndarray, seen: "_Course", normal: np.ndarray, tick: int, dt: float
     ) -> None:
         # Fingers close until they touch; then left and right regulate their force.
-        grasp = self.grasp
-        target += grasp.speed * dt * (~touched & (time >= np.array(grasp.delay)))
-        if since is None or not touched.any():
+        grasp, touched = self.grasp, seen.touched
+        waited = tick * _TICK >= np.array(grasp.delay)
+        target += grasp.speed * dt * (~touched & waited)
+        if seen.first is None:
             return
         # They wait for each other, but not for long.
+        since = (tick - seen.first) * _TICK
         if touched.all() or since > _SQUEEZE:
             want = grasp.grip * np.array([grasp.balance, 1.0, 2.0 - grasp.balance])
             ramp = min(1.0, since / (2 * _SQUEEZE))
             rate = _FORCE_GAIN * (_TOUCH + (want - _TOUCH) * ramp - normal)
-            target[[0, 2]] += (rate * touched)[[0, 2]].clip(-0.4, 0.4) * dt
-        np.clip(target, OPEN, 1.1, out=target)
+            target[[0, 2]] += (rate * touched)[[0, 2]].clip(-_FASTEST, _FASTEST) * dt
+        np.clip(target, OPEN, CLOSED, out=target)
+
+
+class _Course:
+    # What has happened so far: the ticks of first contact, pick-up and loss.
+    def __init__(self, grasp: BigsGrasp) -> None:
+        self.grasp = grasp
+        self.touched = np.zeros(3, dtype=bool)
+        self.first: int | None = None
+        self.pickup: int | None = None
+        self.loss: int | None = None
+        self._height, self._free = 0.0, 0
+
+    def is_over(self, tick: int, steps: int) -> bool:
+        if self.pickup is None:
+            return False
+        if self.loss is None:
+            return tick - self.pickup >= steps
+        end = self.pickup + (INPUT_END + 0.05) * CONTROL_RATE
+        end = max(end, self.loss + _AFTER * CONTROL_RATE)
+        return tick > end or tick - self.pickup >= steps
+
+    def notice(self, tick: int, normal: np.ndarray, height: float) -> None:
+        # `height` is that of the object in the hand.
+        self.touched |= normal > _TOUCH
+        if self.first is None and self.touched.any():
+            self.first = tick
+        if self.pickup is None:
+            begin = _PATIENCE * CONTROL_RATE
+            if self.first is not None:
+                begin = self.first + round(self.grasp.hold * CONTROL_RATE)
+            if tick >= begin:
+                self.pickup, self._height = tick, height
+        elif self.loss is None:
+            self._free = self._free + 1 if normal.max() == 0 else 0
+            if self._height - height > _LOST or self._free > _FREE * CONTROL_RATE:
+                self.loss = tick
+
+    def phase(self, tick: int) -> int:
+        if self.pickup is None:
+            return int(self.first is not None)
+        return 2 + int((tick - self.pickup) * _TICK >= self.grasp.pause)

@@ -22,12 +22,12 @@ _TURN = 0.28  # rad, of the shake about x and y
 # newtons. Plausible; grips are calibrated so that as many grasps hold as in the BiGS set.
 _WIDTH = {"cylinder": (0.036, 0.042), "box": (0.033, 0.039), "ball": (0.036, 0.043)}
 _HEIGHT = {"cylinder": (0.060, 0.075), "box": (0.033, 0.039), "ball": (0.0, 0.0)}
-_MASS = {"cylinder": (0.25, 0.50), "box": (0.20, 0.45), "ball": (0.18, 0.42)}
+_MASS = {"cylinder": (0.32, 0.44), "box": (0.27, 0.37), "ball": (0.24, 0.34)}
 _PLACE = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
 _FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
-_FRICTION_SPREAD = 0.11
-_GRIP = {"cylinder": 4.2, "box": 2.47, "ball": 3.5}
-_GRIP_SPREAD = 0.45
+_FRICTION_SPREAD = 0.07
+_GRIP = {"cylinder": 4.33, "box": 2.60, "ball": 3.28}
+_GRIP_SPREAD = 0.50
 _GRIP_LIMITS = (1.0, 14.0)
 
 
@@ -116,7 +116,7 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
         mass=rng.uniform(*_MASS[shape]),
         friction=_FRICTION[shape] * float(np.exp(rng.normal(0.0, _FRICTION_SPREAD))),
         grip=float(np.clip(grip, *_GRIP_LIMITS)),
-        balance=float(np.clip(rng.normal(1.0, 0.12), 0.7, 1.3)),
+        balance=float(np.clip(rng.normal(1.0, 0.22), 0.55, 1.45)),
         height=rng.uniform(*_PLACE[shape]),
         offset=(rng.normal(0.0, 0.003), rng.normal(0.0, 0.004)),
         turn=(rng.normal(0.0, 0.07), rng.normal(0.0, 0.07), rng.normal(0.0, yaw)),
@@ -129,7 +129,7 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
         rise=rng.uniform(0.12, 0.18),
         lift=rng.uniform(1.0, 1.4),
         pause=INPUT_END + rng.uniform(0.05, 0.25),
-        shake=0.032 * rng.uniform(0.88, 1.12),
+        shake=0.032 * rng.uniform(0.92, 1.08),
         shake_time=rng.uniform(0.48, 0.54),
     )
 

@@ -13,7 +13,7 @@ FINGER_LENGTH = 0.090  # m, from the knuckle to the middle of the pad
 PAD_CENTRE = -0.006  # m, of the ellipsoid of the skin on the axis of the tip
 PAD = (0.016, 0.0075, 0.007)  # m, its half axes: the skin lies 1 to 3 mm above the electrodes
 OPEN = -0.35  # rad
-_CLOSED = 1.1  # rad
+CLOSED = 1.1  # rad
 _AT_CONTACT = 0.08  # rad, about
 _BOX_FINGERS = 0.020  # m, of left and right finger beside the middle of a box
 _TORSION = 0.003  # m, friction against turning on a soft fingertip
@@ -51,8 +51,8 @@ def bigs_mjcf(grasp: BigsGrasp) -> str:
         for name in FINGERS
     )
     weight = FINGER_LENGTH**2 / (_ARMATURE + 0.0004)  # inverse mass in 1/kg of a tip
+    # How stiff a contact of MuJoCo is depends on the masses that meet in it.
     skin = _SKIN_TIME * math.sqrt(6.0 / (1.0 / grasp.mass + weight))
-
     pairs = "".join(
         f'<pair geom1="skin_{name}" geom2="object" condim="4" solref="{skin!r} 1" '
         f'solimp="0.7 0.95 0.003" friction="{grasp.friction!r} {grasp.friction!r} {_TORSION} '
@@ -99,7 +99,7 @@ def _finger(grasp: BigsGrasp, number: int) -> str:
     )
     return f"""<body name="{name}" pos="{_text(*base[:2], FINGER_LENGTH)}"
  xyaxes="{_text(0, 0, -1, *lateral)}" gravcomp="1">
-<joint name="{name}" axis="0 1 0" range="{OPEN - 0.1} {_CLOSED}" damping="0.05"
+<joint name="{name}" axis="0 1 0" range="{OPEN - 0.1} {CLOSED}" damping="0.05"
  armature="{_ARMATURE}"/>
 <inertial pos="{_text(FINGER_LENGTH / 2, 0, 0)}" mass="0.1" diaginertia="1e-5 7e-5 7e-5"/>
 <body name="tip_{name}" pos="{_text(FINGER_LENGTH, 0, 0)}" quat="{pad}" gravcomp="1">

@@ -70,15 +70,15 @@ class BioTacModel:
 
     gain: float = 220.0
     saturation: float = 2200.0
-    blur: float = 0.0025
+    blur: float = 0.0032
     stiffness: float = 2.5e5
-    drag: float = 0.0006
+    drag: float = 0.0012
     bulge: float = 0.08
     lag: float = 0.25
     lag_time: float = 0.15
     pressure_gain: float = 28.0
     offset_spread: float = 150.0
-    gain_spread: float = 0.15
+    gain_spread: float = 0.10
     drift: float = 20.0
     noise: float = 8.0
     pressure_noise: float = 1.5

@@ -40,7 +40,7 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
         6, len(recordings), sharex="col", squeeze=False, height_ratios=(1.2, 1.2, 1.2, 1, 1, 1)
     )
     force = max(float(r.privileged["normal_force"].max()) for r in recordings)
-    image = None
+    image: Any = None
     for column, (recording, change) in enumerate(zip(recordings, changes, strict=True)):
         names = recording.meta["finger_names"]
         for finger in range(3):
