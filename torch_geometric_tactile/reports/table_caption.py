@@ -47,14 +47,14 @@ def caption(run: PlanRun) -> str:
 def _protocols(plan: Plan) -> str:
     notes = [
         f"*{entry.name if i else _capital(entry.name)}* {entry.note}"
-        for i, entry in enumerate(entry for entry in plan.table.protocols if entry.note)
+        for i, entry in enumerate(entry for entry in plan.protocols if entry.note)
     ]
     if not notes:
         return ""
     said = "; ".join(notes) + "."
     if plan.table.paper_protocol:
         return f"{said} The paper used *{plan.table.paper_protocol}*."
-    is_unsaid = plan.table.is_published and len(notes) > 1
+    is_unsaid = plan.table.is_published and sum(bool(p.note) for p in plan.table.protocols) > 1
     return f"{said} The paper does not say which it used." if is_unsaid else said
 
 
