@@ -74,6 +74,16 @@ def test_models_examples_run(tmp_path, monkeypatch):
     assert type(names["model"]).__name__ == "MTGCN"
 
 
+def test_time_examples_print_what_they_say(capsys):
+    page = (ROOT / "docs" / "time.md").read_text(encoding="utf-8")
+    names = {}
+    code = "".join(python_code(page))
+    exec(code, names)
+    said = re.findall(r"^print\(.*\)  # (.*)$", code, flags=re.MULTILINE)
+    assert capsys.readouterr().out.splitlines() == said
+    assert len(said) == 5
+
+
 @pytest.mark.parametrize("page", sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]))
 def test_links_to_files_lead_somewhere(page):
     links = re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8"))

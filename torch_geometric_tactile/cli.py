@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.commands import VERBS
@@ -27,6 +28,7 @@ examples:
   tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   the facts of a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
+  tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
   tactile compare touches.npz --grid 28x50       which model to take for data of your own
@@ -52,16 +54,16 @@ def build_parser() -> argparse.ArgumentParser:
         if hasattr(verb, "run_raw"):
             commands.add_parser(name, help=verb.HELP, add_help=False)
             continue
-        verb.add_arguments(
-            commands.add_parser(
-                name,
-                help=verb.HELP,
-                description=verb.DESCRIPTION,
-                epilog=verb.EXAMPLES,
-                formatter_class=argparse.RawDescriptionHelpFormatter,
-            )
-        )
+        verb.add_arguments(commands.add_parser(name, help=verb.HELP, **_texts(verb)))
     return parser
+
+
+def _texts(verb: ModuleType) -> dict[str, Any]:
+    return {
+        "description": verb.DESCRIPTION,
+        "epilog": verb.EXAMPLES,
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+    }
 
 
 def _verb(name: str) -> ModuleType:
@@ -71,6 +73,12 @@ def _verb(name: str) -> ModuleType:
 def _run(argv: list[str]) -> int:
     if argv and argv[0] in VERBS and hasattr(_verb(argv[0]), "run_raw"):
         return int(_verb(argv[0]).run_raw(argv[1:]))
+    kinds = getattr(_verb(argv[0]), "KINDS", {}) if argv and argv[0] in VERBS else {}
+    if argv[1:] and argv[1] in kinds:
+        kind = _verb(kinds[argv[1]])
+        parser = argparse.ArgumentParser(prog=f"tactile {argv[0]} {argv[1]}", **_texts(kind))
+        kind.add_arguments(parser)
+        return int(kind.run(parser.parse_args(argv[2:])))
     arguments = build_parser().parse_args(argv)
     return int(_verb(arguments.command).run(arguments))
 

@@ -70,11 +70,14 @@ def test_grasp_svm_label_names():
 
 def test_grasp_svm_is_an_estimator():
     svm = GraspSVM(num_fingers=2, finger=0, C=3.0, kernel="linear")
-    assert svm.get_params() == {"num_fingers": 2, "finger": 0, "C": 3.0, "kernel": "linear"}
+    given = {"num_fingers": 2, "finger": 0, "C": 3.0, "kernel": "linear"}
+    assert svm.get_params() == {**given, "class_weight": None}
     x, y = separable(1)
     svm.set_params(num_fingers=3, finger=1).fit(x, y)
     machine = svm.pipeline_[-1]
     assert (machine.C, machine.kernel) == (3.0, "linear")
+    weighed = GraspSVM(class_weight="balanced").fit(x, y)
+    assert weighed.pipeline_[-1].class_weight == "balanced"
     copied = clone(svm)
     assert copied.get_params() == svm.get_params()
     with pytest.raises(NotFittedError):

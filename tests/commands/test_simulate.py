@@ -18,6 +18,7 @@ from torch_geometric_tactile.sim import (
     GraspPlan,
     paper8,
     plan_grasp,
+    trial_files,
     twenty,
 )
 
@@ -181,8 +182,10 @@ def test_folder_of_another_seed_is_explained(quick, capsys):
 @pytest.mark.parametrize("package", ["mujoco", "h5py"])
 def test_missing_package_names_the_extra(quick, capsys, monkeypatch, package):
     out, run = quick
-    find = module.find_spec
-    monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))
+    find = trial_files.find_spec
+    monkeypatch.setattr(
+        trial_files, "find_spec", lambda name: None if name == package else find(name)
+    )
     assert run() == 1
     error = capsys.readouterr().err
     assert f"needs {package}: pip install 'torch-geometric-tactile[sim]'" in error
@@ -252,3 +255,42 @@ def test_help_has_examples(capsys):
     assert "tactile simulate --out grasps" in text
     assert "plausible, not measured" in text
     assert "    simulate " in build_parser().format_help()
+
+
+def test_grasps_of_three_fingertips(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    out = tmp_path / "bigs"
+    flags = ["--out", str(out), "--objects", "bigs", "--jobs", "1", "--grasps"]
+    assert main(["simulate", *flags, "2"]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("2 grasps (0 kept from before), held: box ")
+    assert main(["simulate", *flags, "3", "--preview"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("3 grasps (2 kept from before)")
+    picture = out / "preview" / "preview_grasps.png"
+    assert second == f"drew {picture}"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--trials", "3"], "'trials' must be left out for 'bigs' (got 3); 'grasps' is their num"),
+        (["--preset", "ci"], "'preset' must be left out for 'bigs' (got ci)"),
+        (["--hand", "allegro_uskin"], "'hand' must be left out for 'bigs' (got allegro_uskin)"),
+        (["--seconds", "4"], "'seconds' must be left out for 'bigs' (got 4.0)"),
+        (["--spread", "wide"], "'spread' must be left out for 'bigs' (got wide)"),
+        (["--max-attempts", "3"], "'max_attempts' must be left out for 'bigs' (got 3)"),
+        (["--num-objects", "3"], "'num_objects' must be left out for 'bigs' (got 3)"),
+    ],
+)
+def test_what_only_the_hand_has_is_refused_for_fingertips(tmp_path, capsys, flags, message):
+    out = tmp_path / "bigs"
+    assert main(["simulate", "--out", str(out), "--objects", "bigs", *flags]) == 1
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_number_of_grasps_is_that_of_fingertips(tmp_path, capsys):
+    assert main(["simulate", "--out", str(tmp_path / "a"), "--grasps", "3"]) == 1
+    assert "'grasps' must be left out for objects other than 'bigs'" in capsys.readouterr().err

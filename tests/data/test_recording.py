@@ -53,6 +53,13 @@ def test_recording_repr():
     )
 
 
+def test_recording_repr_names_extra_signals():
+    pac = np.zeros((4, 3, 22), np.int16)
+    rec = recording(extra={"pressure": np.zeros((4, 3)), "pac": pac})
+    assert "num_channels=3, extra=['pac', 'pressure'], rate=100)" in repr(rec)
+    assert rec.extra["pac"] is pac
+
+
 def test_recording_is_frozen_and_can_be_pickled():
     rec = recording(meta={"sensor": "a"}, privileged={"phase": np.arange(4)})
     with pytest.raises(AttributeError):
@@ -94,13 +101,19 @@ def test_recording_of_one_frame_and_one_taxel():
 
 def test_select_takes_rows_of_everything_and_keeps_the_rest():
     rec = recording(
-        joint=np.arange(4.0)[:, None], label="cup", meta={"a": 1}, privileged={"p": np.arange(4)}
+        joint=np.arange(4.0)[:, None],
+        label="cup",
+        meta={"a": 1},
+        privileged={"p": np.arange(4)},
+        extra={"pac": np.arange(24).reshape(4, 3, 2)},
     )
     part = rec.select(slice(1, None, 2))
     assert part.time.tolist() == [0.01, 0.03]
     assert part.tactile[:, 0, 0].tolist() == [6, 18]
     assert part.joint.ravel().tolist() == [1, 3]
     assert part.privileged["p"].tolist() == [1, 3]
+    assert part.extra["pac"][:, 0, 0].tolist() == [6, 18]
+    assert np.shares_memory(part.extra["pac"], rec.extra["pac"])
     assert (part.label, part.meta) == ("cup", {"a": 1})
     assert np.shares_memory(part.tactile, rec.tactile)
 
@@ -163,6 +176,15 @@ def test_meta_is_a_copy_with_lists_for_tuples():
         ({"privileged": {"p": [None, 1]}}, r"'p' must hold numbers, .* \(got object\)"),
         ({"privileged": {"a/b": [1, 2]}}, r"names that are texts without '/' \(got 'a/b'\)"),
         ({"privileged": {"": [1, 2]}}, r"names that are texts without '/' \(got ''\)"),
+        ({"extra": [1]}, r"'extra' must be a mapping \(got list\)"),
+        ({"extra": {"p": [1, 2, 3]}}, r"'p' must have 2 frames, as 'time' has \(got 3\)"),
+        ({"extra": {"p": 1.0}}, r"extra 'p' must have one row per frame \(got a scalar\)"),
+        ({"extra": {"p": [None, 1]}}, r"extra 'p' must hold numbers, .* \(got object\)"),
+        ({"extra": {"a/b": [1, 2]}}, r"'extra' must have names .* without '/' \(got 'a/b'\)"),
+        (
+            {"extra": {"p": np.ma.array([1, 2], mask=[0, 1])}},
+            r"'p' must not be masked \(got a masked value in frame 1\)",
+        ),
     ],
 )
 def test_recording_refuses(changed, message):

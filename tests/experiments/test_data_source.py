@@ -122,3 +122,29 @@ def test_objects_inside_of_objects_are_built():
     assert repr(build(outer).transforms[0]) == "ZScore(attr='joint')"
     assert build({"a": [1, None, "b"]}) == {"a": [1, None, "b"]}
     assert np.array_equal(build([1, 2]), [1, 2])
+
+
+def test_windows_are_known_by_the_files_of_their_frames(tmp_path):
+    layout = grid(1, 2, pitch=0.01)
+    for name in ("a", "b"):
+        np.savez(
+            tmp_path / f"{name}.npz",
+            x=np.arange(12.0).reshape(6, 2, 1),
+            y=np.arange(6) // 3,
+            trial=np.arange(6) // 3,
+        )
+    layout.save(tmp_path / "layout.json")
+
+    def source(name, length=2):
+        path = "torch_geometric_tactile.datasets.SamplesFile"
+        frames = {"path": str(tmp_path / f"{name}.npz"), "layout": str(tmp_path / "layout.json")}
+        return DataSource(
+            "torch_geometric_tactile.data.Windows",
+            {"dataset": {"class_path": path, "init_args": frames}, "length": length},
+        ).resolve()
+
+    (first, facts), (second, _), (longer, _) = source("a"), source("b"), source("a", 3)
+    assert (facts.num_samples, facts.num_trials) == (4, 2)
+    assert first.identity()["arguments"] == second.identity()["arguments"]
+    assert first.identity() != longer.identity()
+    assert first.load()[0].num_frames == 2

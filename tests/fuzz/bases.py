@@ -34,6 +34,7 @@ def full_recording() -> Recording:
             "force": np.arange(12.0).reshape(FRAMES, 2),
             "name": np.array(["reach", "hold"] * 3),
         },
+        extra={"pac": np.arange(FRAMES * 6, dtype=np.int16).reshape(FRAMES, 3, 2)},
     )
 
 
@@ -104,6 +105,52 @@ def biotac_csv(folder: Path) -> None:
             )
         )
     (folder / "a.csv").write_text("\n".join(lines) + "\n")
+
+
+def dos_csv(folder: Path) -> None:
+    names = [f"{finger}_e{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
+    for file, own in (("a.csv", names[:24]), ("b.csv", names)):
+        lines = [",".join(own)]
+        lines += [",".join(str(3000 + 31 * t + i) for i in range(len(own))) for t in range(4)]
+        (folder / file).write_text("\n".join(lines) + "\n")
+
+
+def _bigs_fields(frames: int = 3) -> dict[str, np.ndarray]:
+    draw = np.random.default_rng(0)
+    return {
+        "elec": draw.integers(0, 4096, (frames, 57)).astype(np.int16),
+        "stamp": 10 * np.arange(frames),
+        "left": draw.normal(size=frames),
+        "middle": draw.normal(size=frames),
+        "right": draw.normal(size=frames).astype(np.float32),
+        "pac": draw.integers(0, 4096, (22 * frames, 3)).astype(np.int16),
+        "arm": draw.normal(size=(3 * frames, 2)).astype(np.float32),
+        "step": np.array(["close", "lift é", "lift é"][:frames]),
+        "slipped": np.arange(frames) > 1,
+        "done": np.array(1),
+        "what": np.array("cup é"),
+        "lift": np.array(10.0),
+    }
+
+
+def bigs_npz(folder: Path) -> None:
+    np.savez(folder / "a.npz", **_bigs_fields())
+    np.savez_compressed(folder / "b.npz", **{**_bigs_fields(2), "done": np.array("failure")})
+
+
+def bigs_hdf5(folder: Path) -> None:
+    import h5py
+
+    for name, frames in (("a.h5", 3), ("b.h5", 2)):
+        with h5py.File(folder / name, "w", libver=("v110", "v110")) as file:
+            for key, value in _bigs_fields(frames).items():
+                if value.dtype.kind == "U":
+                    value, form = value.astype(object), h5py.string_dtype()
+                else:
+                    form = value.dtype
+                is_plain = value.ndim and value.dtype != object
+                packed = {"compression": "gzip", "fletcher32": True} if is_plain else {}
+                file.create_dataset(key, data=value, dtype=form, **packed)
 
 
 def icub_txt(folder: Path) -> None:

@@ -16,16 +16,29 @@ def mutate_hdf5(path: Path, draw: Random) -> str:
         return draw.choice(_HDF5)(file, draw, h5py)
 
 
+def mutate_fields(path: Path, draw: Random) -> str:
+    """Changes a file of named arrays, in which nothing but the names is known, in place."""
+    import h5py
+
+    kind = draw.choice([*(_h_rename, _h_delete, _h_link, _h_link, _h_storage, _h_texts, _h_group)])
+    with h5py.File(path, "r+") as file:
+        allowed = kind(file, draw, h5py)
+    return allowed if kind in (_h_link, _h_storage) else REWRITTEN
+
+
 def _arrays(file: Any) -> list[str]:
+    if "elec" in file:
+        return [*file]
     names = [name for name in ("time", "tactile", "joint", "checksums") if name in file]
-    return names + [f"privileged/{name}" for name in file.get("privileged", ())]
+    groups = ("privileged", "extra")
+    return names + [f"{group}/{name}" for group in groups for name in file.get(group, ())]
 
 
 def _h_rename(file: Any, draw: Random, _: Any) -> str:
     name = draw.choice(_arrays(file))
     file.move(name, draw.choice([name + "_", name.upper(), name[:-1]]))
     # What only a simulator knows may have any name.
-    return REWRITTEN if name.startswith("privileged/") else REFUSED
+    return REWRITTEN if "/" in name else REFUSED
 
 
 def _h_delete(file: Any, draw: Random, _: Any) -> str:
@@ -56,8 +69,8 @@ def _h_link(file: Any, draw: Random, h5py: Any) -> str:
 def _h_storage(file: Any, draw: Random, h5py: Any) -> str:
     """A data set whose numbers are in other files."""
     name = draw.choice(_arrays(file))
-    array = file[name][()]
-    if array.dtype.kind not in "fiu":
+    array = np.asarray(file[name][()])
+    if array.dtype.kind not in "fiu" or array.ndim == 0:
         return JUDGED
     del file[name]
     if draw.random() < 0.5:
@@ -126,12 +139,15 @@ def _h_group(file: Any, draw: Random, _: Any) -> str:
 def _h_extra(file: Any, draw: Random, h5py: Any) -> str:
     """Something more, which no reader asked for."""
     kind = draw.randrange(3)
-    if kind == 0:
-        file["extra"] = np.zeros(3)
-    elif kind == 1:
-        file.require_group("privileged")["extra"] = draw.choice([np.zeros(1), "text"])
+    name = draw.choice(["more", "extra"])
+    if kind == 1:
+        file.require_group(draw.choice(["privileged", "extra"]))["more"] = draw.choice(
+            [np.zeros(1), "text"]
+        )
     else:
-        file["extra"] = h5py.ExternalLink("none.h5", "/")
+        if name in file:
+            del file[name]
+        file[name] = np.zeros(3) if kind == 0 else h5py.ExternalLink("none.h5", "/")
     return JUDGED
 
 

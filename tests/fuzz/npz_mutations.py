@@ -21,7 +21,7 @@ def mutated_npz(data: bytes, draw: Random) -> tuple[bytes, str]:
     if kind == 0:
         other = draw.choice([name + "_", name[:-1], name.upper(), "../" + name, "x", ""])
         content[other] = content.pop(name)
-        kept = name.startswith("privileged/") and other.startswith("privileged/")
+        kept = any(name.startswith(g) and other.startswith(g) for g in ("privileged/", "extra/"))
         return _npz(content, draw), REWRITTEN if kept else JUDGED
     if kind == 1:
         del content[draw.choice(required)]
@@ -79,6 +79,8 @@ def _npz(content: dict[str, np.ndarray], draw: Random) -> bytes:
 
 
 def _other_shape(array: np.ndarray, draw: Random) -> np.ndarray:
+    if array.ndim == 0:
+        return draw.choice([array[None], array[None][:0], np.stack([array, array])])
     forms = [array[:-1], array[1:], array[..., None], array[None], array[:0], array.reshape(-1)]
     forms += [np.concatenate([array, array[-1:]]), array[0], np.zeros((0, 0))]
     if array.ndim > 1:

@@ -33,6 +33,7 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
         "label": label,
         "meta": meta,
         "privileged": privileged,
+        "extra": {},
     }
 
 
@@ -189,6 +190,18 @@ def biotac_csv(data: bytes) -> Any:
     values = found[:, 1:].reshape(-1, 3, 24).transpose(0, 2, 1)
     objects = [row[head.index("object")].strip() for row in rows]
     return [values.astype(np.float32), found[:, 0].astype(np.int64), objects]
+
+
+def dos_csv(data: bytes) -> Any:
+    names = [f"{finger}_e{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
+    head, rows = table(data)
+    _need({*head} in ({*names[:24]}, {*names}))
+    found = numbers(rows)
+    with np.errstate(over="ignore"):
+        _need(bool(np.isfinite(found.astype(np.float32)).all()))
+    own = found[:, [head.index(name) for name in names[:24]]]
+    meta = {"sensor": "biotac_sp", "unit": "count", "rate": 100.0}
+    return reading(np.arange(len(rows)) / 100, own[:, :, None], meta=meta)
 
 
 def icub_txt(data: bytes) -> Any:

@@ -86,6 +86,30 @@ def biotac_csv(path: Path) -> Any:
     return plain(tuple(read_biotac_sp_csv(path)))
 
 
+def dos_csv(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_biotac_sp_dos_csv
+
+    return recording(read_biotac_sp_dos_csv(path))
+
+
+def bigs(path: Path) -> Any:
+    from torch_geometric_tactile.io import BiGSFormat, read_bigs
+
+    fields = {
+        "electrodes": "elec [frame (finger electrode)]",
+        "time": "stamp",
+        "pressure": "left | middle | right",
+        "pac": "pac [(frame step) finger]",
+        "robot_joint": "arm [(frame step) joint]",
+        "phase": "step",
+        "slip": "slipped",
+        "success": "done",
+        "object": "what",
+        "pickup_time": "lift",
+    }
+    return recording(read_bigs(path, BiGSFormat(fields=fields, time_unit="ms")))
+
+
 def icub_txt(path: Path) -> Any:
     from torch_geometric_tactile.io import read_icub_grasp_txt
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 from fuzz import bases, oracles, readers
 from fuzz.bytes_mutations import BYTES
-from fuzz.hdf5_mutations import mutate_hdf5
+from fuzz.hdf5_mutations import mutate_fields, mutate_hdf5
 from fuzz.laws import JUDGED, REFUSED, REWRITTEN, Refused, equal
 from fuzz.npz_mutations import mutated_npz, mutated_samples
 from fuzz.text_mutations import TEXT, encoded
@@ -153,6 +153,15 @@ def _hdf5(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return mutate_hdf5(path, draw)
 
 
+def _fields_hdf5(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """A file of others has no checksums of ours: what is flipped may read as another number."""
+    if draw.random() < 0.5:
+        _bytes(path, data, draw, other)
+        return REWRITTEN
+    path.write_bytes(data)
+    return mutate_fields(path, draw)
+
+
 def _torch(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     if draw.random() < 0.4:
         return _bytes(path, data, draw, other)
@@ -215,6 +224,9 @@ TARGETS: Sequence[Target] = (
         7,
     ),
     Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
+    Target("BioTac SP DoS CSV", bases.dos_csv, readers.dos_csv, _text, oracles.dos_csv, 4),
+    Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
+    Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
     Target("npz", bases.npz, readers.npz, _npz, weight=8),
     Target("samples npz", bases.samples_npz, readers.samples_npz, _samples_npz, weight=4),

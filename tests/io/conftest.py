@@ -21,6 +21,11 @@ def make_recording(num_frames=20, num_taxels=5, seed=0):
             "touches": draw.random((num_frames, num_taxels)) > 0.5,
             "step": np.array([f"schritt ü{i}" for i in range(num_frames)], dtype=str),
         },
+        extra={
+            "pac": draw.integers(0, 4096, (num_frames, 3, 22)).astype(np.int16),
+            "pressure": np.where(draw.random((num_frames, 3)) > 0.1, 2100.5, np.nan),
+            "state": np.array([f"tür {i}" for i in range(num_frames)], dtype=str),
+        },
     )
 
 
@@ -42,10 +47,12 @@ def assert_same():
         if a.joint is not None:
             assert np.array_equal(a.joint, b.joint, equal_nan=True)
         assert (a.label, a.meta) == (b.label, b.meta)
-        assert a.privileged.keys() == b.privileged.keys()
-        for name, value in a.privileged.items():
-            assert value.shape == b.privileged[name].shape
-            assert value.dtype.kind == b.privileged[name].dtype.kind
-            assert (value == b.privileged[name]).all()
+        for one, other in ((a.privileged, b.privileged), (a.extra, b.extra)):
+            assert one.keys() == other.keys()
+            for name, value in one.items():
+                assert value.shape == other[name].shape
+                assert value.dtype.kind == other[name].dtype.kind
+                assert ((value == other[name]) | (value != value)).all()
+                assert ((value != value) == (other[name] != other[name])).all()
 
     return check

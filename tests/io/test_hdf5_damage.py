@@ -14,6 +14,7 @@ WIDE = Recording(
     label="mug",
     meta={"unit": "count", "note": "n" * 300},
     privileged={"phase": np.arange(40) // 9, "step": np.array([f"s{i}" for i in range(40)])},
+    extra={"pac": np.arange(40 * 3 * 22).reshape(40, 3, 22)},
 )
 
 

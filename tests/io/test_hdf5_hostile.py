@@ -95,20 +95,21 @@ def test_tactile_must_be_an_array_of_numbers_in_the_file_itself(content, message
     refuses(make(tactile=content), message)
 
 
+@pytest.mark.parametrize("kind", ["privileged", "extra"])
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (link(h5py.ExternalLink("elsewhere.h5", "/")), r"'privileged' itself .*ExternalLink"),
-        (np.zeros(1), r"must hold a group in 'privileged'"),
-        (lambda f, n: f.create_group("privileged/p"), r"an array in 'privileged/p'"),
+        (link(h5py.ExternalLink("elsewhere.h5", "/")), r"'{}' itself .*ExternalLink"),
+        (np.zeros(1), r"must hold a group in '{}'"),
+        (lambda f, n: f.create_group(f"{n}/p"), r"an array in '{}/p'"),
         (
             lambda f, n: f.create_group(n).__setitem__("p", h5py.ExternalLink("x.h5", "/")),
-            r"'privileged/p' itself",
+            r"'{}/p' itself",
         ),
     ],
 )
-def test_privileged_must_be_a_group_in_the_file_itself(content, message, make):
-    refuses(make(privileged=content), message)
+def test_privileged_and_extra_must_be_groups_in_the_file_itself(kind, content, message, make):
+    refuses(make(**{kind: content}), message.format(kind))
 
 
 @pytest.mark.parametrize(

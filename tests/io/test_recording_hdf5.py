@@ -49,7 +49,8 @@ def test_hdf5_round_trip_of_no_frame_and_one_taxel(num_frames, assert_same, tmp_
 
 
 def test_hdf5_names_by_hand(tmp_path):
-    rec = Recording([0.5], [[[7.0]]], label="cup", privileged={"phase": [2]})
+    more = {"privileged": {"phase": [2]}, "extra": {"pac": [[[3.5, 4.5]]]}}
+    rec = Recording([0.5], [[[7.0]]], label="cup", **more)
     write_hdf5(rec, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         assert dict(file.attrs) == {
@@ -59,17 +60,18 @@ def test_hdf5_names_by_hand(tmp_path):
             "label": b'"cup"',
             "meta": b"{}",
             "checksum": zlib.crc32(
-                b'["tactile recording", 2, 1, "\\"cup\\"", "{}", [["privileged/phase", "<i8"], '
-                b'["tactile", "<f4", 1, 1], ["time", "<f8"]]]'
+                b'["tactile recording", 2, 1, "\\"cup\\"", "{}", [["extra/pac", "<f8", 1, 2], '
+                b'["privileged/phase", "<i8"], ["tactile", "<f4", 1, 1], ["time", "<f8"]]]'
             ),
         }
         assert file["time"][:].tolist() == [0.5]
         assert file["tactile"][:].tolist() == [[[7.0]]]
         assert file["privileged/phase"][:].tolist() == [2]
+        assert file["extra/pac"][:].tolist() == [[[3.5, 4.5]]]
         assert file["tactile"].compression == "gzip"
         assert file["tactile"].shuffle
         assert file["tactile"].maxshape == (None, 1, 1)
-        assert all(file[n].fletcher32 for n in ("time", "tactile", "privileged/phase"))
+        assert all(file[n].fletcher32 for n in ("time", "tactile", "privileged/phase", "extra/pac"))
     assert (tmp_path / "a.h5").read_bytes()[8] == 3  # superblock with a checksum
 
 
@@ -195,7 +197,14 @@ def test_append_keeps_label_and_metadata_of_the_file(full, tmp_path):
     append_hdf5(full.select(slice(0, 10)), path)
     later = full.select(slice(10, 20))
     append_hdf5(
-        Recording(later.time, later.tactile, later.joint, privileged=later.privileged), path
+        Recording(
+            later.time,
+            later.tactile,
+            later.joint,
+            privileged=later.privileged,
+            extra=later.extra,
+        ),
+        path,
     )
     assert read_hdf5(path).meta == full.meta
     assert read_hdf5(path).label == full.label
@@ -209,6 +218,7 @@ def test_append_keeps_label_and_metadata_of_the_file(full, tmp_path):
         ({"joint": np.zeros((2, 2))}, r"'joint' must have frames of shape \(1,\), .*\(2,\)"),
         ({"joint": None}, r"'recording' must hold \['joint', .*\(got \['privileged/p'"),
         ({"privileged": {}}, r"'recording' must hold .*'privileged/p'"),
+        ({"extra": {"p": [1, 2]}}, r"'recording' must hold .*\(got \['extra/p', 'joint'"),
         ({"privileged": {"p": [0.5, 1]}}, r"'privileged/p' must be of type int64.*got float64"),
         ({"privileged": {"p": ["a", "b"]}}, r"'privileged/p' must be of type int64.*got <U1"),
         ({"label": "box"}, r"'label' must be 'cup', as .* \(got 'box'\)"),

@@ -21,17 +21,19 @@ def test_npz_round_trip_of_no_frame_and_one_taxel(num_frames, assert_same, tmp_p
 
 
 def test_npz_names_by_hand(tmp_path):
-    rec = Recording([0.5], [[[7.0]]], label="cup", privileged={"phase": [2]})
+    more = {"privileged": {"phase": [2]}, "extra": {"pac": [[[3.5, 4.5]]]}}
+    rec = Recording([0.5], [[[7.0]]], label="cup", **more)
     write_npz(rec, tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as file:
         content = {name: file[name].tolist() for name in file.files}
     assert content == {
         "format": "tactile recording",
         "version": 1,
-        "arrays": '["privileged/phase", "tactile", "time"]',
+        "arrays": '["extra/pac", "privileged/phase", "tactile", "time"]',
         "time": [0.5],
         "tactile": [[[7.0]]],
         "privileged/phase": [2],
+        "extra/pac": [[[3.5, 4.5]]],
         "label": '"cup"',
         "meta": "{}",
     }
@@ -118,6 +120,7 @@ def small():
         label="mug é",
         meta={"unit": "count"},
         privileged={"phase": [1, 2], "ü": ["a", "bé"]},
+        extra={"pac": [[3, 4], [5, 6]]},
     )
 
 
@@ -150,7 +153,7 @@ def test_npz_whose_table_hides_an_array(tmp_path):
     entry = damaged.rindex(b"PK\x01\x02", 0, damaged.rindex(b"tactile.npy"))
     damaged[entry + 32] = 46 + len("joint.npy")  # a comment as long as the next entry
     (tmp_path / "a.npz").write_bytes(damaged)
-    with pytest.raises(ValueError, match=r"a.npz' cannot be read .* it holds 10 parts \(got 9"):
+    with pytest.raises(ValueError, match=r"a.npz' cannot be read .* it holds 11 parts \(got 10"):
         read_npz(tmp_path / "a.npz")
 
 
@@ -256,7 +259,11 @@ def test_npz_arrays_may_be_written_to(tmp_path):
     ("fields", "message"),
     [
         ({"time": np.array([1, 2])}, r"'time' must be an array of numbers \(floats in seconds"),
-        ({"extra": np.zeros(2)}, r"it must hold .* and 'privileged/...' only \(got 'extra'\)"),
+        (
+            {"extra": np.zeros(2)},
+            r"it must hold .* 'privileged/...' and 'extra/...' only \(got 'extra'\)",
+        ),
+        ({"extra/pac": np.zeros((3, 2))}, r"'extra/pac' must have 2 frames, as 'time' has \(got 3"),
         ({"label": np.array(["1"])}, r"'label' must be one text \(got shape \(1,\)\)"),
         ({"label": np.array("[" * 100_000)}, r"a.npz' must hold JSON in 'label'"),
         ({"label": np.array("9" * 5000)}, r"a.npz' must hold JSON in 'label'"),
@@ -269,11 +276,13 @@ def test_npz_with_other_content(fields, message, tmp_path):
         read_npz(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize("name", ["joint", "privileged/phase"])
+@pytest.mark.parametrize("name", ["joint", "privileged/phase", "extra/pac"])
 def test_npz_that_lost_an_array(name, assert_same, tmp_path):
     write_npz(small(), tmp_path / "a.npz")
     changed(tmp_path / "a.npz", drop=[name])
-    with pytest.raises(ValueError, match=r"a.npz' .* must hold the arrays '\[\"joint\", \"priv"):
+    with pytest.raises(
+        ValueError, match=r"a.npz' .* must hold the arrays '\[\"extra/pac\", \"joint\", \"priv"
+    ):
         read_npz(tmp_path / "a.npz")
 
 

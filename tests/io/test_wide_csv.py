@@ -96,7 +96,10 @@ def test_write_by_hand(tmp_path):
 
 def test_write_says_what_is_lost(full, caplog, tmp_path):
     write_wide_csv(full, tmp_path / "a.csv")
-    assert "a.csv' is CSV and cannot hold label, object, object_pose, phase" in caplog.text
+    assert (
+        "a.csv' is CSV and cannot hold label, object, object_pose, pac, phase, pressure"
+        in caplog.text
+    )
     caplog.clear()
     with caplog.at_level(logging.WARNING):
         write_wide_csv(Recording(full.time, full.tactile, full.joint), tmp_path / "a.csv")

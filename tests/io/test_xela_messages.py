@@ -404,9 +404,10 @@ def test_round_trip_gives_equal_counts_forces_and_metadata(assert_same, tmp_path
 
 
 def test_write_says_what_is_lost(caplog, tmp_path):
-    rec = counts(label="cup", joint=np.zeros((6, 1)), meta={"object": "mug"})
+    more = {"meta": {"object": "mug"}, "extra": {"pac": np.zeros((6, 22))}}
+    rec = counts(label="cup", joint=np.zeros((6, 1)), **more)
     write_xela_messages(rec, tmp_path / "a.jsonl")
-    assert "a.jsonl' is XELA messages and cannot hold joint, label, object" in caplog.text
+    assert "a.jsonl' is XELA messages and cannot hold joint, label, object, pac" in caplog.text
     caplog.clear()
     write_xela_messages(read_xela_messages(tmp_path / "a.jsonl"), tmp_path / "b.jsonl")
     assert not caplog.text

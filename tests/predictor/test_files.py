@@ -149,9 +149,22 @@ def changed(path, change):
 
 
 HOSTILE = {
-    "another format": (lambda h, p: p.update(format=99), "its format must be 2 .got 99"),
-    "no format": (lambda h, p: p.pop("format"), "its format must be 2 .got None"),
+    "another format": (lambda h, p: p.update(format=99), "its format must be 3 .got 99"),
+    "no format": (lambda h, p: p.pop("format"), "its format must be 3 .got None"),
     "task": (lambda h, p: p.update(task="x"), "its task must be one of"),
+    "threshold": (lambda h, p: p.update(threshold=2.0), "its threshold must be a probability"),
+    "threshold of no number": (
+        lambda h, p: p.update(threshold="0.5"),
+        "its threshold must be a probability",
+    ),
+    "window": (
+        lambda h, p: p.update(window=[3]),
+        "a window must have 'length', 'hop' and 'ragged'",
+    ),
+    "window without end": (
+        lambda h, p: p.update(window={"length": 10**12, "hop": 1, "ragged": "error"}),
+        "'length' must be a number of frames",
+    ),
     "no layout": (lambda h, p: p.pop("layout"), "KeyError: 'layout'"),
     "layout": (lambda h, p: p["layout"].update(taxels=[]), "at least one taxel"),
     "other layout": (lambda h, p: p["layout"]["taxels"].pop(), "'pos' must have shape|joins?"),

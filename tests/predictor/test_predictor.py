@@ -9,7 +9,7 @@ from torch_geometric.transforms import BaseTransform, Compose, Distance
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.nn import TactileGCN, TaxelNet
-from torch_geometric_tactile.predictor import preparation
+from torch_geometric_tactile.predictor import settling
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 from torch_geometric_tactile.transforms import (
     FillMissing,
@@ -171,11 +171,11 @@ def test_order_is_kept_where_a_later_transform_changes_what_an_earlier_one_read(
     shared = StaticData(
         x=torch.zeros(1, 4, 0), pos=FINGER.pos, edge_index=FINGER.edge_index("original")
     )
-    _, rest = preparation.settle(shared, chain.transforms)
+    _, rest = settling.settle(shared, chain.transforms)
     assert rest == chain.transforms
-    _, rest = preparation.settle(shared, [KNNGraph(k=1), *chain.transforms[:2]])
+    _, rest = settling.settle(shared, [KNNGraph(k=1), *chain.transforms[:2]])
     assert rest == chain.transforms[:2]
-    _, rest = preparation.settle(shared, [torch.nn.Identity(), KNNGraph(k=1)])
+    _, rest = settling.settle(shared, [torch.nn.Identity(), KNNGraph(k=1)])
     assert len(rest) == 2
 
 

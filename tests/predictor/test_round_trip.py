@@ -12,8 +12,15 @@ from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile import Predictor, nn, transforms
-from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.nn.models import GraspGCN, PosedTaxelNet, SmallCNN, TaxelNet
+from torch_geometric_tactile.data import StaticData, join_frames
+from torch_geometric_tactile.nn.models import (
+    GraspGCN,
+    GraspLSTM,
+    PosedTaxelNet,
+    SmallCNN,
+    TaxelNet,
+    TemporalTaxelNet,
+)
 from torch_geometric_tactile.predictor import MissingOwnError, classes
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.describer import Describer
@@ -58,6 +65,25 @@ def samples():
     )
 
 
+def windows():
+    frames = torch.randn(8, 6, 9, 3, generator=torch.Generator().manual_seed(2))
+    frames[:, :, 4:] += 20
+    data = samples()
+    data.x, data.num_frames = join_frames(frames), 9
+    return data
+
+
+WINDOWED = {  # of windows of frames
+    "ContactCrop": [
+        lambda: transforms.ContactCrop(3, 4.0, 6.0, sustain=2, before=1, missing="keep"),
+        lambda: transforms.ContactCrop(4, 3.0, 0.5),
+    ],
+    "Resample": [lambda: transforms.Resample(5), lambda: transforms.Resample(20)],
+    "ZScore": [
+        lambda: transforms.ZScore(per="signal"),
+        lambda: transforms.ZScore(per="signal", scale_per="channel"),
+    ],
+}
 OURS = {
     "AbsoluteMorphology": [
         lambda: transforms.AbsoluteMorphology(),
@@ -159,6 +185,7 @@ PYG = {
     "ToUndirected": lambda: pyg.ToUndirected(reduce="mean"),
 }
 EXAMPLES = [make for makes in OURS.values() for make in makes]
+EXAMPLES_OF_WINDOWS = [make for makes in WINDOWED.values() for make in makes]
 
 
 def through_text(transform, own=None):
@@ -177,7 +204,7 @@ def equal(a, b):
 
 def test_every_transform_has_an_example():
     ours = {n for n in transforms.__all__ if inspect.isclass(getattr(transforms, n))}
-    assert set(OURS) == ours - {"FittedTransform"}  # the base class
+    assert {*OURS, *WINDOWED} == ours - {"FittedTransform"}  # the base class
     assert set(classes.transform_classes()) == ours | set(PYG)
 
 
@@ -192,6 +219,16 @@ def test_transforms_of_ours_are_built_again(make):
     assert type(again) is type(transform)
     assert repr(again) == repr(transform)
     equal(again(samples()), transform(samples()))
+
+
+@pytest.mark.parametrize("make", EXAMPLES_OF_WINDOWS, ids=lambda make: repr(make()))
+def test_transforms_of_windows_are_built_again(make):
+    transform = make()
+    if isinstance(transform, transforms.FittedTransform):
+        transform.fit(windows())
+    again = through_text(transform)
+    assert repr(again) == repr(transform)
+    equal(again(windows()), transform(windows()))
 
 
 @pytest.mark.parametrize("name", PYG)
@@ -249,11 +286,16 @@ PARTS = {"CNNThread", "GCNThread", "PooledMLP", "SegmentedThread", "TactileModel
 MODELS = {
     **small_models.MODELS,
     "grasp": lambda: GraspGCN(11, 3, in_channels=1, hidden_channels=5, num_fingers=3),
+    "lstm": lambda: GraspLSTM(11, 3, hidden_channels=5),
+    "lstm_one": lambda: GraspLSTM(11, 3, finger=2, hidden_channels=4, num_layers=2),
     "posed": lambda: PosedTaxelNet(small_models.LAYOUT, 3, num_strongest=5),
     "posed_open": lambda: PosedTaxelNet(small_models.LAYOUT, 3, posed=False, widths=(4, 2)),
     "small_cnn": lambda: SmallCNN(small_models.LAYOUT, 3, widths=(4, 4), hidden_channels=5),
     "taxel": lambda: TaxelNet(small_models.LAYOUT, 3, direct_channels=2, max_taxels=6),
     "taxel_joint": lambda: TaxelNet(small_models.LAYOUT, 3, conv="self", num_joints=2),
+    "temporal": lambda: TemporalTaxelNet(
+        small_models.LAYOUT, 3, num_filters=2, filter_size=2, max_taxels=6, num_joints=2
+    ),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
 OWN = {"gcn_patch"}  # with an encoder that is given as a module

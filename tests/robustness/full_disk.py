@@ -59,6 +59,7 @@ def recordings():
             np.arange(start, stop) / 100,
             draw.integers(0, 60000, (stop - start, 24, 3)).astype(float),
             meta={"unit": "count"},
+            extra={"pac": draw.integers(0, 4096, (stop - start, 3, 22))},
         )
 
     return make(0, 40), make(40, 700)

@@ -47,7 +47,7 @@ class Job(NamedTuple):
 
 def jobs() -> list[Job]:
     """Returns all jobs whose extras are installed."""
-    found = [processing(), convert()]
+    found = [processing(), convert(), grasps()]
     for make in (append, store, fit, report, demo, simulation):
         try:
             found.append(make())
@@ -112,6 +112,35 @@ def convert() -> Job:
         return {path.name: numbers(read_npz(path)) for path in folder.glob("*.npz")}
 
     return Job("convert", prepare, run, read, 4)
+
+
+def grasps() -> Job:
+    """Brings in grasps of the BiGS data set by the command line, and processes them."""
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.data.processed_file import load_static
+    from torch_geometric_tactile.datasets import BiGS
+    from torch_geometric_tactile.io import read_npz
+
+    def prepare(folder):
+        (folder / "in").mkdir()
+        for i in range(4):
+            frames = np.arange(FRAMES) + 1000 * i
+            electrodes = frames[:, None, None] * np.ones((1, 19, 3))
+            pac = np.ones((FRAMES, 3, 22), dtype=np.int16) * i
+            np.savez(folder / "in" / f"cup_{i}.npz", electrodes=electrodes, pac=pac, success=i % 2)
+
+    def run(folder, tell):
+        assert main(["convert", "bigs", str(folder / "in"), str(folder / "out"), "--npz"]) == 0
+        assert len(BiGS(folder / "out", until=None)) == 4 * FRAMES
+
+    def read(folder):
+        found = {p.name: numbers(read_npz(p)) for p in folder.glob("out/*.npz")}
+        for path in folder.glob("out/processed/*.pt"):
+            data = load_static(path)[0]
+            found[path.name] = data.x.sum().item(), data.pac.sum().item()
+        return found
+
+    return Job("grasps", prepare, run, read, 4)
 
 
 def append() -> Job:

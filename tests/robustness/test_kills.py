@@ -15,7 +15,7 @@ pytestmark = [
 def test_killed_jobs_lose_nothing_and_leave_nothing_after_the_next_run():
     pytest.importorskip("h5py", reason="needs the extra 'io'")
     # In a process of its own: a fork of one in which PyTorch has used threads may wait for ever.
-    jobs = ("processing", "convert", "append")
+    jobs = ("processing", "convert", "grasps", "append")
     done = subprocess.run(
         [sys.executable, str(SCRIPT), "--kills", "12", "--frames", "60", "--only", *jobs],
         capture_output=True,

@@ -1,4 +1,5 @@
 import json
+import os
 import signal
 import sys
 from dataclasses import asdict, replace
@@ -30,6 +31,7 @@ from torch_geometric_tactile.sim import (
     paper8,
     plan_grasp,
     simulate,
+    trial_files,
     twenty,
 )
 
@@ -137,7 +139,7 @@ def test_order_of_work_does_not_matter(undisturbed, tmp_path, same_arrays):
         for trial in (1, 0)
     ]
     for task in tasks:
-        module._simulate_trial(task, parent=module.os.getpid())
+        module._simulate_trial(task, parent=os.getpid())
     assert same_arrays(tmp_path / "sponge_000.h5", out / "sponge_000.h5")
     assert not same_arrays(tmp_path / "sponge_001.h5", out / "sponge_000.h5")
 
@@ -371,8 +373,10 @@ def test_bad_arguments_are_named(tmp_path):
 
 @pytest.mark.parametrize("package", ["mujoco", "h5py"])
 def test_missing_package_names_the_extra(tmp_path, monkeypatch, package):
-    find = module.find_spec
-    monkeypatch.setattr(module, "find_spec", lambda name: None if name == package else find(name))
+    find = trial_files.find_spec
+    monkeypatch.setattr(
+        trial_files, "find_spec", lambda name: None if name == package else find(name)
+    )
     message = rf"needs {package}: pip install 'torch-geometric-tactile\[sim\]'"
     with pytest.raises(ImportError, match=message):
         simulate(tmp_path)

@@ -9,6 +9,7 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,
     assert_static_equals_batched,
+    assert_streaming_equals_window,
     assert_transform_static_equals_batched,
 )
 
@@ -154,3 +155,51 @@ def test_assert_transform_static_equals_batched_red_on_batch():
         assert_transform_static_equals_batched(number_nodes, StaticData(x=normal(3, 4, 2)))
     with pytest.raises(ValueError, match="at least one sample"):
         assert_transform_static_equals_batched(Double(), StaticData(x=normal(0, 4, 2)))
+
+
+class Average(torch.nn.Module):
+    """The mean of the last frames, also one by one; it can be told to do something wrong."""
+
+    receptive_field = 3
+
+    def __init__(self, wrong: str = "") -> None:
+        super().__init__()
+        self.wrong = wrong
+
+    def forward(self, x: Tensor, edge_index: Tensor | None = None) -> Tensor:
+        last = x[..., -3:].sum(dim=-1)
+        return last + 1 if self.wrong == "window" and x.size(-1) == 3 else last
+
+    def initial_state(self, batch_size: int, device: object, dtype: torch.dtype) -> Tensor:
+        return torch.full((batch_size, 4, 2), 1.0 if self.wrong == "state" else 0.0, dtype=dtype)
+
+    def step(
+        self, frame: Tensor, edge_index: Tensor | None, state: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        rows = torch.cat([state, frame], dim=-1)
+        return rows.sum(dim=-1), rows[..., 1:]
+
+
+def test_assert_streaming_equals_window_green():
+    for dtype in (torch.float, torch.double):
+        assert_streaming_equals_window(Average(), normal(2, 4, 6).to(dtype), 6)
+
+
+def test_assert_streaming_equals_window_red():
+    law = r"Average must give after frame 0 what it gives on frames 0 to 0: the largest diff"
+    with pytest.raises(AssertionError, match=law):
+        assert_streaming_equals_window(Average("state"), normal(2, 4, 6), 6)
+    model = Average("window")
+    with pytest.raises(AssertionError, match=r"after frame 2 .* frames 0 to 2: the largest"):
+        assert_streaming_equals_window(model, normal(2, 4, 6), 6)
+    model.wrong, model.receptive_field = "", 2  # less than is seen
+    with pytest.raises(AssertionError, match=r"after frame 2 .* frames 1 to 2: the largest"):
+        assert_streaming_equals_window(model, normal(2, 4, 6), 6)
+    model.receptive_field = None  # as of a recurrent model: from the first frame alone
+    assert_streaming_equals_window(model, normal(2, 4, 6), 6)
+
+
+@pytest.mark.parametrize("size", [(4, 6), (0, 4, 6)])
+def test_assert_streaming_equals_window_shape(size):
+    with pytest.raises(ValueError, match=r"'x' must have shape .* with at least one window"):
+        assert_streaming_equals_window(Average(), torch.zeros(size), 6)

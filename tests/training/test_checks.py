@@ -18,6 +18,7 @@ from torch_geometric_tactile.nn import (
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalTaxelNet,
 )
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
@@ -168,6 +169,7 @@ PLAIN_MODELS = {
     "own": Linear,
     "TaxelNet": lambda: TaxelNet(grid(2, 2, pitch=0.01), 3, in_channels=2),
     "PosedTaxelNet": lambda: PosedTaxelNet(grid(2, 2, pitch=0.01), 3, in_channels=2, posed=False),
+    "TemporalTaxelNet": lambda: TemporalTaxelNet(grid(2, 2, pitch=0.01), 3),
     "SmallCNN": lambda: SmallCNN(grid(2, 2, pitch=0.01), 3, in_channels=2),
     "TactileFNN": lambda: TactileFNN(4, 3, channels={"tactile": 2}, widths=(4,), pools=(2,)),
     "HandCNN": lambda: HandCNN(grid(2, 2, pitch=0.01), 3, channels={"tactile": 2}),

@@ -34,7 +34,9 @@ def test_multiclass_by_hand():
 def test_two_classes_by_hand():
     score = torch.tensor([[0.2, 0.8], [0.4, 0.6], [0.9, 0.1], [0.7, 0.3]])
     values = classification_metrics(score, torch.tensor([1, 0, 0, 0]))
-    assert set(values) == {"accuracy", "f1", "f1_positive", "auroc"}
+    of_positive = {"f1_positive", "precision_positive", "recall_positive"}
+    assert set(values) == {"accuracy", "f1", "auroc", *of_positive}
+    assert (values["precision_positive"], values["recall_positive"]) == (0.5, 1.0)
     assert values["f1_positive"] == pytest.approx(2 / 3)
     assert values["f1"] == pytest.approx((2 / 3 + 4 / 5) / 2)
     nobody = classification_metrics(torch.tensor([[0.9, 0.1]]), torch.tensor([0]))

@@ -21,7 +21,8 @@ from torch_geometric_tactile.training.config import (
     merged,
 )
 
-NAMES = [(template, name) for template in TEMPLATES for name in expand_template(template)]
+HANDS = [template for template in TEMPLATES if template.startswith(("p1", "p2"))]
+NAMES = [(template, name) for template in HANDS for name in expand_template(template)]
 # The inputs of an experiment by its name, and what a forward pass must be given for each.
 P1_INPUTS = {"t": None, "e": "edge_attr", "a": "absolute"}
 P2_INPUTS = {"tac": None, "pos": "pos"}

@@ -134,6 +134,7 @@ def test_describe_names_every_fact():
         label="cup",
         meta={"unit": "count", "joint_names": ["base", "tip"], "long": "a" * 200},
         privileged={"pose": np.zeros((4, 7))},
+        extra={"pac": np.zeros((4, 3, 22))},
     )
     assert describe_recording(rec).splitlines() == [
         "frames       4 in 0.03 s, 100 per second",
@@ -149,6 +150,7 @@ def test_describe_names_every_fact():
         '             joint_names = ["base", "tip"]',
         f"             long = {'a' * 97}...",
         "privileged   pose (4, 7)",
+        "extra        pac (4, 3, 22)",
     ]
 
 
@@ -180,4 +182,4 @@ def test_describe_shows_what_a_terminal_would_obey():
     )
     assert r"label        a\x1b[2J\n\u202eb" in lines
     assert r"metadata     k\n = \x9b" in lines
-    assert len(lines) == 9
+    assert len(lines) == 10

@@ -12,12 +12,14 @@ from torch_geometric_tactile.baselines.plain import (
     rbf_svm,
 )
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary, posed_summary
+from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
 __all__ = [
     "FEATURE_NAMES",
     "FlatReadings",
     "GraspSVM",
     "PosedSummary",
+    "SignalFeatures",
     "constant",
     "flat_forest",
     "linear_svm",

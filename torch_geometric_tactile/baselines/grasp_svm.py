@@ -11,7 +11,8 @@ from sklearn.svm import SVC
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines.features import check_finite, statistical_features
+from torch_geometric_tactile.baselines.features import check_finite
+from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
 
 class GraspSVM(ClassifierMixin, BaseEstimator):
@@ -20,13 +21,17 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
 
     A static reading has no time series, and its 12 features are all functions of one number; then
     the readings themselves are the features. The paper names neither kernel nor penalty; ours are
-    scikit-learn's defaults. Features are standardised on the training part.
+    scikit-learn's defaults. Features are standardised on the training part. They are ordered
+    electrode by electrode, in each finger by finger, in each as
+    :class:`~torch_geometric_tactile.baselines.SignalFeatures` orders them.
 
     Args:
         num_fingers (int): Number of fingers :math:`K` whose signals stand side by side.
         finger (int, optional): The one finger to look at (SVM-L, -M, -R). All if left out (SVM-F).
         C (float): Penalty of an error.
         kernel (str): Kernel of :class:`sklearn.svm.SVC`.
+        class_weight (dict or str, optional): As of :class:`sklearn.svm.SVC`: :obj:`"balanced"`
+            makes rare classes of the training part count as much as common ones.
 
     Shapes:
         - **input:** readings :math:`(S, N, K \cdot T)` with :math:`T` frames of each finger
@@ -48,11 +53,13 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         finger: int | None = None,
         C: float = 1.0,  # noqa: N803 - scikit-learn's name
         kernel: str = "rbf",
+        class_weight: dict[int, float] | str | None = None,
     ) -> None:
         self.num_fingers = num_fingers
         self.finger = finger
         self.C = C
         self.kernel = kernel
+        self.class_weight = class_weight
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
@@ -85,9 +92,12 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
                     f"'finger' must be between 0 and {self.num_fingers - 1} (got {self.finger})"
                 )
             signal = signal[:, :, [self.finger]]
-        if signal.shape[-1] > 1:
-            signal = statistical_features(signal)
-        return signal.reshape(len(x), int(np.prod(signal.shape[1:])))
+        series = signal.transpose(0, 3, 1, 2)
+        series = series.reshape(len(x), num_frames, signal.shape[1] * signal.shape[2])
+        if num_frames == 1:
+            return series[:, 0]
+        features: np.ndarray = SignalFeatures().fit_transform(series)
+        return features
 
     def fit(self, x: ArrayLike, y: ArrayLike) -> Self:
         r"""Fits the machine.
@@ -97,7 +107,9 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
             y (array-like): Labels :math:`(S,)`.
         """
         labels = np.asarray(y)
-        self.pipeline_ = make_pipeline(StandardScaler(), SVC(C=self.C, kernel=self.kernel))
+        self.pipeline_ = make_pipeline(
+            StandardScaler(), SVC(C=self.C, kernel=self.kernel, class_weight=self.class_weight)
+        )
         self.pipeline_.fit(self.features(x), labels)
         self.classes_ = self.pipeline_.classes_
         return self

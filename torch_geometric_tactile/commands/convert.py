@@ -7,7 +7,8 @@ _WRITABLE = ".h5, .hdf5, .npz, .csv, .jsonl or .ndjson"
 HELP = "write a recording in another format"
 DESCRIPTION = """\
 Reads a recording and writes it in the format of the other suffix. What that format cannot
-hold is named in a warning.
+hold is named in a warning. `tactile convert bigs IN... OUT_DIR` brings in grasps of the
+BiGS data set and has options of its own: `tactile convert bigs --help`.
 """
 EXAMPLES = """\
 examples:
@@ -17,7 +18,10 @@ examples:
       --label grasp --unit count                 a CSV file with names of its own
   tactile convert numbers.csv recording.h5 --num-taxels 24 --num-joints 0
                                                  a CSV file without names
+  tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
+# What stands in the place of a file that has a suffix, with the module of its own arguments.
+KINDS = {"bigs": "convert_bigs"}
 # The arguments that are options of the readers of these names.
 _OPTIONS = (
     "forces",

@@ -7,16 +7,31 @@ from torch_geometric_tactile.commands.arguments import few, not_negative, second
 
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
+_BIGS = "bigs"
 _HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
 _SPREADS = ("careful", "wide")
 
-HELP = "simulate grasps with an Allegro hand of 384 taxels, and write recordings"
+# What only the Allegro hand has, and with --objects bigs has to stay as it is.
+_OF_THE_HAND = {
+    "num_objects": None,
+    "hand": None,
+    "trials": None,
+    "preset": "full",
+    "seconds": None,
+    "spread": "careful",
+    "max_attempts": 10,
+}
+
+HELP = (
+    "simulate grasps with an Allegro hand of 384 taxels or three fingertips, and write recordings"
+)
 DESCRIPTION = """\
 Simulates an Allegro hand covered with 384 magnetic taxels that grasps, lifts and holds
 objects of different mass, softness and friction, and writes one HDF5 recording a trial:
 readings, joint angles, the object's properties and, apart, the true forces and poses.
-Needs the extra 'sim'.
+With --objects bigs, three BioTac-like fingertips grasp, lift and shake a cylinder, a box or
+a ball instead, and failed grasps are kept, as in the BiGS set. Needs the extra 'sim'.
 """
 EXAMPLES = """\
 examples:
@@ -25,6 +40,9 @@ examples:
   tactile simulate --out control --objects control8      objects of one shape and size
   tactile simulate --out wide --objects shapes --num-objects 40 --trials 10 \\
     --spread wide --seconds 5                            400 short trials that differ widely
+  tactile simulate --out bigs --objects bigs             2000 grasps that hold or slip, 6 s each
+  tactile simulate --out few --objects bigs --grasps 40 --preview
+                                                         the first 40 of them, and a picture
 
 Finished trials are kept: the same command goes on where a run was stopped, and with
 --preview draws the pictures of a finished one. The same seed gives the same recordings,
@@ -43,12 +61,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--objects",
-        choices=_OBJECT_SETS,
+        choices=(*_OBJECT_SETS, _BIGS),
         default="paper8",
         help="which objects: eight of different shapes, every combination of light or heavy, hard "
         "or soft, slippery or not (paper8, the default); the same combinations in one shape and "
         "size (control8); five shapes in four sizes (twenty); spheres, cylinders, boxes and "
-        "ellipsoids with drawn sizes, masses and frictions (shapes)",
+        "ellipsoids with drawn sizes, masses and frictions (shapes); a cylinder, a box and a ball "
+        "for three fingertips (bigs)",
     )
     parser.add_argument(
         "--num-objects",
@@ -67,6 +86,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="trials of each object (default: 10, or 3 with the preset ci)",
+    )
+    parser.add_argument(
+        "--grasps",
+        metavar="N",
+        type=few,
+        help="grasps of bigs in all, half of them of the cylinder, a quarter each of box and ball "
+        "(default: 2000); more of them begin with the same",
     )
     parser.add_argument(
         "--seed", type=not_negative, default=0, help="decides all randomness (default: 0)"
@@ -105,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preview",
         action="store_true",
         help="draw the first trial of the first object to DIR/preview: preview_film.png and "
-        "preview_forces.png",
+        "preview_forces.png; of bigs a success and a failure: preview_grasps.png",
     )
 
 
@@ -115,6 +141,13 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
+    if arguments.objects == _BIGS:
+        return _run_bigs(arguments)
+    if arguments.grasps is not None:
+        raise ValueError(
+            f"'grasps' must be left out for objects other than '{_BIGS}' (got {arguments.grasps}); "
+            "'trials' is their number"
+        )
     from torch_geometric_tactile.reports import simulation
     from torch_geometric_tactile.texts import printable
 
@@ -140,3 +173,23 @@ def run(arguments: argparse.Namespace) -> int:
         for path in simulation.draw_preview(finished):
             print(printable(f"drew {path}"))
     return 1 if finished.given_up else 0
+
+
+def _run_bigs(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.reports import simulated_bigs
+    from torch_geometric_tactile.reports.simulation import check_preview
+    from torch_geometric_tactile.texts import printable
+
+    for name, default in _OF_THE_HAND.items():
+        if (value := getattr(arguments, name)) != default:
+            instead = "; 'grasps' is their number" if name == "trials" else ""
+            raise ValueError(f"'{name}' must be left out for '{_BIGS}' (got {value}){instead}")
+    if arguments.preview:
+        check_preview()
+    finished = simulated_bigs.run_bigs(
+        arguments.out, grasps=arguments.grasps, seed=arguments.seed, jobs=arguments.jobs
+    )
+    print(printable(finished.describe()), flush=True)
+    if arguments.preview:
+        print(printable(f"drew {simulated_bigs.draw_bigs_preview(finished)}"))
+    return 0

@@ -6,21 +6,24 @@ import sys
 from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
 
 # The names in `experiments`, which is too heavy to import for them.
-TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "bts3")
+TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "bts3")
 _OF_TABLE = object()  # what the table says
 _HEADERS = {"accuracy": "accuracy (%)", "spread": "±", "auc": "ROC", "memory": "memory (MB)"}
 
 HELP = "train the models of a table, and write it beside the published numbers"
 DESCRIPTION = """\
 Trains and tests the models of a table and writes DIR/NAME.md, NAME.csv and NAME.png. The tables
-of the papers are on recordings of an Allegro hand with 384 taxels, held out by trial and by frame,
-beside the published numbers. Needs the extras 'train' and 'viz'.
+of P1 and P2 are on recordings of an Allegro hand with 384 taxels, held out by trial and by frame,
+those of P3 on grasps of three fingers with 19 electrodes each, beside the published numbers. Needs
+the extras 'train' and 'viz'.
 
 tables:
   p1-table2   object properties by inputs: 36 GCNs, CNNs and FNNs, with and without joint angles
   p1-table3   object properties by adjacency: the best of them on four graphs
   p2-table2   objects by segmentation of the hand: 18 GCNs (and their ROC values, Table III)
   p2-table4   memory that training these 18 takes
+  p3          grasp stability over time: SVM, LSTM and GCN on one or three fingers, beside ours
+  p3-k        the GCNs of three fingers by the number of neighbours in their graph
   bts3        grasp stability on real grasps: what 'tactile demo' reports
   FILE.yaml   your own, on any data set (see the page on experiments in the documentation)
 """
@@ -74,10 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
-        "for those of the papers)",
+        "for those of P1 and P2, 10 for those of P3)",
     )
     parser.add_argument(
-        "--epochs", metavar="N", type=positive, help="epochs, instead of the configurations' 50"
+        "--epochs",
+        metavar="N",
+        type=positive,
+        help="epochs, instead of those of the configurations",
     )
     parser.add_argument(
         "--stride",

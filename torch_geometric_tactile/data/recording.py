@@ -10,9 +10,10 @@ from typing import Any, Self
 import numpy as np
 
 from torch_geometric_tactile.data.recording_arrays import (
+    check_frames,
     checked_numbers,
+    checked_rows,
     checked_time,
-    refuse_masked,
 )
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -43,6 +44,9 @@ class Recording:
         privileged (Mapping of str to numpy.ndarray): What a simulator knows and a robot does not,
             such as clean forces, the pose of the object and the phase; numbers, truth values or
             texts, with :math:`T` rows each.
+        extra (Mapping of str to numpy.ndarray): Further signals that a robot does have, such as the
+            fluid pressure or vibration of a fingertip; of the same types, with :math:`T` rows each.
+            Several values a frame, of a faster sensor, are further dimensions.
 
     Raises:
         ValueError: If an array has another number of dimensions or of frames, the time does not
@@ -60,6 +64,7 @@ class Recording:
     label: str | int | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     privileged: Mapping[str, np.ndarray] = field(default_factory=dict)
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._set("time", checked_time(self.time))
@@ -69,7 +74,7 @@ class Recording:
                 "'tactile' must have shape (num_frames, num_taxels, num_channels) "
                 f"(got {tactile.shape})"
             )
-        self._check_frames("tactile", tactile)
+        check_frames("tactile", tactile, self.num_frames)
         infinite = np.argwhere(np.isinf(tactile))
         if len(infinite):
             frame, taxel, channel = infinite[0].tolist()
@@ -83,23 +88,11 @@ class Recording:
             self._set("joint", self._checked_joint(self.joint))
         self._set("label", _checked_label(self.label))
         self._set("meta", _checked_meta(self.meta))
-        if not isinstance(self.privileged, Mapping):
-            raise ValueError(
-                f"'privileged' must be a mapping (got {type(self.privileged).__name__})"
-            )
-        self._set(
-            "privileged",
-            {name: self._checked_privileged(name, v) for name, v in self.privileged.items()},
-        )
+        for kind in ("privileged", "extra"):
+            self._set(kind, checked_rows(kind, getattr(self, kind), self.num_frames))
 
     def _set(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
-
-    def _check_frames(self, name: str, array: np.ndarray) -> None:
-        if len(array) != self.num_frames:
-            raise ValueError(
-                f"'{name}' must have {self.num_frames} frames, as 'time' has (got {len(array)})"
-            )
 
     def _checked_joint(self, joint: np.ndarray) -> np.ndarray:
         joint = checked_numbers("joint", joint, np.float32)
@@ -108,7 +101,7 @@ class Recording:
                 "'joint' must have shape (num_frames, num_joints), or be None without joints "
                 f"(got {joint.shape})"
             )
-        self._check_frames("joint", joint)
+        check_frames("joint", joint, self.num_frames)
         infinite = np.argwhere(np.isinf(joint))
         if len(infinite):
             frame, index = infinite[0].tolist()
@@ -125,25 +118,6 @@ class Recording:
                 stacklevel=4,
             )
         return joint
-
-    def _checked_privileged(self, name: str, value: Any) -> np.ndarray:
-        if not isinstance(name, str) or not name or "/" in name:
-            raise ValueError(
-                f"'privileged' must have names that are texts without '/' (got {name!r})"
-            )
-        refuse_masked(name, value)
-        try:
-            array = np.asarray(value)
-        except (OverflowError, RuntimeError, TypeError, ValueError) as error:
-            raise ValueError(f"privileged '{name}' must be an array ({error})") from error
-        if array.dtype.kind not in "biufU":
-            raise ValueError(
-                f"privileged '{name}' must hold numbers, truth values or texts (got {array.dtype})"
-            )
-        if array.ndim == 0:
-            raise ValueError(f"privileged '{name}' must have one row per frame (got a scalar)")
-        self._check_frames(name, array)
-        return array
 
     @property
     def num_frames(self) -> int:
@@ -208,6 +182,7 @@ class Recording:
             label=self.label,
             meta=self.meta,
             privileged={name: value[frames] for name, value in self.privileged.items()},
+            extra={name: value[frames] for name, value in self.extra.items()},
         )
 
     def check(self, layout: TaxelLayout) -> None:
@@ -233,6 +208,8 @@ class Recording:
         ]
         if self.joint is not None:
             parts.append(f"num_joints={self.num_joints}")
+        if self.extra:
+            parts.append(f"extra={sorted(self.extra)}")
         if self.num_frames > 1:
             parts.append(f"rate={self.rate:.4g}")
         if self.label is not None:

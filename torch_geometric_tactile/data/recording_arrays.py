@@ -1,5 +1,6 @@
 r"""Arrays of a recording from what users have: masked arrays, dates, and what is no number."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,43 @@ def checked_time(value: Any) -> np.ndarray:
     return time
 
 
+def checked_rows(kind: str, value: Any, num_frames: int) -> dict[str, np.ndarray]:
+    r"""Returns arrays by their names, with one row for each frame, without a copy.
+
+    Args:
+        kind (str): Name of the argument, for messages.
+        value (Mapping): Numbers, truth values or texts :math:`(T, ...)` by their names.
+        num_frames (int): The number of frames :math:`T`.
+
+    Raises:
+        ValueError: If it is no mapping, a name is no text or has a :obj:`"/"`, or an array holds
+            something else, is masked, or has another number of rows.
+    """
+    if not isinstance(value, Mapping):
+        raise ValueError(f"'{kind}' must be a mapping (got {type(value).__name__})")
+    for name in value:
+        if not isinstance(name, str) or not name or "/" in name:
+            raise ValueError(f"'{kind}' must have names that are texts without '/' (got {name!r})")
+    return {name: _checked_rows(kind, name, array, num_frames) for name, array in value.items()}
+
+
+def check_frames(name: str, array: np.ndarray, num_frames: int) -> None:
+    r"""Checks that an array has one row for each frame.
+
+    Args:
+        name (str): Name of the argument, for the message.
+        array (numpy.ndarray): The array.
+        num_frames (int): The number of frames.
+
+    Raises:
+        ValueError: If it has more or fewer.
+    """
+    if len(array) != num_frames:
+        raise ValueError(
+            f"'{name}' must have {num_frames} frames, as 'time' has (got {len(array)})"
+        )
+
+
 def refuse_masked(name: str, value: Any) -> None:
     r"""Checks that nothing is masked.
 
@@ -85,6 +123,22 @@ def refuse_masked(name: str, value: Any) -> None:
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         row = int(np.argwhere(np.ma.getmaskarray(value))[0][0]) if value.ndim else 0
         raise ValueError(f"'{name}' must not be masked (got a masked value in frame {row})")
+
+
+def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarray:
+    refuse_masked(name, value)
+    try:
+        array = np.asarray(value)
+    except (OverflowError, RuntimeError, TypeError, ValueError) as error:
+        raise ValueError(f"{kind} '{name}' must be an array ({error})") from error
+    if array.dtype.kind not in "biufU":
+        raise ValueError(
+            f"{kind} '{name}' must hold numbers, truth values or texts (got {array.dtype})"
+        )
+    if array.ndim == 0:
+        raise ValueError(f"{kind} '{name}' must have one row per frame (got a scalar)")
+    check_frames(name, array, num_frames)
+    return array
 
 
 def _array(name: str, value: Any) -> np.ndarray:

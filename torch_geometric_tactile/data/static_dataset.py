@@ -105,9 +105,21 @@ class StaticDataset(FromArrays, ProcessedDataset):
     @property
     def data(self) -> StaticData:
         r"""All samples of this selection at once, before :obj:`transform`."""
-        if self._indices is None:
-            return self._data
-        return self._data.index_select(self._index())
+        stored: StaticData = self._selected()
+        return stored
+
+    @property
+    def nbytes(self) -> int:
+        r"""The bytes of the attributes that are stored, of all samples. Those of a memory-mapped
+        file are in memory only while they are used.
+        """
+        values = [value for value in self._data.to_dict().values() if isinstance(value, Tensor)]
+        return sum(value.numel() * value.element_size() for value in values)
+
+    @property
+    def transforms(self) -> list[Transform | None]:
+        r"""All transforms that run at every access, in their order."""
+        return [self.transform]
 
     def batch(self, index: Tensor | Sequence[int]) -> StaticData:
         r"""Returns some samples at once, after :obj:`transform`: what :obj:`dataset[i]` is for one.
@@ -139,7 +151,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
                 booleans. All if left out.
         """
         dataset = copy.copy(self if idx is None else self.index_select(idx))
-        dataset._data = dataset.data.clone()
+        dataset._data = dataset._selected().clone()
         dataset._indices = None
         return dataset
 
@@ -149,7 +161,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
         Args:
             device (torch.device or str): The device.
         """
-        self._data = copy.copy(self.data).to(device)
+        self._data = copy.copy(self._selected()).to(device)
         self._indices = None
         return self
 
@@ -164,6 +176,10 @@ class StaticDataset(FromArrays, ProcessedDataset):
             device (torch.device or str or int, optional): The device; the current one if left out.
         """
         return self.to("cuda" if device is None else torch.device("cuda", device))
+
+    def _selected(self) -> Any:
+        # What is stored of this selection: other than `data`, views do not cut it.
+        return self._data if self._indices is None else self._data.index_select(self._index())
 
     def _index(self) -> Tensor:
         # PyG keeps a selection as a list, and converting it costs more than cutting a batch.
@@ -191,7 +207,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
 
     def __getattr__(self, key: str) -> Any:
         data = self.__dict__.get("_data")  # not there while PyG's constructor runs
-        if isinstance(data, StaticData) and key in data:
+        if data is not None and key in data:
             return self.column(key)
         raise AttributeError(f"'{type(self).__name__}' object has no attribute '{key}'")
 

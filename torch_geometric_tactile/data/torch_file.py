@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.data.mapped_file import load_mapped
 from torch_geometric_tactile.files import atomic_path, check_zip
 from torch_geometric_tactile.typing import PathLike
 
@@ -67,7 +68,8 @@ def read_torch_file(
     Args:
         path (str or PathLike): The file.
         map_location (optional): Where to put the tensors.
-        mmap (bool): Whether tensors stay in the file until they are used.
+        mmap (bool): Whether tensors stay in the file until they are used (see
+            :func:`~torch_geometric_tactile.data.mapped_file.load_mapped`).
         once (bool): Whether a large file is checked only if it was not yet (see
             :func:`check_once`).
 
@@ -80,7 +82,10 @@ def read_torch_file(
     else:
         check_zip(path)
     try:
-        content = torch.load(path, map_location=map_location, mmap=mmap, weights_only=True)
+        if mmap:
+            content = load_mapped(path, map_location)
+        else:
+            content = torch.load(path, map_location=map_location, weights_only=True)
     except OSError:
         raise
     except pickle.UnpicklingError as error:  # whose text advises to load it in an unsafe way

@@ -1,7 +1,9 @@
 r"""Frames of your own recordings, published data sets, and a generated one."""
 
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
+from torch_geometric_tactile.datasets.bigs import BiGS
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
+from torch_geometric_tactile.datasets.biotac_sp_dos import BioTacSPDoS
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
@@ -10,7 +12,9 @@ from torch_geometric_tactile.datasets.samples_file import SamplesFile
 
 __all__ = [
     "AllegroUSkin",
+    "BiGS",
     "BioTacSP",
+    "BioTacSPDoS",
     "FakeTactileDataset",
     "ICubGrasp",
     "RecordingFrames",

@@ -1,17 +1,14 @@
 r"""Recordings one after the other, as frames and trials."""
 
 import logging
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.datasets.frame_files import FrameFiles
 from torch_geometric_tactile.datasets.trial import Trial, check_together, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
@@ -20,13 +17,14 @@ SUFFIXES = (".h5", ".hdf5", ".npz", ".csv")
 _logger = logging.getLogger(__name__)
 
 
-def trial_files(folder: Path, pattern: str) -> list[str]:
+def trial_files(folder: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> list[str]:
     r"""Returns the names of the recordings in a folder, in order; also those in its subfolders,
     with their names in front, if the pattern has a :obj:`"/"`.
 
     Args:
         folder (Path): The folder.
         pattern (str): The pattern of the names.
+        suffixes (sequence of str): The suffixes of recordings.
 
     Raises:
         FileNotFoundError: If one is a link to a file that is not there.
@@ -35,12 +33,12 @@ def trial_files(folder: Path, pattern: str) -> list[str]:
         return []
     found = list(folder.rglob("*") if "/" in pattern else folder.iterdir())
     for path in found:
-        if path.suffix.lower() in SUFFIXES and path.is_symlink() and not path.exists():
+        if path.suffix.lower() in suffixes and path.is_symlink() and not path.exists():
             raise FileNotFoundError(f"'{path}' is a link to a file that is not there: remove it")
     names = [
         path.relative_to(folder)
         for path in found
-        if path.suffix.lower() in SUFFIXES and path.is_file()
+        if path.suffix.lower() in suffixes and path.is_file()
     ]
     return sorted(
         name.as_posix()
@@ -49,16 +47,19 @@ def trial_files(folder: Path, pattern: str) -> list[str]:
     )
 
 
-def trial_folder(root: Path, pattern: str) -> Path:
+def trial_folder(root: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> Path:
     r"""Returns the folder of the recordings: :obj:`root/raw`, or :obj:`root` where only that has
     some.
 
     Args:
         root (Path): The folder of the data set.
         pattern (str): The pattern of the names.
+        suffixes (sequence of str): The suffixes of recordings.
     """
     inner = root / "raw"
-    return root if not trial_files(inner, pattern) and trial_files(root, pattern) else inner
+    if not trial_files(inner, pattern, suffixes) and trial_files(root, pattern, suffixes):
+        return root
+    return inner
 
 
 def opened_files(
@@ -136,12 +137,9 @@ class FrameReader:
         Raises:
             ValueError: If there is none, or one does not fit the layout or the others.
         """
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
         trials: list[Trial] = []
         num_missing, num_channels = 0, self.num_channels
-        # The readings are kept on disk, since they may be more than fits into memory.
-        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+        with FrameFiles(folder) as files:
             for where, name, recording in recordings:
                 trials.append(self._trial(where, name, recording))
                 num_channels = num_channels or recording.num_channels
@@ -150,19 +148,12 @@ class FrameReader:
                         f"{where} must have {num_channels} channels a taxel, as {trials[0].where} "
                         f"(got {recording.num_channels})"
                     )
-                left = np.ascontiguousarray(recording.tactile).reshape(-1).view(np.uint8).data
-                try:
-                    while len(left):
-                        left = left[file.write(left) :]
-                except OSError as error:
-                    place = str(folder or tempfile.gettempdir())
-                    raise OSError(error.errno, os.strerror(error.errno or 0), place) from error
+                files.add("x", recording.tactile)
                 num_missing += int(recording.missing.sum())
             if not trials:
                 raise ValueError("'recordings' must hold at least one recording (got none)")
             num_frames = sum(trial.num_frames for trial in trials)
-            shape = (num_frames, self.layout.num_taxels, int(num_channels or 1))
-            x = torch.from_numpy(np.memmap(file, np.float32, mode="c", shape=shape))
+            x = files.tensor("x")
         if num_missing:
             _logger.warning(
                 "%d of %d readings of taxels are missing (NaN); see FillMissing and DropTaxels",

@@ -6,26 +6,22 @@ from pathlib import Path
 from typing import Any, Literal
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
-from torch_geometric_tactile.data.file_state import file_state
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.datasets.frame_labels import frame_labels
 from torch_geometric_tactile.datasets.frame_reader import (
     FrameReader,
-    no_trials,
     opened_files,
     opened_recordings,
-    trial_files,
-    trial_folder,
 )
 from torch_geometric_tactile.datasets.object_labels import ObjectLabels
-from torch_geometric_tactile.datasets.selected_frames import PARTS, SelectedFrames
+from torch_geometric_tactile.datasets.selected_frames import PARTS
 from torch_geometric_tactile.datasets.trial import checked_pattern
+from torch_geometric_tactile.datasets.trial_folder import TrialFolder
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
-_CONTENT = "content=4"  # to be raised when the processed file gets other columns
 # Arguments, also of subclasses, that choose from the processed frames.
 _SELECTION_ARGS = (
     "split",
@@ -41,7 +37,7 @@ _SELECTION_ARGS = (
 _logger = logging.getLogger(__name__)
 
 
-class RecordingFrames(SelectedFrames):
+class RecordingFrames(TrialFolder):
     r"""The frames of a folder of recordings, or of recordings in memory, for any layout, any number
     of channels and any number of joints (or none). A sample is a frame.
 
@@ -122,8 +118,6 @@ class RecordingFrames(SelectedFrames):
         (RecordingFrames(6), ['hold', 'slip'], [1, 1, 0, 0, 1, 1])
     """
 
-    force_reload: bool
-
     num_channels: int | None = None  # of a taxel; any number with None
     num_joints: int | None = None
     _stored: tuple[str, ...] = ("object", "property")  # targets that are in every processed file
@@ -185,22 +179,6 @@ class RecordingFrames(SelectedFrames):
         self._select()
 
     @property
-    def raw_dir(self) -> str:
-        r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` where that has none."""
-        return str(trial_folder(Path(self.root), self.pattern))
-
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The files of the trials, in order."""
-        return trial_files(Path(self.raw_dir), self.pattern)
-
-    @property
-    def raw_paths(self) -> list[str]:
-        r"""Their paths."""
-        folder = Path(self.raw_dir)  # looked up once for all
-        return [str(folder / name) for name in trial_files(folder, self.pattern)]
-
-    @property
     def processed_dir(self) -> str:
         r"""The folder of the processed file: one of its own for what a filter or transform saw."""
         folder = Path(self.root, "processed")
@@ -224,23 +202,6 @@ class RecordingFrames(SelectedFrames):
         target = ("target", "task") if self.target in self._stored else ()
         layout = ("layout",) if len(self.layout.link_names) > 1 else ()
         return ("adjacency", *target, *layout)
-
-    def raw_state(self) -> list[str]:
-        r"""Returns the files of the trials with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data.file_state.file_state`.
-        """
-        folder = Path(self.raw_dir)
-        files = trial_files(folder, self.pattern)
-        return [_CONTENT, *(f"{name}={file_state(folder / name)}" for name in files)]
-
-    def _process(self) -> None:
-        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
-        if not self.raw_paths and not is_processed:
-            raise FileNotFoundError(self._no_trials())
-        super()._process()
-
-    def _no_trials(self) -> str:
-        return no_trials(self.root)
 
     def read_trial(self, path: PathLike) -> Recording:
         r"""Reads the recording in a file; a subclass may read a format of its own.

@@ -24,6 +24,21 @@ def find_class(class_path: str) -> Any:
         ) from error
 
 
+def argument_names(class_path: str) -> list[str] | None:
+    r"""Returns the names of a class's arguments; :obj:`None` if it takes any.
+
+    Args:
+        class_path (str): Import path of the class.
+
+    Raises:
+        ValueError: If it cannot be imported.
+    """
+    parameters = inspect.signature(find_class(class_path)).parameters.values()
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return None
+    return [parameter.name for parameter in parameters]
+
+
 def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
     r"""Checks that a class has arguments of some names.
 
@@ -34,16 +49,16 @@ def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
     Raises:
         ValueError: If the class cannot be imported, or lacks one; the message lists those it has.
     """
-    cls = find_class(class_path)
-    parameters = inspect.signature(cls).parameters.values()
-    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
-        return
-    known = [parameter.name for parameter in parameters]
+    known = argument_names(class_path)
     for name in arguments:
-        if name not in known:
+        if known is not None and name not in known:
             raise ValueError(
-                f"'{name}' must be an argument of {cls.__name__}: {', '.join(known)} (got none)"
+                f"'{name}' must be an argument of {class_path.rpartition('.')[2]}: "
+                f"{', '.join(known)} (got none)"
             )
+    for value in arguments.values():  # also of the data set that a view shows
+        if isinstance(value, Mapping) and "class_path" in value:
+            check_arguments(value["class_path"], value.get("init_args") or {})
 
 
 def build(content: Any) -> Any:

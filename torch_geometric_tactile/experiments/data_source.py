@@ -12,18 +12,21 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
-from torch_geometric_tactile.experiments.building import build, check_arguments
+from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile.experiments.building import argument_names, build, check_arguments
 from torch_geometric_tactile.files import file_sha256
 from torch_geometric_tactile.texts import printable, read_json
 
 _SIMULATION = "simulation.json"
 _PLACES = ("root", "path")  # of files, whose content is the fingerprint
+_INNER = "dataset"  # the argument of a view, such as Trials, that is the data set it shows
 
 
 @dataclass(frozen=True)
 class DataSource:
     r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, by its class and
-    arguments.
+    arguments. That of a view, such as :class:`~torch_geometric_tactile.data.Trials`, has the data
+    set that it shows as the argument :obj:`dataset`.
 
     Args:
         class_path (str): Import path of the class.
@@ -49,7 +52,8 @@ class DataSource:
     def with_arguments(
         self, arguments: Mapping[str, Any], selection: Mapping[str, Any] | None = None
     ) -> Self:
-        r"""Returns the source with other or further arguments.
+        r"""Returns the source with other or further arguments. Those that a view does not have,
+        such as :obj:`root`, are given to the data set that it shows.
 
         Args:
             arguments (Mapping): Laid over the arguments.
@@ -57,7 +61,7 @@ class DataSource:
         """
         return replace(
             self,
-            arguments={**self.arguments, **arguments},
+            arguments=_laid_over(self.class_path, self.arguments, arguments),
             selection={**self.selection, **(selection or {})},
             fingerprint="",
         )
@@ -77,7 +81,7 @@ class DataSource:
         if not isinstance(dataset, StaticDataset):
             raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
         facts = DataFacts.of(dataset, used)
-        synthetic = getattr(dataset, "synthetic", None)
+        synthetic = getattr(innermost(dataset), "synthetic", None)
         kind = self.kind or {None: "ours", True: "simulated", False: "measured"}[synthetic]
         caption = self.caption or _caption(dataset, kind, facts)
         code = _fingerprint(dataset)
@@ -124,10 +128,9 @@ class DataSource:
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
-        arguments = {k: value for k, value in self.arguments.items() if k not in _PLACES}
         return {
             "class_path": self.class_path,
-            "arguments": arguments,
+            "arguments": _without_places(self.arguments),
             "selection": self.selection,
             "fingerprint": self.fingerprint,
         }
@@ -176,6 +179,43 @@ class DataFacts:
         )
 
 
+def _laid_over(
+    class_path: str, arguments: Mapping[str, Any], over: Mapping[str, Any]
+) -> dict[str, Any]:
+    # What the class of a view does not know is an argument of the data set that it shows.
+    inner = arguments.get(_INNER)
+    if not over or not isinstance(inner, Mapping) or "class_path" not in inner:
+        return {**arguments, **over}
+    known = argument_names(class_path)
+    mine = {key: value for key, value in over.items() if known is None or key in known}
+    others = {key: value for key, value in over.items() if key not in mine}
+    laid = {**arguments, **mine}
+    if others:
+        below = _laid_over(inner["class_path"], inner.get("init_args") or {}, others)
+        laid[_INNER] = {**inner, "init_args": below}
+    return laid
+
+
+def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    left = {key: value for key, value in arguments.items() if key not in _PLACES}
+    inner = left.get(_INNER)
+    if isinstance(inner, Mapping) and "class_path" in inner:
+        left[_INNER] = {**inner, "init_args": _without_places(inner.get("init_args") or {})}
+    return left
+
+
+def innermost(dataset: StaticDataset) -> StaticDataset:
+    r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
+    itself if it is no view.
+
+    Args:
+        dataset (StaticDataset): The data set.
+    """
+    while isinstance(dataset, FrameView):
+        dataset = dataset.dataset
+    return dataset
+
+
 @lru_cache(maxsize=4)
 def _load(class_path: str, arguments: str, fingerprint: str) -> StaticDataset:
     return DataSource(class_path)._build(json.loads(arguments))
@@ -194,18 +234,14 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     if kind != "simulated":
         return f"Recordings of your own: {held}."
     said = f"**Simulated**, never a real hand's result: {held}"
-    root = Path(dataset.root)
+    root = Path(innermost(dataset).root)
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
         return f"{said}."
     try:
         simulation = read_json(found[0])
-        preset = simulation["preset"]
-        made = (
-            f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
-            f"{preset['duration']:g} s at {preset['rate']:g} Hz, MuJoCo {simulation['mujoco']}"
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        made = _made(simulation)
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "
             "command again"
@@ -213,7 +249,24 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     return f"{said} of `tactile simulate` ({printable(made)})."
 
 
+def _made(simulation: Mapping[str, Any]) -> str:
+    end = f"MuJoCo {simulation['mujoco']}"
+    if "preset" in simulation:
+        preset = simulation["preset"]
+        return (
+            f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
+            f"{preset['duration']:g} s at {preset['rate']:g} Hz, {end}"
+        )
+    rates = (
+        f"{name} {counts['grasps']}, of which {100 * counts['successes'] / counts['grasps']:.1f} % "
+        "are a success"
+        for name, counts in simulation["objects"].items()
+    )
+    return f"{'; '.join(rates)}; seed {simulation['seed']}, {end}"
+
+
 def _fingerprint(dataset: StaticDataset) -> str:
+    dataset = innermost(dataset)
     code = hashlib.sha256()
     files = _files(dataset)
     for file in files:

@@ -67,6 +67,20 @@ def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
     return complete
 
 
+def positive_score(score: np.ndarray) -> np.ndarray:
+    r"""Returns one number a sample :math:`(S,)`, higher where class 1 of two is expected.
+
+    Args:
+        score (numpy.ndarray): Of :func:`class_scores`.
+
+    Raises:
+        ValueError: If there are not two classes.
+    """
+    if score.ndim == 2 and score.shape[1] != 2:
+        raise ValueError(f"'threshold' must be None unless of two classes (got {score.shape[1]})")
+    return score if score.ndim == 1 else np.asarray(score[:, 1])
+
+
 def num_numbers(estimator: Any) -> int | None:
     r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
     support vectors with their weights, nodes of trees; :obj:`None` for others.

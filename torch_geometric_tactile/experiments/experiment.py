@@ -15,6 +15,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.training.threshold import ThresholdMetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,10 @@ class Experiment:
         measure_memory (bool): Whether it needs a process of its own, which measures its memory.
         choice (Choice, optional): What is chosen on a validation part before the test; nothing if
             left out.
+        threshold (str, optional): Of two classes, the metric by which the probability above which
+            class 1 is predicted is chosen on a validation part, a fifth of the training part (see
+            :func:`~torch_geometric_tactile.training.threshold.choose_threshold`); one half if left
+            out.
     """
 
     name: str
@@ -58,6 +63,7 @@ class Experiment:
     threads: int = 1
     measure_memory: bool = False
     choice: Choice | None = None
+    threshold: ThresholdMetric | None = None
 
     @property
     def is_estimator(self) -> bool:
@@ -69,7 +75,9 @@ class Experiment:
         whatever their names; threads and the place of the recordings do not count.
         """
         config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
-        chosen = {} if self.choice is None else {"choice": self.choice.to_dict()}
+        chosen: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
+        if self.threshold is not None:
+            chosen["threshold"] = self.threshold
         return {
             **chosen,
             "config": _sha256(config),

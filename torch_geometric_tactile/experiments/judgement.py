@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from sklearn.metrics import roc_auc_score
 
-from torch_geometric_tactile.training.metrics import macro_f1
+from torch_geometric_tactile.training.metrics import macro_f1, positive_scores
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,9 @@ class Judgement:
     def metrics(self) -> dict[str, float]:
         r"""Returns :obj:`accuracy`, :obj:`f1` and :obj:`auroc` as
         :func:`~torch_geometric_tactile.training.classification_metrics` defines them, for labels
-        also :obj:`label_accuracy`, and for two classes :obj:`f1_positive`, the F1 score of class 1
-        (0 if no sample is of class 1 or taken for it).
+        also :obj:`label_accuracy`, and for two classes :obj:`f1_positive`,
+        :obj:`precision_positive` and :obj:`recall_positive`, the F1 score, precision and recall of
+        class 1 (0 where there is nothing to divide by).
         """
         if self.y.ndim == 2:
             num_classes = self.y.shape[1]
@@ -81,7 +82,7 @@ class Judgement:
         ]
         values["f1"] = float(macro_f1(*counts))
         if self.y.ndim == 1 and num_classes == 2:
-            values["f1_positive"] = np.nan_to_num(float(macro_f1(*(n[1:] for n in counts))))
+            values |= {name: float(value) for name, value in positive_scores(*counts).items()}
         values["auroc"] = self._auroc(positive)
         return values
 

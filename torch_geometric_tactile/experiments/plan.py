@@ -174,7 +174,11 @@ def _with_folds(protocol: TableProtocol, folds: int) -> TableProtocol:
 def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
     # What a cell tells of its experiments, whatever their protocol.
     if cell.estimator is not None:
-        return {"model": cell.estimator, "transform": cell.transform}
+        return {
+            "model": cell.estimator,
+            "transform": cell.transform,
+            "threshold": cell.threshold,
+        }
     config = cell_config(cell)
     if config["model"].get("task") == "regression" and cell.choice is None:
         raise ValueError(f"'task' of '{cell.config}' must be one of classes (got 'regression')")
@@ -183,8 +187,12 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
     if settings.epochs is None and epochs is None:
         raise ValueError(f"'max_epochs' of '{cell.config}' must be given (got none)")
     of_data = config.get("data") or {}
+    model, threshold = dict(config["model"]), cell.threshold
+    if isinstance(model.get("threshold"), str):  # chosen by the experiment, which has the parts
+        threshold = model.pop("threshold")
     return {
-        "model": config["model"],
+        "model": model,
+        "threshold": threshold,
         "transform": cell.transform or of_data.get("transform"),
         "epochs": settings.epochs or epochs,
         "batch_size": of_data.get("batch_size", 128),

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,15 +18,18 @@ from torch_geometric_tactile.experiments.choosing import run_choosing
 from torch_geometric_tactile.experiments.estimators import (
     class_scores,
     estimator_input,
+    positive_score,
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.experiments.fitting import Clock, fit_classifier, warm_up
+from torch_geometric_tactile.experiments.held_out import choice_parts, column_of
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.memory import PeakMemory
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import classification_metrics
+from torch_geometric_tactile.training.metrics import classification_metrics, predicted_classes
 from torch_geometric_tactile.training.predictions import collect_predictions
+from torch_geometric_tactile.training.threshold import choose_threshold
 from torch_geometric_tactile.transforms import fit_transform
 from torch_geometric_tactile.typing import PathLike
 
@@ -75,16 +79,22 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
         raise ValueError(f"'checkpoint' must be None for {kind} (got '{checkpoint}')")
     if experiment.choice is not None:
         return run_choosing(experiment)
-    train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+    if experiment.threshold is not None:
+        parts = choice_parts(experiment)
+        train, val, test = parts.fit, parts.val, parts.test
+    else:
+        train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+        val = test[:0]
     sizes = {"num_train": len(train), "num_test": len(test)}
     if experiment.is_estimator:
-        return {**_run_estimator(experiment, train, test), **sizes}
-    return {**_run_classifier(experiment, train, test, checkpoint), **sizes}
+        return {**_run_estimator(experiment, train, val, test), **sizes}
+    return {**_run_classifier(experiment, train, val, test, checkpoint), **sizes}
 
 
 def _run_classifier(
     experiment: Experiment,
     train: StaticDataset,
+    val: StaticDataset,
     test: StaticDataset,
     checkpoint: PathLike | None,
 ) -> dict[str, Any]:
@@ -92,7 +102,7 @@ def _run_classifier(
         train,
         test,
         split="frame",
-        val=0.0,
+        val_dataset=val,
         transform=build(experiment.transform),
         batch_size=experiment.batch_size,
     )
@@ -102,25 +112,35 @@ def _run_classifier(
     if experiment.measure_memory:
         memory.start()
     clock = Clock()
-    settings = {"accelerator": experiment.accelerator, **experiment.trainer}
+    settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
+    settings |= experiment.trainer
     classifier = fit_classifier(
         experiment.model, data, experiment.seed, settings, experiment.epochs, clock
     )
     peak = memory.stop() if experiment.measure_memory else math.nan
+    device = classifier.trainer.strategy.root_device
+    if experiment.threshold is not None:
+        seen = collect_predictions(classifier, data.val_dataloader(), device)
+        classifier.decision_threshold = choose_threshold(
+            seen.probability[:, 1].numpy(), seen.y.numpy(), experiment.threshold
+        )
+    threshold = classifier.decision_threshold
     if checkpoint is not None:
         classifier.trainer.save_checkpoint(Path(checkpoint), weights_only=False)
-    device = classifier.trainer.strategy.root_device
     said = collect_predictions(classifier, data.test_dataloader(), device)
     session = test.column("session")
     multilabel = classifier.task == "multilabel"
     judgement = Judgement(
         score=said.probability.numpy(),
-        prediction=_predicted(said.probability, multilabel).numpy(),
+        prediction=_predicted(said.probability, multilabel, threshold).numpy(),
         y=said.y.numpy(),
         session=None if session is None else session.numpy(),
+        trial=_trials(test),
     )
+    metrics = classification_metrics(said.probability, said.y, classifier.task, threshold)
     return {
-        "metrics": _finite(classification_metrics(said.probability, said.y, classifier.task)),
+        "metrics": _finite(metrics),
+        **({} if threshold is None else {"threshold": threshold}),
         "label_names": data.class_names if multilabel else None,
         "frames_per_second": len(train) * experiment.epochs / clock.seconds,
         "peak_memory_mb": peak if math.isfinite(peak) else None,
@@ -131,12 +151,19 @@ def _run_classifier(
     }
 
 
-def _predicted(probability: Tensor, multilabel: bool) -> Tensor:
-    return (probability > 0.5).long() if multilabel else probability.argmax(dim=-1)
+def _predicted(probability: Tensor, multilabel: bool, threshold: float | None) -> Tensor:
+    if multilabel:
+        return (probability > 0.5).long()
+    return predicted_classes(probability, threshold)
+
+
+def _trials(test: StaticDataset) -> np.ndarray | None:
+    # Windows of one trial are one observation, whichever split tests on it.
+    return None if test.column("num_frames") is None else column_of(test, "trial")
 
 
 def _run_estimator(
-    experiment: Experiment, train: StaticDataset, test: StaticDataset
+    experiment: Experiment, train: StaticDataset, val: StaticDataset, test: StaticDataset
 ) -> dict[str, Any]:
     transform = build(experiment.transform)
     seen, held_out = fit_transform(transform, train), fit_transform(transform, test, adapt=True)
@@ -145,14 +172,28 @@ def _run_estimator(
     start = time.perf_counter()
     estimator.fit(x, seen.y.numpy())
     seconds = time.perf_counter() - start
+    score = class_scores(estimator, x_test, train.num_classes)
+    prediction, threshold = estimator.predict(x_test), None
+    if experiment.threshold is not None:
+        other = fit_transform(transform, val, adapt=True)
+        seen_score = class_scores(estimator, estimator_input(estimator, other), train.num_classes)
+        threshold = choose_threshold(
+            positive_score(seen_score),
+            other.y.numpy(),
+            experiment.threshold,
+            default=0.0 if score.ndim == 1 else 0.5,
+        )
+        prediction = (positive_score(score) > threshold).astype(np.int64)
     judgement = Judgement(
-        score=class_scores(estimator, x_test, train.num_classes),
-        prediction=estimator.predict(x_test),
+        score=score,
+        prediction=prediction,
         y=held_out.y.numpy(),
         session=held_out.session.numpy() if "session" in held_out else None,
+        trial=_trials(test),
     )
     return {
         "metrics": _finite(judgement.metrics()),
+        **({} if threshold is None else {"threshold": threshold}),
         "label_names": None,
         "frames_per_second": len(train) / seconds,
         "peak_memory_mb": None,

@@ -21,9 +21,10 @@ from torch_geometric_tactile.training.config import (
     load_config,
     read_yaml,
 )
+from torch_geometric_tactile.training.threshold import THRESHOLD_METRICS, ThresholdMetric
 
 _SHOWS = ("accuracy", "memory")
-_PUBLISHED = ("accuracy", "spread", "auc", "memory")
+_PUBLISHED = ("accuracy", "spread", "f1", "auc", "memory")
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,9 @@ class Cell:
         choice (Choice, optional): What is chosen on a validation part before the test; nothing if
             left out.
         published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`,
-            :obj:`auc`, and :obj:`memory` in MB, where it does.
+            :obj:`f1` of class 1 in percent, :obj:`auc`, and :obj:`memory` in MB, where it does.
+        threshold (str, optional): As of
+            :class:`~torch_geometric_tactile.experiments.experiment.Experiment`.
     """
 
     row: str
@@ -58,6 +61,7 @@ class Cell:
     data: dict[str, Any] = field(default_factory=dict)
     published: dict[str, float] = field(default_factory=dict)
     choice: Choice | None = None
+    threshold: ThresholdMetric | None = None
 
     def __post_init__(self) -> None:
         if (self.config is None) == (self.estimator is None):
@@ -65,6 +69,32 @@ class Cell:
                 f"'{self.experiment}' must have either a 'config' or an 'estimator' (got "
                 f"{'none' if self.config is None else 'both'})"
             )
+        if self.threshold is not None and self.threshold not in THRESHOLD_METRICS:
+            raise ValueError(
+                f"'threshold' of '{self.experiment}' must be one of {list(THRESHOLD_METRICS)} (got "
+                f"{self.threshold!r})"
+            )
+
+
+@dataclass(frozen=True)
+class Ordering:
+    r"""What a paper found, or what is asked: that some models are better than others.
+
+    Args:
+        name (str): The ordering in words, such as :obj:`"GCN above LSTM"`.
+        pairs (tuple of tuple): Two experiments each, the better first.
+
+    Raises:
+        ValueError: If there is no pair.
+    """
+
+    name: str
+    pairs: tuple[tuple[str, str], ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pairs", tuple((a, b) for a, b in self.pairs))
+        if not self.pairs:
+            raise ValueError(f"'pairs' of '{self.name}' must hold at least one pair (got none)")
 
 
 @dataclass(frozen=True)
@@ -101,9 +131,16 @@ class Table:
         seeds (int): Runs of each experiment, unless told otherwise.
         measure_memory (bool): Whether every run gets a process whose memory is measured. Not worth
             it for hundreds of small models.
+        paper_protocol (str): Which of the protocols the paper used, if it says so.
+        positive (str): Of two classes, the name of class 1, whose precision, recall and F1 score
+            are shown then.
+        axis (str): What the columns are if they are numbers: the picture has a line for each row
+            along them.
+        orderings (tuple of Ordering): What is looked for in the numbers.
 
     Raises:
-        ValueError: If there is no protocol or no place, or a name stands for two.
+        ValueError: If there is no protocol or no place, a name stands for two, an ordering names an
+            experiment that is not there, or columns along an axis are no numbers.
     """
 
     name: str
@@ -117,8 +154,28 @@ class Table:
     shows: str = "accuracy"
     seeds: int = 5
     measure_memory: bool = True
+    paper_protocol: str = ""
+    positive: str = ""
+    axis: str = ""
+    orderings: tuple[Ordering, ...] = ()
 
     def __post_init__(self) -> None:
+        known = {cell.experiment for cell in self.cells}
+        for ordering in self.orderings:
+            unknown = {name for pair in ordering.pairs for name in pair} - known
+            if unknown:
+                raise ValueError(
+                    f"'{ordering.name}' of table '{self.name}' must be of its experiments (got "
+                    f"{sorted(unknown)})"
+                )
+        for cell in self.cells if self.axis else ():
+            try:
+                float(cell.column)
+            except ValueError:
+                raise ValueError(
+                    f"the columns of table '{self.name}' must be numbers, as 'axis' is given (got "
+                    f"'{cell.column}')"
+                ) from None
         if self.shows not in _SHOWS:
             raise ValueError(f"'shows' must be one of {list(_SHOWS)} (got '{self.shows}')")
         for what, names in (
@@ -251,7 +308,15 @@ def _table(name: str, content: Mapping[str, Any], folder: Path) -> Table:
         protocols = tuple(_protocol(*item) for item in entries.pop("protocols").items())
         template = entries.pop("template", None)
         cells = tuple(_cell(cell, template, folder) for cell in entries.pop("cells"))
-        return Table(name=name, data=source, protocols=protocols, cells=cells, **entries)
+        orderings = tuple(Ordering(**item) for item in entries.pop("orderings", ()))
+        return Table(
+            name=name,
+            data=source,
+            protocols=protocols,
+            cells=cells,
+            orderings=orderings,
+            **entries,
+        )
     except KeyError as error:
         raise ValueError(f"table '{name}' must have {error} (got none)") from error
     except (TypeError, AttributeError, ValueError) as error:
@@ -273,7 +338,7 @@ def _cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cel
     if config is not None and (folder / config).is_file():
         config = str(folder / config)
     values.setdefault("experiment", values["row"])
-    values.setdefault("column", "")
+    values["column"] = str(values.get("column", ""))
     return Cell(config=config, published=published, **values)
 
 

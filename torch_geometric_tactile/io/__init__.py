@@ -1,6 +1,9 @@
 r"""File formats: one per file, the only home of byte layouts."""
 
+from torch_geometric_tactile.io.bigs_format import BiGSFormat
+from torch_geometric_tactile.io.bigs_grasp import read_bigs
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
+from torch_geometric_tactile.io.biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from torch_geometric_tactile.io.icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_files import (
@@ -26,13 +29,16 @@ from torch_geometric_tactile.io.xela_message import (
 from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [
+    "BiGSFormat",
     "GraspTable",
     "ICubGraspFrames",
     "XelaFrame",
     "append_hdf5",
     "format_xela_message",
     "parse_xela_message",
+    "read_bigs",
     "read_biotac_sp_csv",
+    "read_biotac_sp_dos_csv",
     "read_hdf5",
     "read_hdf5_head",
     "read_icub_grasp_txt",

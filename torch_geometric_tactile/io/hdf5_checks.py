@@ -10,7 +10,7 @@ import numpy as np
 
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
-    PRIVILEGED,
+    GROUPS,
     checked_file,
     missing_field,
 )
@@ -36,12 +36,13 @@ def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
     for name in ("time", "tactile"):
         if name not in names:
             raise missing_field(path, name)
-    if PRIVILEGED[:-1] in there:
-        _check_hard_link(path, file, PRIVILEGED[:-1])
-        group = file[PRIVILEGED[:-1]]
-        if not isinstance(group, type(file["/"])):
-            raise ValueError(f"'{path}' must hold a group in 'privileged' (got {group})")
-        names += [PRIVILEGED + name for name in group]
+    for prefix in GROUPS:
+        if prefix[:-1] in there:
+            check_hard_link(path, file, prefix[:-1])
+            group = file[prefix[:-1]]
+            if not isinstance(group, type(file["/"])):
+                raise ValueError(f"'{path}' must hold a group in '{prefix[:-1]}' (got {group})")
+            names += [prefix + name for name in group]
     return {name: checked_dataset(path, file, name) for name in names}
 
 
@@ -59,12 +60,36 @@ def checked_dataset(path: Path, file: Any, name: str) -> Any:
     if name not in file:
         raise missing_field(path, name)
     h5py = _h5py()
-    _check_hard_link(path, file, name)
+    check_hard_link(path, file, name)
     dataset = file[name]
     if not isinstance(dataset, h5py.Dataset) or dataset.ndim == 0 or dataset.shape is None:
         raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
+    check_storage(path, dataset, name)
+    found = dataset.id.get_type()
+    plain = found.get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) and found.get_size() <= 8
+    text = found.get_class() == h5py.h5t.STRING
+    truth = found.get_class() == h5py.h5t.ENUM and dataset.dtype == np.dtype(bool)
+    if found.committed() or not (plain or text or truth):
+        raise ValueError(
+            f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
+            f"{'a named type' if found.committed() else dataset.dtype})"
+        )
+    return dataset
+
+
+def check_storage(path: Path, dataset: Any, name: str) -> None:
+    r"""Checks that a data set holds its numbers itself, compressed as HDF5 can without more.
+
+    Args:
+        path (Path): The file, for messages.
+        dataset (h5py.Dataset): The data set.
+        name (str): Its name.
+
+    Raises:
+        ValueError: If it is virtual or external, or of another compression.
+    """
     created = dataset.id.get_create_plist()
-    if created.get_layout() == h5py.h5d.VIRTUAL or created.get_external_count():
+    if created.get_layout() == _h5py().h5d.VIRTUAL or created.get_external_count():
         raise ValueError(
             f"'{path}' must hold '{name}' itself (got a virtual or external array, whose numbers "
             "are in other files): copy the data into the file"
@@ -79,16 +104,6 @@ def checked_dataset(path: Path, file: Any, name: str) -> Any:
                 f"'{path}' must be compressed by gzip or not at all (got the filter {code} in "
                 f"'{name}'): write it again without"
             )
-    found = dataset.id.get_type()
-    plain = found.get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) and found.get_size() <= 8
-    text = found.get_class() == h5py.h5t.STRING
-    truth = found.get_class() == h5py.h5t.ENUM and dataset.dtype == np.dtype(bool)
-    if found.committed() or not (plain or text or truth):
-        raise ValueError(
-            f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
-            f"{'a named type' if found.committed() else dataset.dtype})"
-        )
-    return dataset
 
 
 def check_sizes(
@@ -224,6 +239,26 @@ def hdf5_file(path: Any) -> Path:
     return path
 
 
+def check_hard_link(path: Path, file: Any, name: str) -> None:
+    r"""Checks that a name is of something in the file itself.
+
+    Args:
+        path (Path): The file, for messages.
+        file (h5py.File): The open file.
+        name (str): The name.
+
+    Raises:
+        ValueError: If it is a link to another place or file.
+    """
+    # A link of another kind leads to another place or file.
+    link = file.get(name, getlink=True)
+    if not isinstance(link, _h5py().HardLink):
+        raise ValueError(
+            f"'{path}' must hold '{name}' itself (got a {type(link).__name__}, which may lead to "
+            "another file): copy the data into the file"
+        )
+
+
 def _h5py() -> Any:
     import h5py
 
@@ -234,13 +269,3 @@ def _attribute(path: Path, attrs: Any, name: str) -> Any:
     if name not in attrs:
         raise missing_field(path, name)
     return attrs.get_id(name)
-
-
-def _check_hard_link(path: Path, file: Any, name: str) -> None:
-    # A link of another kind leads to another place or file.
-    link = file.get(name, getlink=True)
-    if not isinstance(link, _h5py().HardLink):
-        raise ValueError(
-            f"'{path}' must hold '{name}' itself (got a {type(link).__name__}, which may lead to "
-            "another file): copy the data into the file"
-        )

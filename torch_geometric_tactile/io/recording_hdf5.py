@@ -2,10 +2,10 @@ r"""Recordings as HDF5 files, which may grow frame by frame. Needs the extra ``i
 is called.
 
 Names as in :mod:`~torch_geometric_tactile.io.recording_schema`: arrays are data sets whose first
-dimension is resizable, and ``privileged`` is a group; ``format``, ``version``, ``num_frames``,
-``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names, types and shapes of
-the arrays) are attributes of the file; ``checksums`` is the CRC-32 of each frame, uint32
-:math:`(T,)`.
+dimension is resizable, and ``privileged`` and ``extra`` are groups; ``format``, ``version``,
+``num_frames``, ``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names,
+types and shapes of the arrays) are attributes of the file; ``checksums`` is the CRC-32 of each
+frame, uint32 :math:`(T,)`.
 
 Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
 the CRC-32 of each frame, those of HDF5 1.10 for its own structures, and that of the attributes,
@@ -18,6 +18,7 @@ used.
 
 import io
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -278,13 +279,20 @@ def _joined(before: Recording, after: Recording) -> Recording:
         else np.concatenate([before.joint, after.joint]),
         label=before.label,
         meta=before.meta,
-        privileged={
-            name: np.concatenate([value, after.privileged[name]])
-            if value.dtype.kind == "U"
-            else np.concatenate([value, after.privileged[name]], dtype=value.dtype)
-            for name, value in before.privileged.items()
-        },
+        privileged=_joined_rows(before.privileged, after.privileged),
+        extra=_joined_rows(before.extra, after.extra),
     )
+
+
+def _joined_rows(
+    before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    return {
+        name: np.concatenate([value, after[name]])
+        if value.dtype.kind == "U"
+        else np.concatenate([value, after[name]], dtype=value.dtype)
+        for name, value in before.items()
+    }
 
 
 def _check_continues(path: Path, content: _Content, recording: Recording) -> None:

@@ -14,7 +14,7 @@ from torch_geometric_tactile.io.csv_table import shown
 from torch_geometric_tactile.io.npz_arrays import opened_npz
 from torch_geometric_tactile.io.recording_schema import (
     FORMAT,
-    PRIVILEGED,
+    GROUPS,
     VERSION,
     check_version,
     checked_file,
@@ -98,8 +98,9 @@ def _problem(shapes: dict[str, tuple[int, ...]]) -> str:
     known = {*_TEXTS, "time", "tactile", "joint"}
     frames = shapes.get("time", ())[:1]
     for name, shape in shapes.items():
-        if name not in known and not name.startswith(PRIVILEGED):
-            return f"it must hold {sorted(known)} and '{PRIVILEGED}...' only (got {name!r})"
+        if name not in known and not name.startswith(GROUPS):
+            groups = " and ".join(f"'{group}...'" for group in GROUPS)
+            return f"it must hold {sorted(known)}, {groups} only (got {name!r})"
         if name in _TEXTS and shape:
             return f"'{name}' must be one text (got shape {shape})"
         if name not in _TEXTS and frames and shape and shape[:1] != frames:

@@ -7,6 +7,7 @@ r"""Names, versions and checks that HDF5 and npz files of recordings share.
 ``tactile``            readings, float32 :math:`(T, N, C)`, NaN where missing
 ``joint``              radians, float32 :math:`(T, J)`; absent without joint angles
 ``privileged/<name>``  what only a simulator knows, :math:`(T, ...)`
+``extra/<name>``       further signals, :math:`(T, ...)`
 ``label``              JSON text: a text, an integer or null
 ``meta``               JSON text: an object
 =====================  ====================================================================
@@ -25,6 +26,8 @@ from torch_geometric_tactile.typing import PathLike
 FORMAT = "tactile recording"
 VERSION = 1
 PRIVILEGED = "privileged/"
+EXTRA = "extra/"
+GROUPS = (PRIVILEGED, EXTRA)
 
 
 def checked_file(path: PathLike) -> Path:
@@ -52,7 +55,7 @@ def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
     if recording.joint is not None:
         arrays["joint"] = recording.joint
     arrays |= {PRIVILEGED + name: value for name, value in recording.privileged.items()}
-    return arrays
+    return arrays | {EXTRA + name: value for name, value in recording.extra.items()}
 
 
 def recording_to_texts(recording: Recording) -> dict[str, str]:
@@ -119,16 +122,21 @@ def recording_from_fields(
             joint=arrays.get("joint"),
             label=values["label"],
             meta=values["meta"],
-            privileged={
-                name.removeprefix(PRIVILEGED): value
-                for name, value in arrays.items()
-                if name.startswith(PRIVILEGED)
-            },
+            privileged=_group(arrays, PRIVILEGED),
+            extra=_group(arrays, EXTRA),
         )
     except ValueError as error:
         raise ValueError(
             f"'{path}' holds no consistent recording: {error}; write it anew"
         ) from error
+
+
+def _group(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {
+        name.removeprefix(prefix): value
+        for name, value in arrays.items()
+        if name.startswith(prefix)
+    }
 
 
 def missing_field(path: Path, name: str) -> ValueError:

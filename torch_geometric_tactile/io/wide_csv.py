@@ -35,8 +35,8 @@ NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS = 384, 3, 16
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording as a CSV file with a header and the time in front, whole or not at all.
 
-    Readings come back equal. Label, metadata and what only a simulator knows have no place in the
-    file; a warning is logged when there are any.
+    Readings come back equal. Label, metadata, further signals and what only a simulator knows have
+    no place in the file; a warning is logged when there are any.
 
     Args:
         recording (Recording): The recording.
@@ -47,7 +47,7 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
     """
     if recording.num_frames == 0:
         raise ValueError("'recording' must hold at least one frame to be a CSV file (got none)")
-    lost = [*recording.meta, *recording.privileged]
+    lost = [*recording.meta, *recording.privileged, *recording.extra]
     lost += [] if recording.label is None else ["label"]
     if lost:
         _log.warning("'%s' is CSV and cannot hold %s", path, ", ".join(sorted(lost)))

@@ -161,8 +161,8 @@ def write_xela_messages(
     r"""Writes a recording as messages, one a line; whole or not at all.
 
     Sensors, models, handedness and version are those that :meth:`read_xela_messages` leaves in the
-    metadata. Joints, label, other metadata and what only a simulator knows have no place in the
-    file; a warning is logged when there are any.
+    metadata. Joints, label, other metadata, further signals and what only a simulator knows have no
+    place in the file; a warning is logged when there are any.
 
     Args:
         recording (Recording): Counts, with three channels.
@@ -190,7 +190,7 @@ def write_xela_messages(
     meta = recording.meta
     kept = {"models", "taxels", "handedness", "server_version"}
     implied = {"sensor", "unit", "handedness_reliable", "repeated_messages", "skipped_messages"}
-    lost = [*(meta.keys() - kept - implied), *recording.privileged]
+    lost = [*(meta.keys() - kept - implied), *recording.privileged, *recording.extra]
     lost += [] if recording.label is None else ["label"]
     lost += [] if recording.joint is None else ["joint"]
     if lost:

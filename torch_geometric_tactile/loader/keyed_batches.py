@@ -139,7 +139,7 @@ class CutBatches(Dataset):
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
-        transforms = [part.transform for part in static_parts(dataset)]
+        transforms = [one for part in static_parts(dataset) for one in part.transforms]
         self._is_plain = all(transform is None for transform in transforms)
         self._generators = [own for one in transforms for own in _generators(one)]
 

@@ -1,9 +1,11 @@
 r"""Whole batches cut from one tensor."""
 
 import copy
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
-from typing import Any
+from functools import cache
+from typing import Any, Literal
 
 import torch
 from torch.utils.data import DataLoader, Dataset
@@ -13,8 +15,12 @@ from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.apply_transform import stack_like
 from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.static_samples import StaticSamples
+from torch_geometric_tactile.loader.block_sampler import BlockSampler
 from torch_geometric_tactile.loader.keyed_batches import CutBatches, EpochOrder
+from torch_geometric_tactile.loader.memory_limit import exceeds_memory
 from torch_geometric_tactile.loader.random_states import kept_rng
+
+_logger = logging.getLogger(__name__)
 
 
 class StaticCollater:
@@ -65,7 +71,11 @@ class StaticLoader(DataLoader):
             the same attributes.
         batch_size (int, optional): Number of samples of a batch. With :obj:`None`, each index of
             the sampler (or list of indices) is a batch.
-        shuffle (bool, optional): Whether to draw the samples in a new order every epoch.
+        shuffle (bool or str, optional): Whether to draw the samples in a new order every epoch:
+            by blocks with :obj:`"blocks"` (see
+            :class:`~torch_geometric_tactile.loader.BlockSampler`, which may also be given as
+            :obj:`sampler`). With :obj:`True`, it is by blocks where the data set is in a
+            memory-mapped file that is larger than memory; a warning is logged then, once.
         keyed (bool): Whether what random transforms draw follows from the epoch and the number of
             the batch alone. Then it does not depend on workers, draws nothing from the global
             random states, and is the same in an epoch that is resumed in its middle.
@@ -75,7 +85,8 @@ class StaticLoader(DataLoader):
         TypeError: If :obj:`dataset` is of another kind, or :obj:`collate_fn`,
             :obj:`follow_batch` or :obj:`exclude_keys` are given.
         ValueError: If the parts of a :class:`~torch.utils.data.ConcatDataset` differ in their
-            layouts, edges or attributes.
+            layouts, edges or attributes, or :obj:`shuffle` is none of these, or goes
+            with a sampler.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -88,7 +99,7 @@ class StaticLoader(DataLoader):
         self,
         dataset: Dataset,
         batch_size: int | None = 1,
-        shuffle: bool | None = None,
+        shuffle: bool | Literal["blocks"] | None = None,
         *,
         keyed: bool = False,
         **kwargs: Any,
@@ -97,6 +108,8 @@ class StaticLoader(DataLoader):
         parts = list(static_parts(dataset))
         if len(parts) > 1:
             check_joinable(parts)
+        if isinstance(shuffle, str) or (shuffle and not _has_sampler(kwargs)):
+            shuffle = _shuffle_by_blocks(dataset, shuffle, kwargs)
         super().__init__(dataset, batch_size, shuffle, collate_fn=StaticCollater(dataset), **kwargs)
         self.keyed = keyed
         self._sampler_name = "sampler" if self.batch_sampler is None else "batch_sampler"
@@ -157,6 +170,33 @@ class StaticLoader(DataLoader):
                 was to have no further batch.
         """
         self._order.load_state_dict(state_dict)
+
+
+def _has_sampler(kwargs: Mapping[str, Any]) -> bool:
+    return any(kwargs.get(key) is not None for key in ("sampler", "batch_sampler"))
+
+
+def _shuffle_by_blocks(dataset: Any, shuffle: Any, kwargs: dict[str, Any]) -> bool:
+    # Sets a sampler if it is to be by blocks, and returns the argument for PyTorch.
+    if isinstance(shuffle, str):
+        if shuffle != "blocks":
+            raise ValueError(f"'shuffle' must be True, False or 'blocks' (got '{shuffle}')")
+        if _has_sampler(kwargs):
+            raise ValueError("'shuffle' must be left out with a sampler (got 'blocks')")
+    elif not exceeds_memory(dataset):
+        return True
+    else:
+        _tell_blocks()
+    kwargs["sampler"] = BlockSampler(dataset, generator=kwargs.get("generator"))
+    return False
+
+
+@cache
+def _tell_blocks() -> None:
+    _logger.warning(
+        "the data set is larger than memory: its samples are shuffled by blocks, which reads the "
+        "file in pieces; pass a RandomSampler as 'sampler' for a full random order"
+    )
 
 
 def _refuse(kwargs: dict[str, Any]) -> None:

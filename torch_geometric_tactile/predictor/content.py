@@ -17,12 +17,15 @@ from torch_geometric_tactile.predictor.builder import Builder, MissingOwnError, 
 from torch_geometric_tactile.predictor.describer import Describer
 from torch_geometric_tactile.predictor.preparation import Preparation
 from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
+from torch_geometric_tactile.predictor.window_cut import WindowCut
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike, Transform
 
 TASKS = ("multiclass", "multilabel", "regression")
-_FORMAT = 2  # since 2, a file has a checksum
-_OLD_FORMAT = 1
+# Since 2, a file has a checksum; since 3, a threshold and windows of frames.
+_FORMAT = 3
+_OLD_FORMATS = (1, 2)
+_TRANSFORMS = ("frame_transform", "pre_transform", "transform")
 _MOST = 10**5  # channels of a taxel, joints of a hand
 _KEY = "torch_geometric_tactile.predictor"
 _WEIGHT = "model."
@@ -37,12 +40,15 @@ class Content(NamedTuple):
         model (torch.nn.Module): The model.
         class_names (tuple of str): Names of the classes or labels.
         task (str): What the model does.
+        threshold (float, optional): Of two classes, the probability of class 1 above which it is
+            predicted; one half if left out.
     """
 
     preparation: Preparation
     model: Module
     class_names: tuple[str, ...]
     task: str
+    threshold: float | None = None
 
 
 def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -60,6 +66,7 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
         "package": __version__,
         "task": content.task,
         "class_names": list(content.class_names),
+        "threshold": content.threshold,
         "layout": preparation.layout.to_dict(),
         "num_channels": preparation.num_channels,
         "num_joints": preparation.num_joints,
@@ -68,14 +75,19 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
         "schema": shared.schema,
         "model": describer.model(model),
     }
-    for key in ("pre_transform", "transform"):
+    header["window"] = None if preparation.window is None else preparation.window.to_dict()
+    for key in _TRANSFORMS:
         transform = getattr(preparation, key)
         header[key] = None if transform is None else describer.transform(transform)
     return header, describer.tensors
 
 
 def checkpoint_entry(
-    model: Module, dataset: StaticDataset, transform: Transform | None, task: str
+    model: Module,
+    dataset: StaticDataset,
+    transform: Transform | None,
+    task: str,
+    threshold: float | None = None,
 ) -> dict[str, Any]:
     r"""Returns what a checkpoint must hold beside its weights to be read as a predictor, as plain
     data and tensors.
@@ -85,9 +97,10 @@ def checkpoint_entry(
         dataset (StaticDataset): The data set that it is trained on.
         transform (callable, optional): What comes after the data set's own transform, fitted.
         task (str): What the model does.
+        threshold (float, optional): As of :class:`Content`.
     """
     names = tuple(dataset.class_names)
-    content = Content(Preparation.of_dataset(dataset, transform), model, names, task)
+    content = Content(Preparation.of_dataset(dataset, transform), model, names, task, threshold)
     header, tensors = describe(content)
     # Copies: a view would drag its whole storage into the checkpoint.
     return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
@@ -112,22 +125,29 @@ def build(
     Raises:
         ValueError: If a part is missing or does not fit.
     """
-    if header.get("format") not in (_FORMAT, _OLD_FORMAT):
+    if header.get("format") not in (_FORMAT, *_OLD_FORMATS):
         raise ValueError(
             f"its format must be {_FORMAT} (got {header.get('format')}, written by version "
             f"{header.get('package')} of this package)"
         )
     if header.get("task") not in TASKS:
         raise ValueError(f"its task must be one of {list(TASKS)} (got {header.get('task')!r})")
+    threshold = header.get("threshold")
+    if threshold is not None and not (
+        isinstance(threshold, float) and 0 <= threshold <= 1 and header["task"] == "multiclass"
+    ):
+        raise ValueError(
+            f"its threshold must be a probability of two classes (got {str(threshold)[:80]})"
+        )
     layout = TaxelLayout.from_dict(header["layout"])
     builder = Builder(layout, {**tensors, **weights}, transforms)
     shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), **header["schema"])
     for key, value in builder.value(header["shared"]).items():
         shared[key] = value
     parts = [
-        None if header[key] is None else builder.transform(header[key])
-        for key in ("pre_transform", "transform")
+        None if header.get(key) is None else builder.transform(header[key]) for key in _TRANSFORMS
     ]
+    window = header.get("window")  # older formats have none
     num_channels, num_joints = header["num_channels"], header["num_joints"]
     for key in ("num_channels", "num_joints"):
         number = header[key]
@@ -135,7 +155,16 @@ def build(
             raise ValueError(
                 f"its '{key}' must be a number up to {_MOST} or null (got {str(number)[:80]})"
             )
-    preparation = Preparation(layout, shared, parts[0], parts[1], num_channels, num_joints)
+    preparation = Preparation(
+        layout,
+        shared,
+        parts[1],
+        parts[2],
+        num_channels,
+        num_joints,
+        window=None if window is None else WindowCut.from_dict(window),
+        frame_transform=parts[0],
+    )
     for part in preparation.fitted:
         fitted = part.center if part.attr == "joint" and num_joints else None
         if fitted is not None and fitted.size(-1) != num_joints:
@@ -146,7 +175,8 @@ def build(
     preparation.session = header["session"]
     built = builder.model(header["model"], model)
     load_weights(built, weights)
-    return Content(preparation, built, tuple(map(str, header["class_names"])), header["task"])
+    names = tuple(map(str, header["class_names"]))
+    return Content(preparation, built, names, header["task"], threshold)
 
 
 def save(content: Content, path: PathLike) -> None:
@@ -196,7 +226,7 @@ def load(
         if _KEY not in texts:
             raise ValueError("it is not a file of Predictor.save")
         header = json.loads(texts[_KEY])
-        if not has_checksum and header.get("format") != _OLD_FORMAT:
+        if not has_checksum and header.get("format") != _OLD_FORMATS[0]:
             raise ValueError("it must have a checksum (got none): it is damaged")
         if not has_checksum:
             _logger.warning("'%s' has no checksum: save it again with this version", path)

@@ -14,11 +14,12 @@ from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation
 from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel
+from torch_geometric_tactile.predictor.windowed_model import WindowedModel, check_size
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike, Transform
 
 
-class Predictor(TrainedModel):
+class Predictor(WindowedModel):
     r"""A trained model with all that a reading goes through before it, the layout of the sensor
     and the fitted transforms, and with the names of its classes. It takes readings as the sensor
     gives them.
@@ -46,9 +47,16 @@ class Predictor(TrainedModel):
             :meth:`prepare_samples` has been through it.
         num_channels (int, optional): Number of channels of a taxel; not checked if left out.
         num_joints (int, optional): Number of joint angles of a frame; likewise.
+        threshold (float, optional): Of two classes, the probability of class 1 above which
+            :meth:`labels` tells it; one half if left out.
+
+    A model that was trained on :class:`~torch_geometric_tactile.data.Windows` or
+    :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames, as these cut them; of
+    a :class:`~torch_geometric_tactile.data.Recording`, it cuts them itself.
 
     Shapes:
-        - **reading:** :math:`(N, F)` or :math:`(B, N, F)`
+        - **reading:** :math:`(N, F)` or :math:`(B, N, F)`; windows :math:`(N, C \cdot T)` or
+          :math:`(B, N, C \cdot T)`
         - **joint:** angles in radians :math:`(J,)` or :math:`(B, J)`
         - **output:** probabilities :math:`(C,)` for one frame, or :math:`(B, C)`; for a regression
           the numbers themselves
@@ -81,6 +89,7 @@ class Predictor(TrainedModel):
         pre_transform: Transform | None = None,
         num_channels: int | None = None,
         num_joints: int | None = None,
+        threshold: float | None = None,
     ) -> None:
         edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
         shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), pos=layout.pos)
@@ -90,7 +99,8 @@ class Predictor(TrainedModel):
         preparation = Preparation(
             layout, shared, pre_transform, transform, num_channels, num_joints
         )
-        super().__init__(Content(preparation, copy.deepcopy(model), tuple(class_names), task))
+        names = tuple(class_names)
+        super().__init__(Content(preparation, copy.deepcopy(model), names, task, threshold))
 
     @classmethod
     def _of(cls, parts: Content) -> Self:
@@ -105,6 +115,7 @@ class Predictor(TrainedModel):
         dataset: StaticDataset,
         transform: Transform | None = None,
         task: Task = "multiclass",
+        threshold: float | None = None,
     ) -> Self:
         r"""Returns the predictor of a model that was trained on a data set, with the data set's
         layout, edges, transforms and class names.
@@ -115,10 +126,11 @@ class Predictor(TrainedModel):
             transform (callable, optional): What came after the data set's own transform in
                 training, such as a fitted scaler.
             task (str): As of the class.
+            threshold (float, optional): As of the class.
         """
         preparation = Preparation.of_dataset(dataset, transform)
         names = tuple(dataset.class_names)
-        return cls._of(Content(preparation, copy.deepcopy(model), names, task))
+        return cls._of(Content(preparation, copy.deepcopy(model), names, task, threshold))
 
     @classmethod
     def from_checkpoint(
@@ -172,7 +184,8 @@ class Predictor(TrainedModel):
         Args:
             path (str or PathLike): The file.
         """
-        parts = Content(self.preparation, self.model, self.class_names, self.task)
+        names = self.class_names
+        parts = Content(self.preparation, self.model, names, self.task, self.threshold)
         content.save(parts, path)
 
     def __call__(
@@ -216,24 +229,26 @@ class Predictor(TrainedModel):
         Raises:
             ValueError: If no transform measures sessions, or as for a call.
         """
-        if not self.preparation.keys:
-            raise ValueError("no transform of this predictor measures sessions: there is no need")
+        self._check_adapts()
         data = self._data(reading, joint, session=-1)
         if time is not None:
             data.time = torch.as_tensor(time, dtype=torch.double)
         return self.preparation.adapt(data)
 
     def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
-        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`.
+        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
+        windows those of its windows :math:`(W, C)`, cut as in training.
 
         Args:
             recording (Recording): The recording, in the unit and at the rest (tare) of those that
                 the model was trained on.
-            batch_size (int): Number of frames that are computed at a time.
+            batch_size (int): Number of frames or windows that are computed at a time.
 
         Raises:
-            ValueError: If it has other taxels, channels or joints.
+            ValueError: If it has other taxels, channels or joints, or too few frames for a window.
         """
+        if self.window is not None:
+            return self.of_windows(self.windows(recording)[0], batch_size)
         recording.check(self.layout)
         parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
         return torch.cat(parts)
@@ -263,7 +278,6 @@ class Predictor(TrainedModel):
 
 
 def _chunks(recording: Recording, size: int) -> Iterator[Any]:
-    if size < 1:
-        raise ValueError(f"'batch_size' must be at least 1 (got {size})")
+    check_size(size)
     for start in range(0, max(recording.num_frames, 1), size):
         yield recording.select(slice(start, start + size))

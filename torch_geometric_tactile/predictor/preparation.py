@@ -7,54 +7,18 @@ from typing import Any, Self
 import numpy as np
 import torch
 from torch import Tensor
-from torch_geometric.transforms import (
-    AddSelfLoops,
-    Cartesian,
-    Compose,
-    Distance,
-    ToUndirected,
-)
+from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data.frame_view import FrameView
 from torch_geometric_tactile.predictor.classes import flat
+from torch_geometric_tactile.predictor.settling import access, is_settled, settle
+from torch_geometric_tactile.predictor.window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
+from torch_geometric_tactile.transforms import fit_parts, fitted_parts
 from torch_geometric_tactile.typing import Transform
 
 ArrayLike = Tensor | np.ndarray | Sequence[Any]
-
-_EDGES = ("edge_index", "edge_attr", "edge_weight")
-_GEOMETRY = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
-# Which attributes these transforms read and write. If all that a transform reads is the same for
-# every frame, its result is computed once. A transform that is not listed is applied to every
-# frame, and so is everything after it.
-_ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    T.AbsoluteMorphology: (("pos",), ("absolute",)),
-    T.CommonMode: (("x",), ("x",)),
-    T.DropPatches: (("x", "dropped"), ("x", "dropped")),
-    T.DropTaxels: (("x", "dropped"), ("x", "dropped")),
-    T.FillMissing: (("x", "missing"), ("x", "missing")),
-    T.GeometricEdgeAttr: _GEOMETRY,
-    T.KNNGraph: (("pos", *_EDGES), _EDGES),
-    T.SelectChannels: (("x",), ("x",)),
-    T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
-    T.RandomGain: (("x",), ("x",)),
-    T.RandomMirror: (("x",), ("x",)),
-    T.RandomNoise: (("x",), ("x",)),
-    T.RandomOffset: (("x",), ("x",)),
-    T.RandomShift: (("x",), ("x",)),
-    T.RandomTimeShift: (("x",), ("x",)),
-    T.TaxelPose: (("x", "joint"), ("pos", "normal", "tangent")),
-    T.TopologicalSegmentation: (
-        (*_EDGES, "edge_is_within"),
-        (*_EDGES, "segment_batch", "edge_is_within"),
-    ),
-    Cartesian: _GEOMETRY,
-    Distance: _GEOMETRY,
-    AddSelfLoops: (_EDGES, _EDGES),
-    ToUndirected: (_EDGES, _EDGES),
-}
 
 
 class Preparation:
@@ -68,8 +32,12 @@ class Preparation:
         pre_transform (callable, optional): Applied to a reading first. What a data set holds has
             been through it.
         transform (callable, optional): Applied to all.
-        num_channels (int, optional): Number of channels of a taxel; not checked if left out.
+        num_channels (int, optional): Number of channels of a taxel in a frame; not checked if left
+            out.
         num_joints (int, optional): Number of joint angles of a frame; likewise.
+        window (WindowCut, optional): How windows are cut from frames, if the model takes windows:
+            then both transforms are applied to windows.
+        frame_transform (callable, optional): Applied to frames before windows are cut.
     """
 
     def __init__(
@@ -80,6 +48,9 @@ class Preparation:
         transform: Transform | None = None,
         num_channels: int | None = None,
         num_joints: int | None = None,
+        *,
+        window: WindowCut | None = None,
+        frame_transform: Transform | None = None,
     ) -> None:
         self.layout = layout
         self.shared = _only_shared(shared)
@@ -87,8 +58,11 @@ class Preparation:
         self.transform = copy.deepcopy(transform)
         self.num_channels = num_channels
         self.num_joints = num_joints
+        self.window = window
+        self.frame_transform = copy.deepcopy(frame_transform)
         self.session: int | None = None
-        parts = [*flat(self.pre_transform), *flat(self.transform)]
+        of_frames = flat(self.frame_transform)
+        parts = [*of_frames, *flat(self.pre_transform), *flat(self.transform)]
         self.fitted = fitted_parts(Compose(parts))
         for part in self.fitted:
             if part.center is None and part.key is None:  # one with a key can be adapted
@@ -97,9 +71,18 @@ class Preparation:
                     "numbers): call its fit, or train with TactileDataModule"
                 )
         self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
-        reads = {name for part in parts for name in _access(part)[0] or ()}
+        reads = {name for part in parts for name in access(part)[0] or ()}
         self.needs_joint = "joint" in reads
-        self._constant, self._parts = settle(self.shared, parts)
+        self._constant, self._frame_parts = settle(self.shared, of_frames)
+        self._parts = parts[len(of_frames) :]
+        if not self._frame_parts:  # what they change may be what later parts read
+            self._constant, self._parts = settle(self._constant, self._parts)
+
+    @property
+    def causal(self) -> bool:
+        r"""Whether no transform looks at frames to come."""
+        parts = [*self._frame_parts, *self._parts]
+        return all(getattr(part, "causal", True) for part in parts)
 
     @classmethod
     def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
@@ -109,20 +92,22 @@ class Preparation:
             dataset (StaticDataset): The data set; it must have a sample.
             transform (callable, optional): Applied after the transform of the data set.
         """
-        stored = copy.copy(dataset)
-        stored.transform = None
-        sample = stored.batch([0])
+        window, frames = WindowCut.of_dataset(dataset), dataset
+        while isinstance(frames, FrameView):
+            frames = frames.dataset
+        sample, frame = (_first_stored(part) for part in (dataset, frames))
         # Results that depend on the layout only are among what the samples share.
-        rest = [part for part in flat(dataset.pre_transform) if not _is_settled(part, sample)]
-        joint = sample.joint if "joint" in sample else None
-        return cls(
-            dataset.layout,
-            sample,
-            Compose(rest) if rest else None,
-            Compose([*flat(dataset.transform), *flat(transform)]),
-            num_channels=None if rest else sample.num_features,
-            num_joints=0 if joint is None else joint.size(-1),
-        )
+        steps = [part for part in flat(frames.pre_transform) if not is_settled(part, frame)]
+        joint = frame.joint if "joint" in frame else None
+        known: dict[str, Any] = {
+            "num_channels": None if steps else frame.num_features,
+            "num_joints": 0 if joint is None else joint.size(-1),
+        }
+        if window is not None:
+            known |= {"window": window, "frame_transform": _joined([*steps, frames.transform])}
+            steps = [part for part in flat(dataset.pre_transform) if not is_settled(part, sample)]
+        last = Compose([*flat(dataset.transform), *flat(transform)])
+        return cls(dataset.layout, sample, _joined(steps), last, **known)
 
     def data(
         self,
@@ -132,24 +117,29 @@ class Preparation:
         *,
         dtype: torch.dtype = torch.float,
         device: torch.device | None = None,
+        num_frames: int | None = None,
     ) -> StaticData:
         r"""Returns readings as data, before any transform.
 
         Args:
             reading (torch.Tensor or numpy.ndarray): One frame :math:`(N, F)` or many
-                :math:`(B, N, F)`.
+                :math:`(B, N, F)`; for a model of windows, windows :math:`(B, N, C \cdot T)`.
             joint (torch.Tensor or numpy.ndarray, optional): Angles in radians :math:`(J,)`, for
                 all frames, or :math:`(B, J)`.
             session (int, optional): The recording session.
             dtype (torch.dtype): Type of the numbers.
             device (torch.device, optional): Where to compute.
+            num_frames (int, optional): Number of frames of a window; found by its size if left out.
         """
         x = _tensor("reading", reading, dtype, device)
         num_taxels = self.layout.num_taxels
         if x.dim() == 2:
             x = x.unsqueeze(0)
-        if x.dim() != 3 or x.size(1) != num_taxels or self.num_channels not in (None, x.size(2)):
+        num_frames = self._num_frames(x) if num_frames is None else num_frames
+        given = x.size(-1) / num_frames
+        if x.dim() != 3 or x.size(1) != num_taxels or self.num_channels not in (None, given):
             channels = self.num_channels or "num_channels"
+            channels = channels if self.window is None else f"{channels} * num_frames"
             raise ValueError(
                 f"'reading' must have shape ({num_taxels}, {channels}), a frame of layout "
                 f"'{self.layout.name}', or (num_frames, {num_taxels}, {channels}) "
@@ -157,6 +147,8 @@ class Preparation:
             )
         data = copy.copy(self._constant)
         data.x = x
+        if self.window is not None:
+            data.num_frames = num_frames
         if joint is not None and self.num_joints != 0:
             data.joint = self._joint(_tensor("joint", joint, dtype, device), len(x))
         elif self.needs_joint:
@@ -167,6 +159,14 @@ class Preparation:
         for key in self.keys:
             data[key] = torch.full((len(x),), self._session(session), device=device)
         return data
+
+    def _num_frames(self, x: Tensor) -> int:
+        # Of a window, by the number of its channels, which is known from training.
+        if self.window is None:
+            return 1
+        if not self.num_channels:
+            return self.window.length
+        return max(1, x.size(-1) // self.num_channels)
 
     def _joint(self, joint: Tensor, num_frames: int) -> Tensor:
         given = tuple(joint.shape)
@@ -203,9 +203,31 @@ class Preparation:
         Args:
             data (StaticData): What :meth:`data` returned.
         """
+        if self._frame_parts:
+            data = frame_by_frame(self._frame_parts, data)
+        return self.prepared_windows(data)
+
+    def prepared_windows(self, data: StaticData) -> StaticData:
+        r"""Applies the transforms of windows to those that :meth:`cut` returned.
+
+        Args:
+            data (StaticData): The windows.
+        """
         for part in self._parts:
             data = apply_transform(part, data)
         return data
+
+    def cut(self, frames: StaticData) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of the frames of one recording, before the transforms of windows,
+        and the last frame of each :math:`(W,)`.
+
+        Args:
+            frames (StaticData): What :meth:`data` returned for the frames.
+        """
+        assert self.window is not None
+        for part in self._frame_parts:
+            frames = apply_transform(part, frames)
+        return self.window.cut(frames, self.layout)
 
     def prepared_samples(self, data: StaticData) -> StaticData:
         r"""Applies :obj:`transform` to samples of a data set.
@@ -243,54 +265,24 @@ class Preparation:
         self._constant = self._constant.to(device)
 
 
-def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
-    r"""Applies those of some transforms whose result is the same for all frames, and returns what
-    frames share then, and the other transforms.
-
-    Args:
-        shared (StaticData): What frames share.
-        parts (sequence of BaseTransform): The transforms, in their order.
-    """
-    rest: list[Any] = []
-    changing, used = {"x", "joint"}, set[str]()  # what differs, and what later parts may not change
-    for i, part in enumerate(parts):
-        reads, writes = _access(part)
-        if reads is None or writes is None:
-            return shared, [*rest, *parts[i:]]
-        if changing.isdisjoint((*reads, *writes)) and used.isdisjoint(writes):
-            shared = apply_transform(part, shared)
-        else:
-            rest.append(part)
-            changing.update(writes)
-            used.update(reads)
-    return shared, rest
+def _first_stored(dataset: StaticDataset) -> StaticData:
+    # The first sample before the transform of its data set.
+    stored = copy.copy(dataset)
+    stored.transform = None
+    return stored.batch([0])
 
 
-def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
-    # The attributes that a transform reads and writes, where they are known.
-    if isinstance(part, FittedTransform):
-        return (part.attr, *((part.key, "x") if part.key else ())), (part.attr,)
-    reads, writes = _ACCESS.get(type(part), (None, None))
-    if isinstance(part, T.TaxelForce):
-        return ("x", "tangent", "normal"), (part.out,)
-    if isinstance(part, T.AbsoluteMorphology) and part.cat:
-        return ("pos", "x"), ("x",)
-    return reads, writes
-
-
-def _is_settled(part: Any, sample: StaticData) -> bool:
-    # Whether its results are among what the samples of a data set share.
-    _, writes = _access(part)
-    if writes is None or "x" in writes:
-        return False
-    return all(key not in sample or sample.is_shared(key) for key in writes)
+def _joined(parts: Sequence[Any]) -> Compose | None:
+    steps = [step for part in parts for step in flat(part)]
+    return Compose(steps) if steps else None
 
 
 def _only_shared(data: StaticData) -> StaticData:
     # One empty frame with what all share; edges first, by which their features are checked.
     schema: dict[str, Any] = data.schema
     out = StaticData(x=torch.zeros(1, data.num_nodes, 0), **schema)
-    keys = [key for key, value in data.to_dict().items() if isinstance(value, Tensor)]
+    plain = Tensor | bool | int | float | str  # numbers, such as `num_frames`, are shared
+    keys = [key for key, value in data.to_dict().items() if isinstance(value, plain)]
     for key in sorted(keys, key=lambda key: key != "edge_index"):
         if key != "x" and data.is_shared(key):
             out[key] = data[key]

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.predictor.content import TASKS, Content
+from torch_geometric_tactile.predictor.window_cut import WindowCut
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import Transform
 
@@ -34,7 +35,13 @@ class TrainedModel:
     def __init__(self, parts: Content) -> None:
         if parts.task not in TASKS:
             raise ValueError(f"'task' must be one of {list(TASKS)} (got '{parts.task}')")
-        self.preparation, self.model, self.class_names, _ = parts
+        threshold = parts.threshold
+        if threshold is not None and (parts.task != "multiclass" or not 0 <= threshold <= 1):
+            raise ValueError(
+                "'threshold' must be a probability, with task='multiclass' and two classes (got "
+                f"{threshold} with task='{parts.task}')"
+            )
+        self.preparation, self.model, self.class_names, _, self.threshold = parts
         self.task = parts.task
         self.model.eval()
         numbers = [p for p in self.model.parameters() if p.is_floating_point()]
@@ -53,6 +60,20 @@ class TrainedModel:
     def transform(self) -> Transform | None:
         r"""What the samples of a data set go through, with its fitted state."""
         return self.preparation.transform
+
+    @property
+    def window(self) -> WindowCut | None:
+        r"""How windows are cut from the frames of a recording; :obj:`None` for single frames."""
+        return self.preparation.window
+
+    @property
+    def causal(self) -> bool:
+        r"""Whether an answer could be given with the last frame of its window: whether no transform
+        looks at frames to come. One that needs the whole window first, such as
+        :class:`~torch_geometric_tactile.transforms.Resample` of whole trials, says so by its
+        attribute :obj:`causal`.
+        """
+        return self.preparation.causal
 
     def to(self, device: torch.device | str) -> Self:
         r"""Moves model and preparation to a device.
@@ -119,14 +140,16 @@ class TrainedModel:
         return list(self.class_names) or [str(i) for i in range(num_outputs)]
 
     def labels(self, probability: Tensor) -> list[list[str]]:
-        r"""Returns the predicted class of each frame, or all its labels with a probability above
-        one half; none for a frame whose probabilities are NaN.
+        r"""Returns the predicted class of each frame, the most probable one or by the
+        :obj:`threshold`, or all its labels with a probability above one half; none for a frame
+        whose probabilities are NaN.
 
         Args:
             probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
 
         Raises:
-            ValueError: If :obj:`task` is :obj:`"regression"`.
+            ValueError: If :obj:`task` is :obj:`"regression"`, or there is a threshold and are not
+                two classes.
         """
         if self.task == "regression":
             raise ValueError("a regression has no labels (task='regression')")
@@ -135,5 +158,12 @@ class TrainedModel:
         if self.task == "multilabel":
             return [[names[i] for i in (row > 0.5).nonzero().view(-1).tolist()] for row in rows]
         missing = rows.isnan().any(dim=1).tolist()
-        best = rows.argmax(dim=1).tolist() if len(rows) else []
+        best = self._best(rows).tolist() if len(rows) else []
         return [[] if is_nan else [names[i]] for i, is_nan in zip(best, missing, strict=True)]
+
+    def _best(self, rows: Tensor) -> Tensor:
+        if self.threshold is None:
+            return rows.argmax(dim=1)
+        if rows.size(1) != 2:
+            raise ValueError(f"'threshold' must be None unless of two classes (got {rows.size(1)})")
+        return (rows[:, 1] > self.threshold).long()

@@ -28,7 +28,7 @@ def write_recordings(
     predictor: Predictor, paths: Sequence[PathLike], out: PathLike, adapt: bool = False
 ) -> Counter[str]:
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
-    probabilities.
+    probabilities. With a model of windows, a row for each window, with its last frame.
 
     Args:
         predictor (Predictor): The predictor.
@@ -49,13 +49,19 @@ def write_recordings(
         for path in paths:
             recording = read_recording(path)
             try:
-                if adapt:
+                frames: Sequence[int] = range(recording.num_frames)
+                if predictor.window is not None:
+                    windows, last = predictor.windows(recording)
+                    frames = last.tolist()
+                    if adapt:
+                        predictor.adapt_windows(windows)
+                elif adapt:
                     predictor.adapt(recording.tactile, recording.joint, recording.time)
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
                 raise ValueError(f"'{path}': {error}") from error
-            for i, (time, row) in enumerate(zip(recording.time, probability, strict=True)):
-                yield [_cell(os.fspath(path)), i, f"{time:.6f}"], row
+            for i, row in zip(frames, probability, strict=True):
+                yield [_cell(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
 

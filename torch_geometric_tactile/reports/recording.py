@@ -34,6 +34,7 @@ def describe_recording(recording: Recording) -> str:
         label        cup
         metadata     none
         privileged   none
+        extra        none
     """
     frames = str(recording.num_frames)
     if recording.num_frames > 1:
@@ -59,6 +60,7 @@ def describe_recording(recording: Recording) -> str:
             "privileged",
             [f"{name} {value.shape}" for name, value in recording.privileged.items()],
         ),
+        ("extra", [f"{name} {value.shape}" for name, value in recording.extra.items()]),
     ]
     return "\n".join(
         f"{name if i == 0 else '':<13}{printable(line)}"

@@ -2,12 +2,11 @@ r"""Simulated grasps: a run with a progress bar, its summary and its pictures.""
 
 import time
 from collections.abc import Iterable
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
 from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.reports.simulation_progress import run_with_progress
 from torch_geometric_tactile.sensors import HandKinematics, stock_layout
 from torch_geometric_tactile.sim import PRESETS, SPREADS, TrialReport, object_set, simulate
 from torch_geometric_tactile.typing import PathLike
@@ -83,8 +82,6 @@ def run_simulation(
         OSError: If a process was killed, or a file cannot be written.
         ValueError: If an argument is wrong, or the folder holds other recordings.
     """
-    from tqdm import tqdm
-
     start = time.monotonic()
     running = simulate(
         out,
@@ -101,27 +98,14 @@ def run_simulation(
     )
     names = [item.name for item in object_set(objects, num_objects, seed)[1]]
     total = len(names) * (trials or PRESETS[preset].trials)
-    reports: list[TrialReport] = []
     attempts = 0
-    try:
-        # Without a terminal there is no bar, and with Ctrl-C none stays.
-        with (
-            tqdm(total=total, desc="Simulate", unit="trial", disable=None, leave=False) as bar,
-            closing(running),
-        ):
-            for report in running:
-                reports.append(report)
-                attempts += report.attempts
-                bar.set_postfix_str(f"{attempts} attempts", refresh=False)
-                bar.update()
-    except KeyboardInterrupt:
-        finished = len(list(Path(out).glob("*.h5")))
-        raise KeyboardInterrupt(f"stopped; {finished} finished trials are kept") from None
-    except BrokenProcessPool as error:
-        raise OSError(
-            "a process of the simulation was killed, for want of memory perhaps: run the same "
-            "command with fewer jobs (finished trials are kept)"
-        ) from error
+
+    def told(report: TrialReport) -> str:
+        nonlocal attempts
+        attempts += report.attempts
+        return f"{attempts} attempts"
+
+    reports = run_with_progress(running, total, out, "trial", told)
     return SimulatedRun(reports, time.monotonic() - start, Path(out), names)
 
 

@@ -5,6 +5,7 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.experiments.numbers import ALL, Number, table_numbers
 from torch_geometric_tactile.experiments.numbers import PUBLISHED as OF_PAPER
@@ -13,12 +14,28 @@ from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
 from torch_geometric_tactile.reports.table_caption import NOTHING, caption, cost_note
+from torch_geometric_tactile.reports.table_orderings import ordering_lines, positive_note
 from torch_geometric_tactile.texts import markdown_text, printable
 from torch_geometric_tactile.typing import PathLike
-from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
+from torch_geometric_tactile.visualization import (
+    ComparisonPanel,
+    plot_comparison,
+    plot_curves,
+    save_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PUBLISHED = "published, real hand, private data"
 _DIGITS = {"auroc": 3, "peak_memory_mb": 0, "frames_per_second": 0, "num_parameters": 0}
+_PUBLISHED_AS = {
+    "auroc": "auc",
+    "f1": "",  # that of papers is of one class
+    "f1_positive": "f1",
+    "peak_memory_mb": "memory",
+    "ratio": "memory",
+}
 _Index = dict[tuple[str, str, str], Number]
 # A series of a table: its source and metric, and what it is called.
 _Series = tuple[str, str, str]
@@ -38,9 +55,29 @@ def write_table(run: PlanRun, out: PathLike) -> list[Path]:
     for path, text in zip(paths, (markdown(run), csv_text(run)), strict=False):
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    series = dict.fromkeys(name for _, group in _drawn(run) for _, _, name in group)
-    save_figure(plot_comparison(_panels(run), list(series), _title(run)), paths[-1])
+    save_figure(_picture(run), paths[-1])
     return paths
+
+
+def _picture(run: PlanRun) -> "Figure":
+    if run.plan.table.axis:
+        return plot_curves(_curves(run), run.plan.table.axis, "Accuracy in %", _title(run))
+    series = dict.fromkeys(name for _, group in _drawn(run) for _, _, name in group)
+    return plot_comparison(_panels(run), list(series), _title(run))
+
+
+def _curves(run: PlanRun) -> dict[str, list[tuple[float, float, float]]]:
+    # A line for each row and protocol along the columns, which are numbers.
+    index = _index(run)
+    curves: dict[str, list[tuple[float, float, float]]] = {}
+    for source in (OF_PAPER, *(protocol.name for protocol in run.plan.protocols)):
+        for cell in run.plan.table.cells:
+            number = index.get((cell.experiment, source, "accuracy"))
+            if number is not None:
+                name = PUBLISHED if source == OF_PAPER else f"{run.plan.data.kind}, {source}"
+                point = (float(cell.column), number.mean, number.spread)
+                curves.setdefault(f"{cell.row} ({name})", []).append(point)
+    return {name: sorted(points) for name, points in curves.items()}
 
 
 def csv_text(run: PlanRun) -> str:
@@ -82,6 +119,8 @@ def markdown(run: PlanRun) -> str:
     """
     table, index = run.plan.table, _index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
+    if note := positive_note(run):
+        lines += [printable(note), ""]
     for heading, series in _groups(run):
         for section in table.sections:
             columns = table.columns(section)
@@ -96,10 +135,11 @@ def markdown(run: PlanRun) -> str:
                         *_row(run, index, section, row, source, metric),
                     ]
                     for row in table.rows
-                    if any(cell.row == row and cell.section == section for cell in table.cells)
-                    for i, (source, metric, name) in enumerate(series)
+                    if any(_at(cell, section, row) for cell in table.cells)
+                    for i, (source, metric, name) in enumerate(_of_row(run, section, row, series))
                 ],
             )
+    lines += ordering_lines(run)
     lines += ["## What a model costs", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
     lines += _table_lines(
@@ -142,6 +182,12 @@ def _row(
         else:
             texts.append(_shown(index.get((cell.experiment, source, metric)), run.plan.seeds))
     return texts
+
+
+def _of_row(run: PlanRun, section: str, row: str, series: Sequence[_Series]) -> list[_Series]:
+    # A model that is in no paper has no line for published numbers.
+    is_published = any(cell.published for cell in run.plan.table.cells if _at(cell, section, row))
+    return [entry for entry in series if is_published or entry[0] != OF_PAPER]
 
 
 def _at(cell: Cell, section: str, row: str) -> bool:
@@ -200,14 +246,22 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
         for metric, kind in kinds.items()
     ]
     groups = [("Accuracy in %", [*_published(run, "accuracy"), *accuracy])]
-    for metric, heading in (("auroc", "Area under the ROC curve"), ("f1", "F1 score in %")):
+    others = {"auroc": "Area under the ROC curve", "f1": "F1 score in %"}
+    if table.positive:
+        others = {
+            "precision_positive": f"Precision of {table.positive} in %",
+            "recall_positive": f"Recall of {table.positive} in %",
+            "f1_positive": f"F1 score of {table.positive} in %",
+            "auroc": others["auroc"],
+        }
+    for metric, heading in others.items():
         series: list[_Series] = [(name, metric, f"{ours}, {name}") for name in protocols]
         groups.append((heading, [*_published(run, metric), *series]))
     return groups
 
 
 def _published(run: PlanRun, metric: str) -> list[_Series]:
-    key = {"auroc": "auc", "peak_memory_mb": "memory", "ratio": "memory"}.get(metric, metric)
+    key = _PUBLISHED_AS.get(metric, metric)
     printed = any(key in cell.published for cell in run.plan.table.cells)
     return [(OF_PAPER, metric, PUBLISHED)] if printed else []
 

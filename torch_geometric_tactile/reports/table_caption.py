@@ -1,8 +1,8 @@
 r"""What a table of ours is made of."""
 
 from collections.abc import Sequence
-from typing import Any
 
+from torch_geometric_tactile.experiments.experiment import Experiment
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
@@ -47,12 +47,14 @@ def caption(run: PlanRun) -> str:
 def _protocols(plan: Plan) -> str:
     notes = [
         f"*{entry.name if i else _capital(entry.name)}* {entry.note}"
-        for i, entry in enumerate(entry for entry in plan.table.protocols if entry.note)
+        for i, entry in enumerate(entry for entry in plan.protocols if entry.note)
     ]
     if not notes:
         return ""
     said = "; ".join(notes) + "."
-    is_unsaid = plan.table.is_published and len(notes) > 1
+    if plan.table.paper_protocol:
+        return f"{said} The paper used *{plan.table.paper_protocol}*."
+    is_unsaid = plan.table.is_published and sum(bool(p.note) for p in plan.table.protocols) > 1
     return f"{said} The paper does not say which it used." if is_unsaid else said
 
 
@@ -78,20 +80,29 @@ def _training(plan: Plan) -> str:
     networks = [e for e in map(plan.of_cell, plan.table.cells) if not e.is_estimator]
     if not networks:
         return "after the training (nothing was chosen by the test part)."
-    epochs = " or ".join(map(str, sorted({e.epochs for e in networks})))
-    adam, rate = _optimizer(networks[0].model.get("optimizer"))
-    sizes = " or ".join(map(str, sorted({e.batch_size for e in networks})))
-    learning = "" if rate is None else f", learning rate {rate:g}"
+    recipes = dict.fromkeys((_optimizer(e), e.epochs, e.batch_size) for e in networks)
+    learnt = dict.fromkeys(how for how, _, _ in recipes)
+    if len(learnt) > 1:  # each model has its own
+        told = " or ".join(f"{_epochs([n])} ({how}, batches of {b})" for how, n, b in recipes)
+        return f"after {told}; nothing was chosen by the test part."
+    sizes = " or ".join(map(str, sorted({b for _, _, b in recipes})))
     return (
-        f"after {epochs} epoch{'' if epochs == '1' else 's'} ({adam}{learning}, batches of "
-        f"{sizes}; nothing was chosen by the test part)."
+        f"after {_epochs([n for _, n, _ in recipes])} ({next(iter(learnt))}, batches of {sizes}; "
+        "nothing was chosen by the test part)."
     )
 
 
-def _optimizer(config: Any) -> tuple[str, float | None]:
+def _epochs(numbers: Sequence[int]) -> str:
+    text = " or ".join(map(str, sorted(set(numbers))))
+    return f"{text} epoch{'' if text == '1' else 's'}"
+
+
+def _optimizer(experiment: Experiment) -> str:
+    config, rate = experiment.model.get("optimizer"), None
+    name = config if isinstance(config, str) else "Adam"
     if isinstance(config, dict) and "class_path" in config:
-        return _last(config["class_path"]), (config.get("init_args") or {}).get("lr")
-    return (_last(config) if isinstance(config, str) else "Adam"), None
+        name, rate = config["class_path"], (config.get("init_args") or {}).get("lr")
+    return _last(name) + ("" if rate is None else f", learning rate {rate:g}")
 
 
 def _last(class_path: str) -> str:

@@ -1,6 +1,11 @@
 r"""Generators of recordings."""
 
+from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
+from torch_geometric_tactile.sim.bigs_plan import BigsGrasp, draw_grasp
+from torch_geometric_tactile.sim.bigs_slip import slip_onset
 from torch_geometric_tactile.sim.biotac_grasp import SimulatedGrasps, simulate_grasps
+from torch_geometric_tactile.sim.biotac_model import BioTacModel
+from torch_geometric_tactile.sim.biotac_vibration import vibration
 from torch_geometric_tactile.sim.drawn_objects import SHAPES, drawn_objects
 from torch_geometric_tactile.sim.grasp import (
     PHASES,
@@ -29,10 +34,13 @@ from torch_geometric_tactile.sim.simulate import (
     TrialReport,
     simulate,
 )
+from torch_geometric_tactile.sim.simulate_bigs import BIGS_GRASPS, BigsReport, simulate_bigs
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import SPREADS, GraspSpread
 
 __all__ = [
+    "BIGS_GRASPS",
+    "BIGS_PHASES",
     "HANDS",
     "OBJECT_SETS",
     "PHASES",
@@ -40,6 +48,11 @@ __all__ = [
     "PROPERTIES",
     "SHAPES",
     "SPREADS",
+    "BigsGrasp",
+    "BigsPhysics",
+    "BigsReport",
+    "BigsSimulator",
+    "BioTacModel",
     "ContactParameters",
     "GraspObject",
     "GraspPlan",
@@ -51,13 +64,17 @@ __all__ = [
     "SkinModel",
     "TrialReport",
     "control8",
+    "draw_grasp",
     "drawn_objects",
     "grasp_mjcf",
     "object_set",
     "paper8",
     "plan_grasp",
     "simulate",
+    "simulate_bigs",
     "simulate_grasps",
+    "slip_onset",
     "stock_bodies",
     "twenty",
+    "vibration",
 ]

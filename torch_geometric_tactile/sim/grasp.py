@@ -151,7 +151,7 @@ class GraspSimulator:
         item: GraspObject,
         parameters: ContactParameters | None = None,
     ) -> None:
-        self._mujoco = _import_mujoco()
+        self._mujoco = import_mujoco()
         self.layout = layout
         self.item = item
         mjcf = grasp_mjcf(layout, kinematics, item, parameters)
@@ -262,7 +262,8 @@ def _whole(name: str, length: float, step: float) -> int:
     return count
 
 
-def _import_mujoco() -> Any:
+def import_mujoco() -> Any:
+    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
     try:
         import mujoco
     except ImportError as error:

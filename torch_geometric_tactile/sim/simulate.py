@@ -3,22 +3,17 @@ r"""Recordings of simulated grasps: many trials, on many processes, finished one
 import json
 import logging
 import math
-import os
 from collections.abc import Generator, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path, remove_leftovers
-from torch_geometric_tactile.io import read_hdf5_head, write_hdf5
-from torch_geometric_tactile.parallel import run_parallel
+from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim.grasp import (
     PHASES,
@@ -32,10 +27,16 @@ from torch_geometric_tactile.sim.object_sets import object_set
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import GraspSpread
+from torch_geometric_tactile.sim.trial_files import (
+    end_without,
+    kept_meta,
+    require_simulator,
+    run_trials,
+    write_summary,
+)
 from torch_geometric_tactile.typing import PathLike
 
 _ENCODER_NOISE = 0.0015  # rad
-_SUMMARY = "simulation.json"
 _SHORTEST = 1.0  # s
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
@@ -175,11 +176,7 @@ def simulate(
     if plan is not None and not isinstance(plan, GraspSpread):
         raise ValueError(f"'plan' must be a GraspSpread, such as GraspSpread.wide() (got {plan!r})")
     set_name, items = object_set(objects, num_objects, seed)
-    for package in ("mujoco", "h5py"):
-        if find_spec(package) is None:
-            raise ImportError(
-                f"the simulated hand needs {package}: pip install 'torch-geometric-tactile[sim]'"
-            )
+    require_simulator("the simulated hand")
     tasks = [
         _Task(
             out=str(out),
@@ -211,36 +208,13 @@ def _settings(preset: str, seconds: float | None) -> Preset:
 
 
 def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, None, None]:
-    out.mkdir(parents=True, exist_ok=True)
-    reports, missing = [], []
-    for task in tasks:
-        if task.path.exists():
-            reports.append(_kept(task))
-            yield reports[-1]
-        else:
-            missing.append(task)
-    try:
-        work = partial(_simulate_trial, parent=os.getpid())
-        with closing(run_parallel(work, missing, jobs)) as results:
-            for report in results:
-                reports.append(report)
-                yield report
-    finally:
-        # What workers that were killed, now or in an earlier run, had begun to write.
-        for task in tasks:
-            remove_leftovers(task.path)
+    reports = yield from run_trials(tasks, out, jobs, _kept, _simulate_trial)
     _write_summary(out, tasks, reports)
 
 
 def _kept(task: _Task) -> TrialReport:
     # Recordings of earlier versions do not name the spread: it was always this one.
-    meta = {"spread": asdict(GraspSpread()), **read_hdf5_head(task.path).meta}
-    for key, wanted in task.identity().items():
-        if meta.get(key) != wanted:
-            raise ValueError(
-                f"'{task.path}' was made with another '{key}' ({meta.get(key)}, not {wanted}); "
-                "choose another folder or delete the file"
-            )
+    meta = kept_meta(task, before={"spread": asdict(GraspSpread())})
     attempt = meta.get("attempt")
     if type(attempt) is not int or attempt < 0:
         raise ValueError(
@@ -254,8 +228,7 @@ def _simulate_trial(task: _Task, parent: int) -> TrialReport:
     name = task.item.name
     simulator = _simulator(task.hand, task.item, task.preset.timestep)
     for attempt in range(task.max_attempts):
-        if parent not in (os.getpid(), os.getppid()):
-            os._exit(1)  # the run was killed: its workers would go on with what was dispatched
+        end_without(parent)
         rng = np.random.default_rng([task.seed, task.index, task.trial, attempt])
         plan = plan_grasp(task.item.size, rng, task.preset.duration, task.preset.step, task.spread)
         result = simulator.run(plan, task.preset.rate)
@@ -348,5 +321,4 @@ def _write_summary(out: Path, tasks: list[_Task], reports: list[TrialReport]) ->
         "given_up": sorted(f"{report.object_name}_{report.trial:03d}" for report in given_up),
         "mujoco": version("mujoco"),
     }
-    with atomic_path(out / _SUMMARY) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_summary(out, content)

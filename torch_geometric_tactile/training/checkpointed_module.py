@@ -23,6 +23,7 @@ class CheckpointedModule(ResumableModule):
     model: nn.Module
     task: Task
     layout: TaxelLayout | None
+    decision_threshold: float | None
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Puts into the checkpoint the layout, and what
@@ -31,17 +32,23 @@ class CheckpointedModule(ResumableModule):
         super().on_save_checkpoint(checkpoint)
         if self.layout is not None:
             checkpoint["layout"] = self.layout.to_dict()
+        if self.decision_threshold is not None:
+            checkpoint["decision_threshold"] = self.decision_threshold
         data = self._datamodule()
         dataset = getattr(data, "dataset", None)
         if isinstance(dataset, StaticDataset):
             transform = getattr(data, "transform", None)
-            checkpoint["predictor"] = checkpoint_entry(self.model, dataset, transform, self.task)
+            checkpoint["predictor"] = checkpoint_entry(
+                self.model, dataset, transform, self.task, self.decision_threshold
+            )
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Takes the layout from the checkpoint, or compares it with that of the data."""
         super().on_load_checkpoint(checkpoint)
         if self._trainer is None:
             warn_of_scaling(checkpoint)
+        if "decision_threshold" in checkpoint:
+            self.decision_threshold = float(checkpoint["decision_threshold"])
         if "layout" not in checkpoint:
             return
         trained_on = TaxelLayout.from_dict(checkpoint["layout"])

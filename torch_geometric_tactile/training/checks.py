@@ -163,6 +163,29 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
         _check_outputs(module, data.peek(part, 2))
 
 
+def check_has_threshold(module: Any, data: Any, stage: str) -> None:
+    r"""Checks that there are two classes, and a validation part to choose their threshold on.
+
+    Args:
+        module (TactileModule): The module, with a threshold.
+        data (LightningDataModule, optional): Its data.
+        stage (str): As of :func:`check_data`.
+
+    Raises:
+        ValueError: If there are not.
+    """
+    if module.num_classes != 2:
+        raise ValueError(
+            f"'threshold' must be left out unless there are 2 classes (got {module.num_classes})"
+        )
+    is_chosen = stage == "fit" and isinstance(module.threshold, str)
+    if is_chosen and isinstance(data, TactileDataModule) and not len(data.part("val")):
+        raise ValueError(
+            f"'threshold' must be a number without a validation part to choose it on (got "
+            f"'{module.threshold}'): give a 'val' above 0, or a 'val_dataset'"
+        )
+
+
 def _warn_of_missing_classes(y: Tensor, task: Task, outputs: int, names: Sequence[str]) -> None:
     if task == "multiclass":
         lacking = (torch.bincount(y, minlength=outputs) == 0).nonzero().view(-1).tolist()

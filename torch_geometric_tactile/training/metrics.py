@@ -6,7 +6,9 @@ Name                          Meaning
 ``accuracy``                  Part of the samples whose class is right, or all of whose labels
                               are (exact match).
 ``f1``                        Mean F1 score of the classes or labels (macro).
-``f1_positive``               F1 score of class 1; only of two classes.
+``f1_positive``               F1 score of class 1, the positive class; only of two classes.
+``precision_positive``        Part of the samples taken for class 1 that are of it; likewise.
+``recall_positive``           Part of the samples of class 1 that were found; likewise.
 ``auroc``                     Mean area under the ROC curve of each class against the rest, or of
                               each label (macro).
 ``label_accuracy``            Mean over the labels of the part of the samples for which the label
@@ -39,20 +41,24 @@ from torchmetrics.classification import (
     MultilabelExactMatch,
     MultilabelStatScores,
 )
-from torchmetrics.functional.classification import binary_auroc
-from torchmetrics.utilities import dim_zero_cat
+
+from torch_geometric_tactile.training.auroc import MacroAUROC, macro_auroc
 
 Task = Literal["multiclass", "multilabel", "regression"]
 TASKS: tuple[Task, ...] = ("multiclass", "multilabel", "regression")
 
 
 def classification_metrics(
-    score: Tensor | np.ndarray, y: Tensor | np.ndarray, task: Task = "multiclass"
+    score: Tensor | np.ndarray,
+    y: Tensor | np.ndarray,
+    task: Task = "multiclass",
+    threshold: float | None = None,
 ) -> dict[str, float]:
     r"""Measures predicted classes or labels.
 
     The class with the highest score is predicted, or with :obj:`task="multilabel"` every label with
-    a score above 0.5. The values, by name:
+    a score above 0.5; of two classes, class 1 if its score is above a :obj:`threshold`. The values,
+    by name:
 
     * :obj:`accuracy`: the part of the samples whose class is right, or all of whose labels are
       (exact match);
@@ -60,8 +66,9 @@ def classification_metrics(
       only): the part of the samples for which one label is right, and the mean over the labels;
     * :obj:`f1`: the mean F1 score of the classes or labels (macro), without those that are neither
       in :obj:`y` nor predicted; NaN if none is left;
-    * :obj:`f1_positive` (two classes only): the F1 score of class 1; zero if it is neither in
-      :obj:`y` nor predicted, as in scikit-learn;
+    * :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` (two classes only):
+      the F1 score, precision and recall of class 1; zero where there is nothing to divide by, as in
+      scikit-learn;
     * :obj:`auroc`: the mean area under the ROC curve of each class against the rest, or of each
       label, without those that no sample or every sample has, since there is nothing to rank;
       NaN if none is left.
@@ -70,6 +77,8 @@ def classification_metrics(
         score (torch.Tensor or numpy.ndarray): Probabilities.
         y (torch.Tensor or numpy.ndarray): The classes, or 0 and 1 for each label.
         task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+        threshold (float, optional): Of two classes, the probability of class 1 above which it is
+            predicted; one half if left out.
 
     Shapes:
         - **score:** :math:`(S, C)`
@@ -117,7 +126,7 @@ def classification_metrics(
         positive, predicted = y > 0.5, score > 0.5
     else:
         positive = F.one_hot(y.long(), num_classes).bool()
-        predicted = F.one_hot(score.argmax(dim=1), num_classes).bool()
+        predicted = F.one_hot(predicted_classes(score, threshold), num_classes).bool()
     right = positive == predicted
     values = {"accuracy": right.all(dim=1)}
     if task == "multilabel":
@@ -195,75 +204,54 @@ def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tens
     return (2 * true_positive[counts] / of_all[counts]).mean()
 
 
-def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
-    # True positives, false positives and false negatives of each class.
-    scores = {"f1": macro_f1(*counts)}
-    if task == "multiclass" and len(counts[0]) == 2:
-        scores["f1_positive"] = macro_f1(*(count[1:] for count in counts)).nan_to_num()
-    return scores
-
-
-def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
-    r"""Returns the mean area under the ROC curve, over the classes that some samples have and
-    some have not; NaN if there is none, or a score is NaN.
+def predicted_classes(score: Tensor, threshold: float | None = None) -> Tensor:
+    r"""Returns the class with the highest probability; of two classes, class 1 if its probability
+    is above a threshold.
 
     Args:
         score (torch.Tensor): Probabilities.
-        positive (torch.Tensor): Which samples are of each class.
+        threshold (float, optional): The threshold, for two classes only.
 
     Shapes:
-        - **input:** :math:`(S, C)` each
-        - **output:** a scalar
+        - **input:** :math:`(S, C)`
+        - **output:** :math:`(S,)`
+
+    Raises:
+        ValueError: If there is a threshold and are not two classes.
     """
-    mixed = (positive.any(dim=0) & ~positive.all(dim=0)).nonzero().view(-1)
-    if len(mixed) == 0 or score.isnan().any():
-        return score.new_tensor(torch.nan)
-    areas = [
-        binary_auroc(score[:, i], positive[:, i].long(), validate_args=False)
-        for i in mixed.tolist()
-    ]
-    return torch.stack(areas).mean()
+    if threshold is None:
+        return score.argmax(dim=1)
+    if score.size(1) != 2:
+        raise ValueError(f"'threshold' must be None unless of two classes (got {score.size(1)})")
+    return (score[:, 1] > threshold).long()
 
 
-class MacroAUROC(Metric):
-    r"""The mean area under the ROC curve of each class against the rest, or of each label; classes
-    that no sample has, or all have, are left out (torchmetrics counts them as zero).
-
-    It keeps the scores of all samples until it is reset.
+def positive_scores(
+    true_positive: Tensor, false_positive: Tensor, false_negative: Tensor
+) -> dict[str, Tensor]:
+    r"""Returns :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` of class 1
+    of two; zero where there is nothing to divide by.
 
     Args:
-        num_classes (int): Number of classes or labels :math:`C`.
-        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+        true_positive (torch.Tensor): Number of samples of each class that were found.
+        false_positive (torch.Tensor): Number of samples taken for each class wrongly.
+        false_negative (torch.Tensor): Number of samples of each class that were missed.
+
+    Shapes:
+        - **input:** :math:`(2,)` each
     """
+    found, wrong, missed = (n[1] for n in (true_positive, false_positive, false_negative))
+    return {
+        "f1_positive": (2 * found / (2 * found + wrong + missed)).nan_to_num(),
+        "precision_positive": (found / (found + wrong)).nan_to_num(),
+        "recall_positive": (found / (found + missed)).nan_to_num(),
+    }
 
-    full_state_update = False
-    higher_is_better = True
-    scores: list[Tensor]
-    positives: list[Tensor]
 
-    def __init__(self, num_classes: int, task: Task = "multiclass") -> None:
-        super().__init__()
-        self.num_classes = num_classes
-        self.task = task
-        self.add_state("scores", default=[], dist_reduce_fx="cat")
-        self.add_state("positives", default=[], dist_reduce_fx="cat")
-
-    def update(self, score: Tensor, y: Tensor) -> None:
-        r"""Takes the predictions of a batch.
-
-        Args:
-            score (torch.Tensor): Probabilities :math:`(B, C)`.
-            y (torch.Tensor): Classes :math:`(B,)`, or labels :math:`(B, C)`.
-        """
-        self.scores.append(score.detach())
-        positive = y if self.task == "multilabel" else F.one_hot(y, self.num_classes)
-        self.positives.append(positive > 0.5)
-
-    def compute(self) -> Tensor:
-        r"""Returns the mean of all samples so far."""
-        if len(self.scores) == 0:
-            return torch.tensor(torch.nan)
-        return macro_auroc(dim_zero_cat(self.scores), dim_zero_cat(self.positives))
+def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
+    # True positives, false positives and false negatives of each class.
+    of_two = task == "multiclass" and len(counts[0]) == 2
+    return {"f1": macro_f1(*counts), **(positive_scores(*counts) if of_two else {})}
 
 
 def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollection:
@@ -293,6 +281,26 @@ def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollectio
             "auroc": MacroAUROC(num_classes, task),
         }
     return MetricCollection(metrics, compute_groups=False)
+
+
+def update_metrics(
+    metrics: MetricCollection, score: Tensor, y: Tensor, threshold: float | None = None
+) -> None:
+    r"""Adds a batch to what is collected.
+
+    Args:
+        metrics (torchmetrics.MetricCollection): Of :func:`make_metrics`.
+        score (torch.Tensor): Probabilities :math:`(B, C)`, or the predicted numbers.
+        y (torch.Tensor): The truth.
+        threshold (float, optional): As of :func:`predicted_classes`.
+    """
+    if threshold is None:
+        metrics.update(score, y)
+        return
+    prediction = predicted_classes(score, threshold)
+    for name, metric in metrics.items():
+        assert isinstance(metric, Metric)
+        metric.update(score if name == "auroc" else prediction, y)
 
 
 def session_metric(num_classes: int, task: Task = "multiclass") -> Metric:

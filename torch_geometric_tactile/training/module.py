@@ -11,14 +11,15 @@ from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
 from torch_geometric_tactile.training.checkpoint import INSTANTIATOR
-from torch_geometric_tactile.training.checkpointed_module import CheckpointedModule
 from torch_geometric_tactile.training.checks import (
     EDGE_SOURCE,
     check_data,
+    check_has_threshold,
     num_outputs,
     train_weights,
 )
 from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.deciding_module import DecidingModule
 from torch_geometric_tactile.training.finite import BatchCheck
 from torch_geometric_tactile.training.losses import (
     ClassWeights,
@@ -32,10 +33,13 @@ from torch_geometric_tactile.training.metrics import (
     Task,
     check_task,
     make_metrics,
+    predicted_classes,
     read_metrics,
     session_metric,
+    update_metrics,
 )
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
+from torch_geometric_tactile.training.threshold import ThresholdMetric, check_threshold
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
@@ -48,7 +52,7 @@ _SOURCES = {
 }
 
 
-class TactileModule(CheckpointedModule):
+class TactileModule(DecidingModule):
     r"""Trains a model to tell the class of a sample, each of its labels, or numbers, and measures
     how well it does.
 
@@ -86,6 +90,11 @@ class TactileModule(CheckpointedModule):
         label_smoothing (float): What part of the target is spread over all classes in the training
             loss. Neither this nor the weights change the losses of validation and test, which stay
             comparable.
+        threshold (float or str, optional): Of two classes, the probability of class 1 above which
+            it is predicted, one half if left out; or the metric by which it is chosen on the
+            validation part after every epoch: :obj:`"accuracy"`, :obj:`"balanced_accuracy"`,
+            :obj:`"f1"` or :obj:`"f1_positive"`. It goes into checkpoints and predictors, and counts
+            in the test; what is logged of the validation part that it was chosen on is without it.
 
     Raises:
         ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, a batch lacks
@@ -105,9 +114,11 @@ class TactileModule(CheckpointedModule):
         loss: RegressionLoss | None = None,
         class_weights: ClassWeights | None = None,
         label_smoothing: float = 0.0,
+        threshold: float | ThresholdMetric | None = None,
     ) -> None:
         check_task(task)
         check_loss(task, loss, class_weights, label_smoothing)
+        check_threshold(threshold, task)
         super().__init__()
         self.model = model
         self.optimizer = optimizer
@@ -116,6 +127,7 @@ class TactileModule(CheckpointedModule):
         self.regression_loss = loss
         self.class_weights = class_weights
         self.label_smoothing = label_smoothing
+        self.set_threshold(threshold)
         self.class_names: list[str] = []
         self.layout = None
         self.test_sessions: dict[int, str] = {}
@@ -152,6 +164,8 @@ class TactileModule(CheckpointedModule):
             ).to(self.device)
         if of_data:
             check_data(self, data, stage)
+        if self.threshold is not None:
+            check_has_threshold(self, data, stage)
         if stage == "fit":
             self._set_class_weight(data if of_data else None)
 
@@ -186,17 +200,6 @@ class TactileModule(CheckpointedModule):
             raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
         return inputs
 
-    def probability(self, logits: Tensor) -> Tensor:
-        r"""Returns the probabilities of the classes or of each label :math:`(B, C)`; the numbers of
-        a regression as they are.
-
-        Args:
-            logits (torch.Tensor): What the model returned :math:`(B, C)`.
-        """
-        if self.task == "regression":
-            return logits
-        return logits.sigmoid() if self.task == "multilabel" else logits.softmax(dim=-1)
-
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
         r"""Returns the loss of a batch, without class weights and label smoothing.
 
@@ -226,24 +229,34 @@ class TactileModule(CheckpointedModule):
 
     def validation_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the validation part."""
-        self._measure("val", batch, batch_idx, self.val_metrics)
+        score, y = self._measure("val", batch, batch_idx, self.val_metrics)
+        if self.val_threshold is not None:
+            self.val_threshold.update(score, y)
 
     def on_validation_epoch_end(self) -> None:
         r"""Logs what was measured on the validation part."""
         self._log_metrics("val", self.val_metrics)
+        self.choose_threshold()
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
         r"""Measures a batch of the test part, also by recording session."""
-        score, y = self._measure("test", batch, batch_idx, self.test_metrics)
+        threshold = self.decision_threshold
+        score, y = self._measure("test", batch, batch_idx, self.test_metrics, threshold)
         if "session" in batch:
             for session, metric in zip(self.test_sessions, self.session_metrics, strict=True):
                 assert isinstance(metric, Metric)
                 of_session = batch.session == session
                 if of_session.any():
-                    metric.update(score[of_session], y[of_session])
+                    said = score if threshold is None else predicted_classes(score, threshold)
+                    metric.update(said[of_session], y[of_session])
 
     def _measure(
-        self, stage: str, batch: Data, batch_idx: int, metrics: MetricCollection
+        self,
+        stage: str,
+        batch: Data,
+        batch_idx: int,
+        metrics: MetricCollection,
+        threshold: float | None = None,
     ) -> tuple[Tensor, Tensor]:
         out = self(batch)
         score, y = self.probability(out), batch.y
@@ -253,7 +266,7 @@ class TactileModule(CheckpointedModule):
             score, y = score.double(), numbers_like(y, out).double()
         elif self.task == "multilabel":
             y = y.long()
-        metrics.update(score, y)
+        update_metrics(metrics, score, y, threshold)
         return score, y
 
     def on_test_epoch_end(self) -> None:

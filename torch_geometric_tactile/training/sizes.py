@@ -37,6 +37,8 @@ class DataSizes:
             :obj:`"absolute"` and :obj:`"position"` that the samples have.
         all_outputs (bool): Whether :obj:`num_outputs` is certain. Without names of the classes, it
             is a lower bound: there may be classes that no sample has.
+        num_frames (int, optional): Number of frames :math:`T` that a sample says it is a window of,
+            whose features are those of all frames; :obj:`None` for single frames.
     """
 
     layout: TaxelLayout
@@ -46,6 +48,7 @@ class DataSizes:
     num_joints: int
     channels: dict[str, int]
     all_outputs: bool = True
+    num_frames: int | None = None
 
     @classmethod
     def of(cls, data: TactileDataModule, task: Task = "multiclass") -> Self:
@@ -73,7 +76,13 @@ class DataSizes:
             num_joints=0 if joint is None else joint.size(-1),
             channels={name: x.size(-1) for name, x in found.items() if isinstance(x, Tensor)},
             all_outputs=task != "multiclass" or bool(data.class_names),
+            num_frames=getattr(sample, "num_frames", None),
         )
+
+    @property
+    def frame_channels(self) -> int:
+        r"""Features of each taxel in one frame, such as its axes or fingers."""
+        return self.in_channels // (self.num_frames or 1)
 
 
 def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -> dict[str, Any]:
@@ -81,11 +90,13 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     gives.
 
     An argument of the model is filled in by its name: :obj:`layout`, :obj:`num_nodes`,
-    :obj:`num_taxels`, :obj:`in_channels` (of one finger, if the model also has
-    :obj:`num_fingers`), :obj:`channels`, :obj:`out_channels`, :obj:`num_classes` and
-    :obj:`num_edges`. It counts as left out if it is not there, or :obj:`None`. Whether a model sees
-    joint angles is a choice and not a size: :obj:`num_joints` is filled in only if it is
-    :obj:`None`, or has no default.
+    :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`, :obj:`num_classes`
+    and :obj:`num_edges`. :obj:`in_channels` of a model that also has :obj:`num_fingers` is that of
+    one finger: with windows of frames, whose channels are the fingers, :obj:`num_fingers` is the
+    number of channels and :obj:`in_channels` that of frames. That of a model with a true attribute
+    :obj:`splits_frames` is the number of channels of one frame. An argument counts as left out if
+    it is not there, or :obj:`None`. Whether a model sees joint angles is a choice and not a size:
+    :obj:`num_joints` is filled in only if it is :obj:`None`, or has no default.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
@@ -185,7 +196,11 @@ def _size(
     if name == "channels":
         return sizes.channels if _accepts(annotation, dict, Mapping) else sizes.in_channels
     if name == "in_channels":
-        return _of_one_finger(sizes.in_channels, init_args, cls)
+        if getattr(cls, "splits_frames", False):
+            return sizes.frame_channels
+        return _of_one_finger(sizes, init_args, cls)
+    if name == "num_fingers":
+        return None if sizes.num_frames is None else sizes.frame_channels
     if name == "num_joints" and init_args.get(name, 0) is None and not sizes.num_joints:
         raise ValueError(
             f"'num_joints' of {cls.__name__} must be left out or 0, since the data has no joint "
@@ -201,17 +216,19 @@ def _size(
     }.get(name)
 
 
-def _of_one_finger(in_channels: int, init_args: Mapping[str, Any], cls: type) -> int:
+def _of_one_finger(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) -> int:
     parameters = _parameters(cls)
     if "num_fingers" not in parameters:
-        return in_channels
+        return sizes.in_channels
+    if sizes.num_frames is not None:  # 3 x 20 and 1 x 60 are other meanings of 60 features
+        return sizes.num_frames
     fingers = init_args.get("num_fingers") or parameters["num_fingers"].default
-    if not isinstance(fingers, int) or in_channels % fingers:
+    if not isinstance(fingers, int) or sizes.in_channels % fingers:
         raise ValueError(
-            f"'num_fingers' of {cls.__name__} must divide the {in_channels} channels of 'x' "
+            f"'num_fingers' of {cls.__name__} must divide the {sizes.in_channels} channels of 'x' "
             f"(got {fingers})"
         )
-    return in_channels // fingers
+    return sizes.in_channels // fingers
 
 
 def _check(what: str, given: Any, expected: Any, sizes: DataSizes) -> None:

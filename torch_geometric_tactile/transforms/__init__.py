@@ -3,6 +3,7 @@ r"""Transforms: from data to data, one per file."""
 from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform
 from torch_geometric_tactile.transforms.common_mode import CommonMode
+from torch_geometric_tactile.transforms.contact_crop import ContactCrop
 from torch_geometric_tactile.transforms.drop_patches import DropPatches
 from torch_geometric_tactile.transforms.drop_taxels import DropTaxels
 from torch_geometric_tactile.transforms.fill_missing import FillMissing
@@ -16,6 +17,7 @@ from torch_geometric_tactile.transforms.random_noise import RandomNoise
 from torch_geometric_tactile.transforms.random_offset import RandomOffset
 from torch_geometric_tactile.transforms.random_shift import RandomShift
 from torch_geometric_tactile.transforms.random_time_shift import RandomTimeShift
+from torch_geometric_tactile.transforms.resample import Resample
 from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
@@ -29,6 +31,7 @@ from torch_geometric_tactile.transforms.z_score import ZScore
 __all__ = [
     "AbsoluteMorphology",
     "CommonMode",
+    "ContactCrop",
     "DropPatches",
     "DropTaxels",
     "FillMissing",
@@ -42,6 +45,7 @@ __all__ = [
     "RandomOffset",
     "RandomShift",
     "RandomTimeShift",
+    "Resample",
     "SectorGraph",
     "SelectChannels",
     "SessionZScore",

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.data import split_frames
 from torch_geometric_tactile.transforms._samples import Samples
+from torch_geometric_tactile.transforms._windows import require_num_frames
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.transforms.base import FittedTransform
@@ -50,11 +52,17 @@ def center_and_scale(
         index (torch.Tensor): Indices of those with this value, ascending and at least one.
 
     Shapes:
-        - **output:** that of the attribute in a sample each, or :math:`(1, F)` of channels
+        - **output:** that of the attribute in a sample each, :math:`(1, F)` of channels, or
+          :math:`(N, C)` of signals
     """
     parts = samples.values(transform.attr, transform.measured(samples, index))
     if transform.per == "taxel":
         center, scale = transform.moments(part.double() for part in parts)
+        return center.cpu(), scale.cpu()
+    if transform.per == "signal":
+        num_frames = require_num_frames(transform, samples.first)
+        frames = (split_frames(part.double(), num_frames).transpose(1, 2) for part in parts)
+        center, scale = transform.moments(part.flatten(0, 1) for part in frames)
         return center.cpu(), scale.cpu()
     first = samples.first[transform.attr]
     dims = first.dim() - (0 if samples.first.is_shared(transform.attr) else 1)

@@ -8,6 +8,7 @@ from torch import Tensor
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.transforms._windows import repeated, require_num_frames
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.transforms.base import FittedTransform
@@ -19,18 +20,39 @@ class KeptTables(NamedTuple):
     Args:
         center (torch.Tensor): The centres that they were made of.
         scale (torch.Tensor): The scales that they were made of.
-        place (tuple): Precision and device.
+        place (tuple): Precision and device, and the number of frames of a window, if the tables
+            have a number for each signal.
         tables (tuple of torch.Tensor): The centres in this precision, what that leaves over, and
             the scales.
     """
 
     center: Tensor
     scale: Tensor
-    place: tuple[torch.dtype, torch.device]
+    place: tuple[torch.dtype, torch.device, int | None]
     tables: tuple[Tensor, Tensor, Tensor]
 
 
-def tables_like(kept: KeptTables | None, center: Tensor, scale: Tensor, x: Tensor) -> KeptTables:
+def num_frames_of(transform: "FittedTransform", data: Data) -> int | None:
+    r"""Returns the number of frames over which a transform has one centre and scale, or
+    :obj:`None` if it has not.
+
+    Args:
+        transform (FittedTransform): The transform.
+        data (torch_geometric.data.Data): The samples.
+
+    Raises:
+        ValueError: If they should be windows and are not.
+    """
+    return require_num_frames(transform, data) if transform.per == "signal" else None
+
+
+def tables_like(
+    kept: KeptTables | None,
+    center: Tensor,
+    scale: Tensor,
+    x: Tensor,
+    num_frames: int | None = None,
+) -> KeptTables:
     r"""Returns centre and scale in the precision and on the device of readings: those that were
     kept if they are the same, since converting them costs as much as scaling a batch.
 
@@ -39,12 +61,17 @@ def tables_like(kept: KeptTables | None, center: Tensor, scale: Tensor, x: Tenso
         center (torch.Tensor): The centres, double.
         scale (torch.Tensor): The scales.
         x (torch.Tensor): The readings.
+        num_frames (int, optional): The number of frames for which each number is repeated.
     """
-    place = (x.dtype, x.device)
+    place = (x.dtype, x.device, num_frames)
     if kept is not None and kept.center is center and kept.scale is scale and kept.place == place:
         return kept
     near = center.to(x.dtype)  # and what that leaves over: together as good as double
-    return KeptTables(center, scale, place, (near.to(x.device), (center - near).to(x), scale.to(x)))
+    tables = near.to(x.device), (center - near).to(x), scale.to(x)
+    if num_frames is not None:
+        near, rest, scaled = (repeated(table, num_frames) for table in tables)
+        tables = near, rest, scaled
+    return KeptTables(center, scale, place, tables)
 
 
 def expand_shared(transform: "FittedTransform", data: Data, x: Tensor) -> Tensor:
@@ -83,7 +110,7 @@ def by_sample(
     Raises:
         ValueError: If the key of a sample was not measured.
     """
-    if transform.per == "taxel":
+    if transform.per != "channel":
         return x.reshape(-1, *size), _row(transform, data, x.numel() // prod(size))
     if isinstance(data, Batch):
         row = _row(transform, data, data.num_graphs)

@@ -12,12 +12,13 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._random import check_deviation, normal
 from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
 from torch_geometric_tactile.typing import PathLike
 
 
 class SegmentDraws(BaseTransform):
-    r"""Changes the readings by normal numbers, one for each segment and channel of each sample. A
-    subclass defines :meth:`changed`.
+    r"""Changes the readings by normal numbers, one for each segment and channel of each sample,
+    the same for all frames of a window. A subclass defines :meth:`changed`.
 
     Args:
         std (float): Their standard deviation.
@@ -63,7 +64,9 @@ class SegmentDraws(BaseTransform):
         x = require_x(self, data)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
         segment, count = self._segments.of_rows(data, x)
-        drawn = normal(count * x.size(-1), x, self.generator).view(count, x.size(-1))
+        num_channels, num_frames = num_channels_and_frames(data, x)
+        drawn = normal(count * num_channels, x, self.generator).view(count, num_channels)
+        drawn = repeated(drawn, num_frames)
         data.x = self.changed(x, segment, self.std * drawn)
         return data
 

@@ -19,13 +19,14 @@ from torch_geometric_tactile.transforms._sample_tables import (
     KeptTables,
     by_sample,
     expand_shared,
+    num_frames_of,
     tables_like,
 )
 from torch_geometric_tactile.transforms._samples import AnySamples, Samples
 
 _CHUNK = 8192  # samples read at a time, at most
 
-_PER = ("taxel", "channel")
+_PER = ("taxel", "channel", "signal")
 
 _logger = logging.getLogger(__name__)
 
@@ -56,11 +57,12 @@ class FittedTransform(BaseTransform):
             used to fit. All if left out.
         attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers such
             as :obj:`"edge_attr"`, :obj:`"joint"`, :obj:`"absolute"` or :obj:`"pos"`.
-        per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), or one
-            of all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`).
+        per (str): Of what centre and scale are: of each number by itself (:obj:`"taxel"`), one of
+            all taxels, or other rows, of a channel, the last dimension (:obj:`"channel"`), or one
+            of all frames of a taxel and channel in windows (:obj:`"signal"`).
 
     Raises:
-        ValueError: If :obj:`per` is neither.
+        ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
     """
 
     supports_static = True
@@ -71,16 +73,19 @@ class FittedTransform(BaseTransform):
         unit_scale: bool = False,
         first: int | None = None,
         attr: str = "x",
-        per: Literal["taxel", "channel"] = "taxel",
+        per: Literal["taxel", "channel", "signal"] = "taxel",
     ) -> None:
         if per not in _PER:
             raise ValueError(f"'per' must be one of {list(_PER)} (got {per!r})")
+        if per == "signal" and attr != "x":
+            raise ValueError(f"'attr' must be 'x' with per='signal' (got {attr!r})")
         self.key = key
         self.unit_scale = unit_scale
         self.first = first
         self.attr = attr
         self.per = per
-        # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) of channels.
+        # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) of channels,
+        # (K, N, C) of signals.
         # Double: raw counts are large and vary little.
         self.center: Tensor | None = None
         self.scale: Tensor | None = None  # of the same shape
@@ -238,10 +243,13 @@ class FittedTransform(BaseTransform):
             raise RuntimeError(f"{type(self).__name__} must be fitted before it is applied")
         x = require(self, data, self.attr)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
+        frames = num_frames_of(self, data)
         size = self.center.shape[1:]  # of one sample
+        if frames is not None:
+            size = torch.Size((*size[:-1], frames * size[-1]))
         check_size(self, x, size)
         if x.numel() > 0:
-            self._kept = kept = tables_like(self._kept, self.center, self.scale, x)
+            self._kept = kept = tables_like(self._kept, self.center, self.scale, x, frames)
             near, rest, scale = kept.tables
             if self.key is None:
                 shape = x.shape

@@ -7,6 +7,7 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import add_mark, require_x
+from torch_geometric_tactile.transforms._windows import padded_frames
 
 
 @functional_transform("fill_missing")
@@ -14,7 +15,8 @@ class FillMissing(BaseTransform):
     r"""Puts a number in place of missing readings (NaN), and marks their taxels as :obj:`missing`
     (functional name: :obj:`fill_missing`).
 
-    Behind a scaler, zero is the mean of the taxel. Infinite readings stay as they are.
+    Behind a scaler, zero is the mean of the taxel. Infinite readings stay as they are. The padding
+    of ragged windows is filled, too, but makes no taxel missing.
 
     Args:
         value (float): The number.
@@ -51,7 +53,8 @@ class FillMissing(BaseTransform):
         nan = x.isnan()
         if x.is_floating_point():  # whole counts cannot be missing
             data.x = x.masked_fill(nan, self.value)
-        add_mark(data, "missing", nan.any(dim=-1))
+        padding = padded_frames(self, data)
+        add_mark(data, "missing", (nan if padding is None else nan & ~padding).any(dim=-1))
         return data
 
     def __repr__(self) -> str:

@@ -28,7 +28,8 @@ class Normalize(FittedTransform):
         high (float): The upper end :math:`h`.
         attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
         per (str): :obj:`"taxel"` for a range of each taxel and channel, or
-            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
+            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`,
+            or :obj:`"signal"` for one of all frames of a taxel and channel, in windows.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -52,7 +53,7 @@ class Normalize(FittedTransform):
         low: float = -1.0,
         high: float = 1.0,
         attr: str = "x",
-        per: Literal["taxel", "channel"] = "taxel",
+        per: Literal["taxel", "channel", "signal"] = "taxel",
     ) -> None:
         if not -math.inf < low < high < math.inf:
             raise ValueError(f"'low' must be below 'high', both finite (got {low} and {high})")

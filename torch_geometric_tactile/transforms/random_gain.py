@@ -10,7 +10,7 @@ from torch_geometric_tactile.transforms._segment_draws import SegmentDraws
 class RandomGain(SegmentDraws):
     r"""Multiplies the readings of each segment, such as a finger, by a gain of its own in each
     sample and channel (functional name: :obj:`random_gain`), as an augmentation: a
-    :obj:`train_transform`.
+    :obj:`train_transform`. All frames of a window have one.
 
     .. math::
         x'_i = x_i \, e^{\sigma g}, \qquad g \sim \mathcal{N}(0, 1)

@@ -12,6 +12,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
 from torch_geometric_tactile.transforms._random import check_probability, uniform
+from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
 from torch_geometric_tactile.typing import PathLike
 
 _ALONG = ("columns", "rows")
@@ -32,7 +33,7 @@ class RandomMirror(BaseTransform):
         negate (int, optional): The channel whose sign changes with it: the shear along the axis
             that is turned round, on :func:`~torch_geometric_tactile.sensors.grid` the first (0)
             with columns and the second (1) with rows. The readings must be tared, and their scaler
-            must leave zero where it was.
+            must leave zero where it was. Of windows it is the channel with all its frames.
         generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
             out.
 
@@ -88,19 +89,23 @@ class RandomMirror(BaseTransform):
         x = require_x(self, data)
         num_taxels = self.layout.num_taxels
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
-        if self.negate is not None and self.negate >= x.size(-1):
-            raise ValueError(
-                f"'negate' must be below {x.size(-1)}, the channels (got {self.negate})"
-            )
         rows = x.reshape(-1, num_taxels, x.size(-1))
         mirrored = rows[:, self._opposite.to(x.device)]
         if self.negate is not None:
-            sign = torch.ones(x.size(-1), dtype=x.dtype, device=x.device)
-            sign[self.negate] = -1
-            mirrored = mirrored * sign
+            mirrored = mirrored * self._signs(data, x)
         chosen = uniform(len(rows), x, self.generator) < self.p
         data.x = torch.where(chosen.view(-1, 1, 1), mirrored, rows).reshape(x.shape)
         return data
+
+    def _signs(self, data: Data, x: Tensor) -> Tensor:
+        num_channels, num_frames = num_channels_and_frames(data, x)
+        if self.negate is not None and self.negate >= num_channels:
+            raise ValueError(
+                f"'negate' must be below {num_channels}, the channels (got {self.negate})"
+            )
+        sign = torch.ones(1, num_channels, dtype=x.dtype, device=x.device)
+        sign[0, self.negate] = -1
+        return repeated(sign, num_frames)
 
     def __repr__(self) -> str:
         negate = "" if self.negate is None else f", negate={self.negate}"

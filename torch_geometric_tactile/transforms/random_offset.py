@@ -10,7 +10,7 @@ from torch_geometric_tactile.transforms._segment_draws import SegmentDraws
 class RandomOffset(SegmentDraws):
     r"""Adds an offset to the readings of each segment, such as a finger, of its own in each sample
     and channel (functional name: :obj:`random_offset`), as an augmentation: a
-    :obj:`train_transform`.
+    :obj:`train_transform`. All frames of a window have one.
 
     What a network should not heed can also be taken out:
     :class:`~torch_geometric_tactile.transforms.CommonMode` subtracts it.

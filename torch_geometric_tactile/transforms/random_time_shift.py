@@ -1,6 +1,7 @@
 r"""Readings that are shifted in time."""
 
 import torch
+from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
@@ -8,6 +9,7 @@ from torch_geometric.transforms import BaseTransform
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._random import check_whole, uniform
 from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
 
 _MOST_STEPS = 100_000
 
@@ -24,7 +26,8 @@ class RandomTimeShift(BaseTransform):
         steps (int): By how many frames at most, earlier or later; all from none to these are drawn
             equally often.
         num_frames (int, optional): Number of frames :math:`T`, of which the features are a
-            multiple. All features are the frames of one channel if left out.
+            multiple. If left out, that of the samples, if these are windows; otherwise all features
+            are the frames of one channel.
         generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
             out.
 
@@ -34,8 +37,9 @@ class RandomTimeShift(BaseTransform):
         - **output:** the same shape. Missing readings (NaN) move along.
 
     Raises:
-        ValueError: If :obj:`steps` is not 0 to 100,000, :obj:`num_frames` is below one, the
-            features are no multiple of it, or there are no readings.
+        ValueError: If :obj:`steps` is not 0 to 100,000, :obj:`num_frames` is below one or not that
+            of the windows, the features are no multiple of it, windows are padded, or there are no
+            readings.
 
     Examples:
         >>> RandomTimeShift(0)(Data(x=torch.tensor([[1.0, 2.0, 3.0]]))).x
@@ -62,7 +66,7 @@ class RandomTimeShift(BaseTransform):
         r"""Shifts the readings."""
         x = require_x(self, data)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
-        frames = x.size(-1) if self.num_frames is None else self.num_frames
+        frames = self._frames(data, x)
         if frames and x.size(-1) % frames:
             raise ValueError(
                 f"'x' must have a multiple of {frames} features, the frames (got {x.size(-1)})"
@@ -76,6 +80,15 @@ class RandomTimeShift(BaseTransform):
             source = source.clamp(0, frames - 1).unsqueeze(1).expand_as(rows)
             data.x = rows.gather(2, source).reshape(x.shape)
         return data
+
+    def _frames(self, data: Data, x: Tensor) -> int:
+        refuse_ragged(self, data)
+        given = given_num_frames(data)
+        if None not in (given, self.num_frames) and given != self.num_frames:
+            raise ValueError(
+                f"'num_frames' must be {given}, that of the windows (got {self.num_frames})"
+            )
+        return self.num_frames or given or x.size(-1)
 
     def __repr__(self) -> str:
         frames = "" if self.num_frames is None else f", num_frames={self.num_frames}"

@@ -8,7 +8,9 @@ from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile.data import join_frames, split_frames
 from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._windows import given_num_frames
 
 
 @functional_transform("select_channels")
@@ -18,12 +20,15 @@ class SelectChannels(BaseTransform):
     :class:`~torch_geometric_tactile.datasets.BioTacSP`, for example, or the pressure of a skin that
     also reports shear.
 
+    Of windows, which have :obj:`num_frames`, a channel is kept with all its frames. Without it, all
+    numbers of a taxel count as channels.
+
     Args:
         channels (sequence of int): Their numbers, from 0.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
-          F)`
+          F)`; of windows :math:`F = C \cdot T`
         - **output:** the same leading shape, with as many channels as were named
 
     Raises:
@@ -52,12 +57,15 @@ class SelectChannels(BaseTransform):
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x`."""
         x = require_x(self, data)
-        if max(self.channels) >= x.size(-1):
+        num_frames = given_num_frames(data)
+        channels = x if num_frames is None else split_frames(x, num_frames)
+        if max(self.channels) >= channels.size(-1):
             raise ValueError(
-                f"'x' must have channel {max(self.channels)} (got {x.size(-1)} channels, numbered "
-                "from 0)"
+                f"'x' must have channel {max(self.channels)} (got {channels.size(-1)} channels, "
+                "numbered from 0)"
             )
-        data.x = x[..., self.channels]
+        kept = channels[..., self.channels]
+        data.x = kept if num_frames is None else join_frames(kept)
         return data
 
     def __repr__(self) -> str:

@@ -23,7 +23,8 @@ class SessionZScore(FittedTransform):
         key (str): Integer attribute of the samples that numbers the session.
         attr (str): What is scaled: :obj:`"x"`, or another attribute of floating-point numbers.
         per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel, or
-            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
+            :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`,
+            or :obj:`"signal"` for one of all frames of a taxel and channel, in windows.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
@@ -48,7 +49,7 @@ class SessionZScore(FittedTransform):
         self,
         key: str = "session",
         attr: str = "x",
-        per: Literal["taxel", "channel"] = "taxel",
+        per: Literal["taxel", "channel", "signal"] = "taxel",
     ) -> None:
         super().__init__(key, attr=attr, per=per)
 

@@ -34,20 +34,24 @@ class ZScore(FittedTransform):
             :obj:`"absolute"` or :obj:`"pos"`.
         per (str): :obj:`"taxel"` for a centre and a scale of each taxel and channel, or
             :obj:`"channel"` for one of all taxels of a channel: the last dimension of :obj:`attr`.
+            In windows of frames, :obj:`"signal"` for one of all frames of a taxel and channel; with
+            the other two, each frame has its own.
         scale_per (str, optional): The same for the scale alone; as :obj:`per` if left out.
 
     Shapes:
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
           F)`; with :obj:`attr` for example edge features :math:`(|\mathcal{E}|, D)`,
           :math:`(B, |\mathcal{E}|, D)` or :math:`(B \cdot |\mathcal{E}|, D)`, or joint angles
-          :math:`(1, J)` or :math:`(B, J)`
+          :math:`(1, J)` or :math:`(B, J)`; with :obj:`per="signal"` windows
+          :math:`(\ldots, C \cdot T)` with :obj:`num_frames` :math:`T`, of any number of frames
         - **output:** the same shape
 
     Raises:
         RuntimeError: If it was not fitted.
         ValueError: If :obj:`per` or :obj:`scale_per` is unknown, or the scale should be of taxels
             and the centre of channels; or the readings have other taxels (unless
-            :obj:`per="channel"`) or channels than those it was fitted on.
+            :obj:`per="channel"`) or channels than those it was fitted on, or no :obj:`num_frames`
+            with :obj:`per="signal"`.
 
     Examples:
         >>> import torch
@@ -64,15 +68,15 @@ class ZScore(FittedTransform):
     def __init__(
         self,
         attr: str = "x",
-        per: Literal["taxel", "channel"] = "taxel",
-        scale_per: Literal["taxel", "channel"] | None = None,
+        per: Literal["taxel", "channel", "signal"] = "taxel",
+        scale_per: Literal["taxel", "channel", "signal"] | None = None,
     ) -> None:
         super().__init__(attr=attr, per=per)
         scale_per = per if scale_per is None else scale_per
-        if scale_per not in ("taxel", "channel") or (scale_per, per) == ("taxel", "channel"):
+        if scale_per not in ("channel", per):
             raise ValueError(
-                f"'scale_per' must be 'channel', or 'taxel' if 'per' is (got {scale_per!r} and "
-                f"per={per!r})"
+                "'scale_per' must be 'channel', or 'taxel' if 'per' is, or 'signal' likewise (got "
+                f"{scale_per!r} and per={per!r})"
             )
         self.scale_per = scale_per
 

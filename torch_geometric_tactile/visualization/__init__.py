@@ -2,7 +2,9 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 ``viz`` when a function is called, not when this package is imported.
 """
 
+from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
+from torch_geometric_tactile.visualization.curves import plot_curves
 from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
@@ -21,8 +23,10 @@ __all__ = [
     "ComparisonPanel",
     "layout_plane",
     "open_hand",
+    "plot_bigs_grasps",
     "plot_comparison",
     "plot_confusion",
+    "plot_curves",
     "plot_embedding",
     "plot_grasps",
     "plot_hand",

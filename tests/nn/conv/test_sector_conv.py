@@ -159,10 +159,22 @@ def test_sector_conv_fast_only_where_nothing_watches(count_fast):
     own.message = lambda x_j: 2 * x_j
     for layer in (hooked, doubled, own, conv(fast=False)):
         assert layer(x, EDGES, SECTOR).shape == (9, 24, 5)
-    conv()(x[:7], EDGES, SECTOR)
     conv()(x.requires_grad_()[0], EDGES, SECTOR)
     assert len(count_fast) == len(seen) == 1
     assert not torch.allclose(doubled(x, EDGES, SECTOR), conv()(x, EDGES, SECTOR), atol=1e-2)
+
+
+def test_sector_conv_fast_for_few_samples_of_few_taxels(count_fast, monkeypatch):
+    layer, x = conv(), samples(9, 24, 3)
+    expected = layer(x, EDGES, SECTOR)
+    for size in (1, 7):
+        assert torch.allclose(layer(x[:size], EDGES, SECTOR), expected[:size], atol=1e-6)
+    assert len(count_fast) == 3
+    monkeypatch.setattr(sector_product, "_COPY_BYTES_OF_FEW", 0)  # as if there were many taxels
+    assert torch.allclose(layer(x[:7], EDGES, SECTOR), expected[:7], atol=1e-6)
+    assert len(count_fast) == 3
+    layer(x, EDGES, SECTOR)
+    assert len(count_fast) == 4
 
 
 def test_sector_conv_other_edges_are_noticed():

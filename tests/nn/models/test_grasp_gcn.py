@@ -3,6 +3,7 @@ import torch
 from torch_geometric.data import Batch, Data
 from torch_geometric.explain import Explainer, GNNExplainer
 
+from torch_geometric_tactile.data import StaticDataset, Trials, join_frames, split_frames
 from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.sensors import biotac, biotac_sp
 from torch_geometric_tactile.testing import assert_static_equals_batched
@@ -127,6 +128,45 @@ def test_grasp_gcn_paper_size():
     edge_index = KNNGraph(2)(Data(pos=biotac().pos)).edge_index
     model = GraspGCN("biotac", in_channels=60, fusion="feature")
     assert model(readings(4, 19, 180), edge_index).shape == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"fusion": "data"}, 180 * 64 + 64 + 19 * 64 * 2 + 2),
+        ({"fusion": "feature"}, 3 * (60 * 64 + 64) + 3 * 19 * 64 * 2 + 2),
+        *(({"fusion": None, "finger": i}, 60 * 64 + 64 + 19 * 64 * 2 + 2) for i in range(3)),
+    ],
+    ids=["DF", "FF", "L", "M", "R"],
+)
+def test_grasp_gcn_over_60_frames(arguments, expected):
+    """Parameter counts by arithmetic, and each finger's frames go to the finger's weights."""
+    torch.manual_seed(0)
+    edge_index = KNNGraph(2)(Data(pos=biotac().pos)).edge_index
+    model = GraspGCN("biotac", 2, in_channels=60, **arguments)
+    assert num_parameters(model) == expected
+    window = Trials(frames_of_grasps(), series=()).batch([0, 1, 2])
+    assert (window.x.shape, window.num_frames) == ((3, 19, 180), 60)
+    frames = split_frames(window.x, 60).clone().requires_grad_()
+    model(join_frames(frames), edge_index).square().sum().backward()
+    touched = frames.grad.abs().amax(dim=(0, 1, 2)) > 0
+    used = [arguments["finger"]] if "finger" in arguments else [0, 1, 2]
+    assert touched.nonzero().view(-1).tolist() == used
+    assert frames.grad[..., used].abs().amax(dim=(0, 1)).min() > 0  # of every frame
+    for finger in range(3):
+        model.zero_grad()
+        alone = torch.zeros(3, 19, 60, 3)
+        alone[:, :, 10, finger] = frames.detach()[:, :, 10, finger]  # one frame of one finger
+        model(join_frames(alone), edge_index).square().sum().backward()
+        grads = [thread[0].lin.weight.grad.abs().amax(dim=0) for thread in model.convs]
+        columns = torch.cat(grads).nonzero().view(-1).tolist()
+        first = 60 * (0 if used == [finger] else finger)
+        assert columns == ([first + 10] if finger in used else [])
+
+
+def frames_of_grasps():
+    trial = torch.arange(3).repeat_interleave(60)
+    return StaticDataset.from_arrays(readings(180, 19, 3), trial % 2, trial=trial, layout=biotac())
 
 
 def test_grasp_gcn_seed_and_reset(model):

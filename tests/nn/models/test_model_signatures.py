@@ -9,12 +9,14 @@ from torch_geometric_tactile.nn import (
     MTCNN,
     MTGCN,
     GraspGCN,
+    GraspLSTM,
     HandCNN,
     PosedTaxelNet,
     SmallCNN,
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalTaxelNet,
 )
 from torch_geometric_tactile.sensors import stock_path
 
@@ -22,12 +24,14 @@ CLASSES = [
     MTCNN,
     MTGCN,
     GraspGCN,
+    GraspLSTM,
     HandCNN,
     PosedTaxelNet,
     SmallCNN,
     TactileFNN,
     TactileGCN,
     TaxelNet,
+    TemporalTaxelNet,
 ]
 FORWARD = ["x", "edge_index", "edge_attr", "joint", "absolute", "pos"]
 SMALL = {"head_widths": (2,), "head_pools": (1,)}
@@ -53,8 +57,8 @@ def test_model_takes_layout_and_outputs_first(cls):
 
 @pytest.mark.parametrize("cls", CLASSES)
 def test_model_forward_has_one_order(cls):
-    given = parameters(cls.forward)
-    assert [p.name for p in given if p.kind is not inspect.Parameter.KEYWORD_ONLY] == FORWARD
+    given = [p for p in parameters(cls.forward) if p.kind is not inspect.Parameter.KEYWORD_ONLY]
+    assert [p.name for p in given] == FORWARD
     assert [p.default for p in given[1:]] == [None] * (len(given) - 1)
 
 
@@ -78,8 +82,9 @@ def test_model_ignores_inputs_of_others(name):
     assert torch.equal(model(*[{**rest, **given}[key] for key in FORWARD]), out)
 
 
-def test_grasp_gcn_ignores_inputs_of_others():
-    model = GraspGCN(11)
+@pytest.mark.parametrize("cls", [GraspGCN, GraspLSTM])
+def test_grasp_models_ignore_inputs_of_others(cls):
+    model = cls(11)
     given = inputs(model_of_all(), 9)
     out = model(given["x"], given["edge_index"])
     assert torch.equal(model(*[given[key] for key in FORWARD]), out)
@@ -127,6 +132,7 @@ def test_model_layout_bad(cls):
         PosedTaxelNet: "places",
         SmallCNN: "image map",
         TaxelNet: "neighbours",
+        TemporalTaxelNet: "neighbours",
     }
     match = rf"'layout' must be .* {needs[cls]}" if cls in needs else r"'layout' must have"
     with pytest.raises(ValueError, match=rf"{match}.*got"):

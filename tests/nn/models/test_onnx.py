@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.nn.models import MTGCN, PosedTaxelNet, TactileGCN, TaxelNet
+from torch_geometric_tactile.nn.models import (
+    MTGCN,
+    PosedTaxelNet,
+    TactileGCN,
+    TaxelNet,
+    TemporalTaxelNet,
+)
 from torch_geometric_tactile.sensors import allegro_uskin, grid
 
 LAYOUT = grid(3, 4, pitch=0.004)
@@ -76,3 +82,9 @@ def test_onnx_posed_taxel_net(tmp_path):
     places = {"pos": (12, 3), "normal": (12, 3), "tangent": (12, 2, 3)}
     edge_index = LAYOUT.edge_index("original")
     assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 12, **places)
+
+
+def test_onnx_temporal_taxel_net(tmp_path):
+    # The three numbers of a taxel are frames.
+    model = TemporalTaxelNet(LAYOUT, 3, filter_size=2, dilation=1, max_taxels=6, widths=(4,))
+    assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)

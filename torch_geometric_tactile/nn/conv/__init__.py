@@ -1,5 +1,6 @@
 r"""MessagePassing layers, and the encoders of edge features."""
 
+from torch_geometric_tactile.nn.conv.causal_temporal_conv import CausalTemporalConv
 from torch_geometric_tactile.nn.conv.edge_feature_encoder import EdgeFeatureEncoder
 from torch_geometric_tactile.nn.conv.edge_message_encoder import (
     EdgeAttentionEncoder,
@@ -12,6 +13,7 @@ from torch_geometric_tactile.nn.conv.self_gcn_conv import SelfGCNConv
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 __all__ = [
+    "CausalTemporalConv",
     "EdgeAttentionEncoder",
     "EdgeFeatureEncoder",
     "EdgeMessageEncoder",

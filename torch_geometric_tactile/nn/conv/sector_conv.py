@@ -15,6 +15,7 @@ from torch_geometric_tactile.nn.conv.sector_product import (
     SectorCache,
     check_edge_sector,
     may_run_fast,
+    pays,
     sector_product,
 )
 
@@ -33,11 +34,11 @@ class SectorConv(MessagePassing):
     most, eight sectors give the numbers of :class:`torch.nn.Conv2d` with a :math:`3 \times 3`
     kernel and zero padding, at the borders as well.
 
-    For eight and more samples on one topology :math:`(B, N, F)` on a processor it multiplies the
-    neighbours sector by sector, and keeps the table of them for as long as the same edges come in;
-    on a grid it convolves images, twice as fast again. It passes messages for a single sample or a
-    PyG batch :math:`(N, F)`, on other devices, if :obj:`fast=False`, and wherever something has to
-    see the messages.
+    For samples on one topology :math:`(B, N, F)` on a processor it multiplies the neighbours sector
+    by sector, and keeps the table of them for as long as the same edges come in; on a grid it
+    convolves images, twice as fast again. It passes messages for :math:`(N, F)`, a single sample or
+    a PyG batch, for fewer than eight samples of many taxels, on other devices, if
+    :obj:`fast=False`, and wherever something has to see the messages.
 
     Args:
         in_channels (int): Size of each input feature.
@@ -129,7 +130,7 @@ class SectorConv(MessagePassing):
         check_edge_form(edge_index, x.size(-2))
         if self._is_fast(x):
             table = self._kept.get(edge_index, edge_sector, x.size(1), self.num_sectors)
-            if table is not None:
+            if table is not None and pays(x, table):
                 return sector_product(x, table, self.weight, self.bias)
         check_edge_sector(edge_index, edge_sector, self.num_sectors)
         if is_traced():

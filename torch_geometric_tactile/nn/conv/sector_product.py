@@ -185,8 +185,8 @@ def check_edge_sector(edge_index: Tensor, edge_sector: Tensor, num_sectors: int)
 
 
 def may_run_fast(x: Tensor) -> bool:
-    r"""Tells whether :func:`sector_product` pays for features: those of many samples on a
-    processor.
+    r"""Tells whether :func:`sector_product` may be used for features: those of samples on one
+    topology on a processor.
 
     Args:
         x (torch.Tensor): Node features.
@@ -195,10 +195,21 @@ def may_run_fast(x: Tensor) -> bool:
         not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
         and not torch.jit.is_tracing()
         and x.dim() == 3
-        and x.size(0) >= _MIN_SAMPLES
+        and x.size(0) > 0
         and x.device.type == "cpu"
         and x.dtype in (torch.float32, torch.float64)
     )
+
+
+def pays(x: Tensor, table: SectorTable) -> bool:
+    r"""Tells whether :func:`sector_product` pays for features: those of many samples, and those of
+    which all neighbours may be copied at once.
+
+    Args:
+        x (torch.Tensor): Node features :math:`(B, N, F)`.
+        table (SectorTable): The edges.
+    """
+    return x.size(0) >= _MIN_SAMPLES or table.image is not None or _is_small(x, table)
 
 
 def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTensor) -> Tensor:
@@ -223,8 +234,8 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
     with torch.autocast(x.device.type, enabled=False):  # in full precision
         if table.image is not None:
             return table.image.product(x, weight, bias)
-        most = _COPY_BYTES_OF_FEW if x.size(2) <= _FEW_CHANNELS else _COPY_BYTES
-        if table.near is not None and len(table.near) * x[:, 0].nbytes <= most:
+        if _is_small(x, table):
+            assert table.near is not None
             rows = F.pad(x, (0, 0, 0, 1)).index_select(1, table.near)
             rows = rows.view(*x.shape[:2], weight.size(0) * x.size(2))
             return F.linear(rows, weight.flatten(0, 1).t(), bias)
@@ -232,6 +243,11 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
         bias = weight.new_zeros(weight.size(-1))
     out: Tensor = _SectorProduct.apply(x.transpose(0, 1).contiguous(), weight, bias, table)
     return out.transpose(0, 1)
+
+
+def _is_small(x: Tensor, table: SectorTable) -> bool:
+    most = _COPY_BYTES_OF_FEW if x.size(2) <= _FEW_CHANNELS else _COPY_BYTES
+    return table.near is not None and len(table.near) * x[:, 0].nbytes <= most
 
 
 class _SectorProduct(Function):

@@ -3,6 +3,7 @@ r"""The models of the papers, and those to begin with."""
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.grasp_gcn import GraspGCN
+from torch_geometric_tactile.nn.models.grasp_lstm import GraspLSTM
 from torch_geometric_tactile.nn.models.hand_cnn import HandCNN
 from torch_geometric_tactile.nn.models.mt_cnn import MTCNN
 from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
@@ -14,6 +15,7 @@ from torch_geometric_tactile.nn.models.tactile_fnn import TactileFNN
 from torch_geometric_tactile.nn.models.tactile_gcn import TactileGCN
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 from torch_geometric_tactile.nn.models.taxel_net import TaxelNet
+from torch_geometric_tactile.nn.models.temporal_taxel_net import TemporalTaxelNet
 from torch_geometric_tactile.nn.models.thread import Thread
 
 __all__ = [
@@ -22,6 +24,7 @@ __all__ = [
     "CNNThread",
     "GCNThread",
     "GraspGCN",
+    "GraspLSTM",
     "HandCNN",
     "PooledMLP",
     "PosedTaxelNet",
@@ -31,5 +34,6 @@ __all__ = [
     "TactileGCN",
     "TactileModel",
     "TaxelNet",
+    "TemporalTaxelNet",
     "Thread",
 ]

@@ -1,6 +1,7 @@
 r"""What :class:`~torch_geometric_tactile.nn.models.TaxelNet` is made of: levels of a layout, each
 coarser than the one before, and the blocks of convolutions on them."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -212,6 +213,25 @@ def pooled_layouts(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
             pools.append(pool)
             layout = pool.coarse
     return pools
+
+
+def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ...]:
+    r"""Returns the width of each level.
+
+    Args:
+        widths (sequence of int, optional): The widths, the last for all further levels; 32 for one
+            level and 16, 32 and 64 for several, if left out.
+        num_levels (int): Number of levels.
+
+    Raises:
+        ValueError: If there is none, or one is below one.
+    """
+    if widths is None:
+        widths = (32,) if num_levels == 1 else (16, 32, 64)
+    widths = tuple(widths)
+    if not widths or min(widths) < 1:
+        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
+    return (*widths, *[widths[-1]] * num_levels)[:num_levels]
 
 
 def pitch(layout: TaxelLayout) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from torch_geometric_tactile.nn.models.taxel_levels import (
     ReadingNorm,
     TaxelLevel,
     TaxelNorm,
+    level_widths,
     pooled_layouts,
 )
 from torch_geometric_tactile.nn.models.taxels import (
@@ -140,7 +141,7 @@ class TaxelNet(Module, TactileHubMixin):
         self.taxel_dropout = check_taxel_dropout(taxel_dropout)
         self.num_joints = num_joints
         pools = pooled_layouts(layout, max_taxels)
-        self.widths = _widths(widths, 1 + len(pools))
+        self.widths = level_widths(widths, 1 + len(pools))
         self.norm = ReadingNorm(in_channels)
         self.levels = ModuleList()
         width = in_channels
@@ -220,13 +221,3 @@ class TaxelNet(Module, TactileHubMixin):
             f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
             f"head={self.head!r}{joints})"
         )
-
-
-def _widths(widths: Optional[Sequence[int]], num_levels: int) -> tuple[int, ...]:
-    # The width of each level.
-    if widths is None:
-        widths = (32,) if num_levels == 1 else (16, 32, 64)
-    widths = tuple(widths)
-    if not widths or min(widths) < 1:
-        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
-    return (*widths, *[widths[-1]] * num_levels)[:num_levels]

@@ -1,0 +1,61 @@
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+from dataclasses import replace
+
+from torch_geometric_tactile.experiments.differences import Difference
+from torch_geometric_tactile.experiments.orderings import Comparison
+from torch_geometric_tactile.experiments.tables import Ordering, load_table
+from torch_geometric_tactile.reports.table_orderings import _line, _summary
+
+ORDERING = Ordering("a above b", (("a", "b"), ("c", "d")))
+
+
+def compared(mean, error, pair=("a", "b"), protocol="random"):
+    return Comparison(ORDERING, protocol, pair, Difference(mean, error, error / 2, 5, 100))
+
+
+@pytest.mark.parametrize(
+    ("mean", "error", "verdict"),
+    [
+        (0.1, 0.04, "yes"),
+        (-0.1, 0.04, "no"),
+        (0.1, 0.06, "within noise"),
+        (0.0, 0.0, "within noise"),
+    ],
+)
+def test_verdict_needs_twice_the_standard_error(mean, error, verdict):
+    assert compared(mean, error).verdict == verdict
+
+
+def test_lines_of_the_page():
+    entries = [compared(0.1, 0.04), compared(-0.2, 0.04, ("c", "d"))]
+    assert _line(entries[0]) == "| a above b | random | a | b | +10.0 ± 4.0 | 5 | yes |"
+    assert list(_summary(entries)) == ["| a above b | random | yes in 1 of 2, no in 1 of 2 |"]
+    assert list(_summary(entries[:1])) == ["| a above b | random | yes |"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        (
+            {"orderings": (Ordering("x above y", (("x", "gcn_df"),)),)},
+            r"'x above y' of table 'p3' must be of its experiments \(got \['x'\]\)",
+        ),
+        ({"axis": "k"}, r"the columns of table 'p3' must be numbers, .* \(got 'left'\)"),
+    ],
+)
+def test_wrong_tables(changes, match):
+    with pytest.raises(ValueError, match=match):
+        replace(load_table("p3"), **changes)
+
+
+def test_ordering_needs_a_pair():
+    with pytest.raises(ValueError, match="'pairs' of 'nothing' must hold at least one pair"):
+        Ordering("nothing", ())
+
+
+def test_threshold_of_a_cell_is_a_metric():
+    with pytest.raises(ValueError, match=r"'threshold' of 'svm_f' must be one of .*got 'recall'"):
+        replace(load_table("p3").cells[3], threshold="recall")

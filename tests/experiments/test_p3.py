@@ -1,0 +1,118 @@
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import json
+
+from torch_geometric_tactile.experiments.tables import cell_config, load_table
+from torch_geometric_tactile.nn.models import GraspGCN, GraspLSTM, TemporalTaxelNet
+from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
+from torch_geometric_tactile.training.config import expand_template, load_config
+
+OURS = {"temporal", "temporal_weights", "temporal_threshold"}
+
+
+def sizes(num_frames=60, channels=3, **changes):
+    given = {"num_outputs": 2, "num_edges": 40, "num_joints": 0, "num_frames": num_frames}
+    width = channels * (num_frames or 1)
+    return DataSizes(biotac(), width, channels={"tactile": width}, **{**given, **changes})
+
+
+@pytest.mark.parametrize(("table", "template"), [("p3", "p3_table2"), ("p3-k", "p3_k")])
+def test_each_experiment_of_the_template_has_one_place(table, template):
+    cells = load_table(table).cells
+    names = [cell.experiment for cell in cells if cell.estimator is None]
+    assert sorted(names) == sorted(expand_template(template))
+    assert len({(cell.row, cell.column) for cell in cells}) == len(cells)
+
+
+@pytest.mark.parametrize("name", ["p3", "p3-k"])
+def test_tables_train_as_their_configurations(name):
+    table = load_table(name)
+    for cell in table.cells:
+        if cell.estimator is not None:
+            assert cell.transform == {
+                "class_path": "torch_geometric_tactile.transforms.ZScore",
+                "init_args": {"per": "signal"},
+            }
+            continue
+        config = cell_config(cell)
+        dataset = config["data"]["dataset"]
+        assert dataset["class_path"] == table.data.class_path
+        for key in ("ragged", "pre_transform"):
+            assert dataset["init_args"][key] == table.data.arguments[key]
+        if cell.experiment in OURS:
+            scheduler = config["model"]["lr_scheduler"]["init_args"]
+            assert scheduler["T_max"] == config["trainer"]["max_epochs"]
+            continue
+        optimizer = config["model"]["optimizer"]
+        assert (optimizer["class_path"], optimizer["init_args"]["lr"]) == ("torch.optim.Adam", 1e-3)
+        assert (config["trainer"]["max_epochs"], config["data"]["batch_size"]) == (100, 32)
+
+
+def test_published_numbers_of_the_table():
+    cells = {cell.experiment: cell.published for cell in load_table("p3").cells}
+    assert cells["svm_f"] == {"accuracy": 85.50, "f1": 84.97}
+    assert cells["lstm_m"] == {"accuracy": 84.68, "f1": 84.36}
+    assert cells["gcn_df"] == {"accuracy": 90.33, "f1": 90.08}
+    assert cells["gcn_ff"] == {"accuracy": 89.13, "f1": 88.79}
+    assert sum(bool(published) for published in cells.values()) == 13
+    assert load_table("p3").seeds == load_table("p3-k").seeds == 10
+
+
+def test_paper_protocol_is_the_first():
+    first, *_ = load_table("p3").protocols
+    assert (first.protocol.by, first.protocol.val, first.protocol.test) == ("frame", 0.0, 0.2)
+
+
+def test_columns_along_k_are_the_neighbours():
+    table = load_table("p3-k")
+    assert table.axis
+    for cell in table.cells:
+        graph, _ = cell_config(cell)["data"]["transform"]["init_args"]["transforms"]
+        assert graph["init_args"]["k"] == int(cell.column)
+        fusion = cell_config(cell)["model"]["model"]["init_args"]["fusion"]
+        assert fusion == {"GCN-DF": "data", "GCN-FF": "feature"}[cell.row]
+
+
+@pytest.mark.parametrize("name", list(expand_template("p3_table2")))
+def test_sizes_are_those_of_the_window(name):
+    model = classifier_from_config(fill_sizes(load_config(f"p3_table2/{name}")["model"], sizes()))
+    model = model.model
+    if name.startswith("gcn"):
+        assert isinstance(model, GraspGCN)
+        assert (model.in_channels, model.num_fingers, model.hidden_channels) == (60, 3, 64)
+        finger = "lmr".find(name[-1]) if len(name) == 5 else None
+        assert model.finger == finger
+    elif name.startswith("lstm"):
+        assert isinstance(model, GraspLSTM)
+        assert (model.num_fingers, model.hidden_channels) == (3, 128)
+    else:
+        assert isinstance(model, TemporalTaxelNet)
+        assert (model.in_channels, model.num_nodes) == (3, 19)
+
+
+def test_fingers_are_never_guessed_from_sizes_that_agree():
+    config = {"model": {"class_path": "GraspGCN"}}
+    of_one = fill_sizes(config, sizes(channels=1))["model"]["init_args"]  # 60 is 3 x 20, too
+    assert (of_one["num_fingers"], of_one["in_channels"]) == (1, 60)
+    config = {"model": {"class_path": "GraspGCN", "init_args": {"num_fingers": 3}}}
+    match = r"'num_fingers' of GraspGCN must be 1, as in the data \(got 3\)"
+    with pytest.raises(ValueError, match=match):
+        fill_sizes(config, sizes(channels=1))
+    single = fill_sizes(config, sizes(num_frames=None))["model"]["init_args"]
+    assert (single["num_fingers"], single["in_channels"]) == (3, 1)
+
+
+def test_channels_of_a_frame_are_never_those_of_a_window():
+    config = {"model": {"class_path": "TemporalTaxelNet"}}
+    assert fill_sizes(config, sizes())["model"]["init_args"]["in_channels"] == 3
+    config["model"]["init_args"] = {"in_channels": 180}
+    with pytest.raises(ValueError, match=r"'in_channels' of TemporalTaxelNet must be 3.*got 180"):
+        fill_sizes(config, sizes())
+
+
+def test_templates_type_no_size():
+    for template in ("p3_table2", "p3_k"):
+        assert "num_fingers" not in json.dumps(expand_template(template))

@@ -1,0 +1,145 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bigs_files import write_npz
+
+from torch_geometric_tactile.io.field_file import read_fields
+
+h5py = pytest.importorskip("h5py", reason="needs the extra 'io'")
+
+
+@pytest.fixture
+def file(tmp_path):
+    """An open HDF5 file with arrays, texts and attributes."""
+    with h5py.File(tmp_path / "a.h5", "w") as opened:
+        opened["g/numbers"] = np.arange(6).reshape(2, 3)
+        opened["g/texts"] = ["a", "bé"]
+        opened["one"] = "text"
+        opened.attrs["done"] = True
+        opened["g"].attrs["name"] = np.bytes_("cup")
+        yield opened
+
+
+def read(file, *names):
+    path = Path(file.filename)
+    file.close()
+    return read_fields(path, names)
+
+
+def test_arrays_texts_and_attributes(file):
+    found, names = read(file, "g/numbers", "/g/texts", "one", "@done", "g@name", "none", "g/a@b")
+    assert found["g/numbers"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert found["/g/texts"].tolist() == ["a", "bé"]
+    assert found["one"].item() == "text"
+    assert found["@done"].item() is True
+    assert found["g@name"].item() == "cup"
+    assert {*found} == {"g/numbers", "/g/texts", "one", "@done", "g@name"}
+    assert names == ["@done", "g/numbers", "g/texts", "one"]
+
+
+def test_nothing_but_what_is_asked_for_is_looked_at(file):
+    file["outside"] = h5py.ExternalLink("/etc/passwd", "/")
+    file["odd"] = np.zeros(2, "f4,f4")
+    assert [*read(file, "one").arrays] == ["one"]
+
+
+def link_group(file, tmp_path):
+    with h5py.File(tmp_path / "other.h5", "w") as other:
+        other["deep/x"] = np.zeros(3)
+    file["bad"] = h5py.ExternalLink("other.h5", "/deep")
+    return "bad/x"
+
+
+def external(file, tmp_path):
+    (tmp_path / "raw").write_bytes(bytes(64))
+    file.create_dataset("bad", shape=(8,), dtype="f8", external=[("raw", 0, 64)])
+
+
+def virtual(file, tmp_path):
+    layout = h5py.VirtualLayout(shape=(3,), dtype="f8")
+    layout[:] = h5py.VirtualSource("other.h5", "x", shape=(3,))
+    file.create_virtual_dataset("bad", layout)
+
+
+def put(value):
+    def change(file, tmp_path):
+        file["bad"] = value
+
+    return change
+
+
+def huge(file, tmp_path):
+    file.create_dataset("bad", shape=(10**10,), dtype="f8", chunks=(1000,), compression="gzip")
+
+
+def unwritten(file, tmp_path):
+    file.create_dataset("bad", shape=(1000,), dtype="f8", chunks=(10,))
+
+
+def named_type(file, tmp_path):
+    file["type"] = np.dtype("f8")
+    file.create_dataset("bad", shape=(3,), dtype=file["type"])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (put(h5py.ExternalLink("other.h5", "/x")), r"must hold 'bad' itself \(got a ExternalLink"),
+        (put(h5py.SoftLink("/one")), r"must hold 'bad' itself \(got a SoftLink"),
+        (link_group, r"must hold 'bad' itself \(got a ExternalLink"),
+        (external, r"must hold 'bad' itself \(got a virtual or external array"),
+        (virtual, r"must hold 'bad' itself \(got a virtual or external array"),
+        (
+            lambda f, _: f.create_group("bad") and None,
+            r"must hold an array in 'bad' \(got <HDF5 gr",
+        ),
+        (put(h5py.Empty("f8")), r"must hold an array in 'bad'"),
+        (put(np.zeros(2, complex)), r"numbers, truth values or texts in 'bad'"),
+        (put(np.zeros(2, "f4,f4")), r"numbers, truth values or texts in 'bad'"),
+        (named_type, r"numbers, truth values or texts in 'bad'"),
+        (
+            huge,
+            r"must hold arrays of at most 1073741824 bytes in memory \(got 80000000000 in 'bad'",
+        ),
+        (unwritten, r"must hold all of 'bad', of shape \(1000,\).*is the file cut"),
+    ],
+)
+def test_hostile_hdf5(change, message, file, tmp_path):
+    name = change(file, tmp_path) or "bad"
+    with pytest.raises(ValueError, match=message) as caught:
+        read(file, name)
+    assert "a.h5'" in str(caught.value)
+
+
+def test_other_files(tmp_path):
+    with pytest.raises(
+        FileNotFoundError, match=r"gone.h5' does not exist; give the path of an HDF5"
+    ):
+        read_fields(tmp_path / "gone.h5", ["a"])
+    for content in (b"", b"a,b\n1,2\n", b"\x80\x04K\x01."):
+        (tmp_path / "a.h5").write_bytes(content)
+        with pytest.raises(
+            ValueError, match=r"a.h5' must be an HDF5 or npz file \(got one that be"
+        ):
+            read_fields(tmp_path / "a.h5", ["a"])
+
+
+def test_npz_with_a_pickle(tmp_path):
+    write_npz(tmp_path / "a.npz", {"a": np.zeros(2), "bad": np.array([{}], dtype=object)})
+    with pytest.raises(ValueError, match=r"a.npz' cannot be read as npz"):
+        read_fields(tmp_path / "a.npz", ["a"])
+
+
+def test_hdf5_cut_at_any_byte(file, tmp_path):
+    path = tmp_path / "a.h5"
+    expected = read(file, "g/numbers", "one").arrays
+    whole = path.read_bytes()
+    for size in range(0, len(whole), 97):
+        path.write_bytes(whole[:size])
+        with pytest.raises(ValueError, match=r"a.h5'"):
+            read_fields(path, ["g/numbers", "one"])
+    path.write_bytes(whole)
+    assert np.array_equal(
+        read_fields(path, ["g/numbers"]).arrays["g/numbers"], expected["g/numbers"]
+    )

@@ -1,0 +1,101 @@
+r"""The last frames of a live sensor."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data.frames import join_frames
+
+
+class FrameRing:
+    r"""Keeps the last :obj:`length` frames of a live sensor as a window.
+
+    Once it is full, :meth:`window` is what :class:`~torch_geometric_tactile.data.Windows` cuts from
+    a recording of the same frames, bit for bit.
+
+    Args:
+        length (int): Number of frames of a window :math:`T`.
+        num_taxels (int): Number of taxels :math:`N`.
+        num_channels (int): Number of channels of a taxel :math:`C`, such as axes or fingers.
+        dtype (torch.dtype): Type of the readings.
+
+    Raises:
+        ValueError: If a number is below one.
+
+    Examples:
+        >>> ring = FrameRing(length=2, num_taxels=1, num_channels=2)
+        >>> for frame in ([[1.0, 10.0]], [[2.0, 20.0]], [[3.0, 30.0]]):
+        ...     ring.push(frame)
+        >>> ring.is_full, ring.window()
+        (True, tensor([[ 2.,  3., 20., 30.]]))
+    """
+
+    def __init__(
+        self,
+        length: int,
+        num_taxels: int,
+        num_channels: int,
+        dtype: torch.dtype = torch.float,
+    ) -> None:
+        numbers = {"length": length, "num_taxels": num_taxels, "num_channels": num_channels}
+        for name, number in numbers.items():
+            if number < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {number})")
+        self.length = length
+        self.num_taxels = num_taxels
+        self.num_channels = num_channels
+        # Each frame is there twice, so that the last ones always lie in one piece.
+        self._frames = torch.zeros(num_taxels, 2 * length, num_channels, dtype=dtype)
+        self._num_pushed = 0
+
+    def __len__(self) -> int:
+        return min(self._num_pushed, self.length)
+
+    @property
+    def is_full(self) -> bool:
+        r"""Whether there are enough frames for a window."""
+        return self._num_pushed >= self.length
+
+    def push(self, frame: Any) -> None:
+        r"""Adds a frame, and forgets the oldest if the ring is full.
+
+        Args:
+            frame (array-like): Readings :math:`(N, C)`. Missing ones are NaN.
+
+        Raises:
+            ValueError: If the frame has another shape.
+        """
+        frame = torch.as_tensor(frame)
+        shape = (self.num_taxels, self.num_channels)
+        if tuple(frame.shape) != shape:
+            raise ValueError(
+                f"'frame' must have shape {shape}, (num_taxels, num_channels) (got "
+                f"{tuple(frame.shape)})"
+            )
+        place = self._num_pushed % self.length
+        self._frames[:, place] = frame
+        self._frames[:, place + self.length] = frame
+        self._num_pushed += 1
+
+    def window(self) -> Tensor:
+        r"""Returns a copy of the last frames as a window :math:`(N, C \cdot T)`.
+
+        Raises:
+            RuntimeError: If there are not enough frames yet.
+        """
+        if not self.is_full:
+            raise RuntimeError(
+                f"the ring must hold {self.length} frames for a window (got {len(self)}): push "
+                "more, and ask for 'is_full' before"
+            )
+        start = self._num_pushed % self.length
+        return join_frames(self._frames[:, start : start + self.length]).clone()
+
+    def clear(self) -> None:
+        r"""Forgets all frames, as at the start of another trial."""
+        self._num_pushed = 0
+
+    def __repr__(self) -> str:
+        sizes = f"{self.length}, num_taxels={self.num_taxels}, num_channels={self.num_channels}"
+        return f"{type(self).__name__}({sizes})"

@@ -1,0 +1,103 @@
+r"""The order of the numbers in a window of frames."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+def split_frames(x: Tensor, num_frames: int) -> Tensor:
+    r"""Returns a window of frames with a dimension for time and one for channels.
+
+    In a window, each taxel has all frames of its first channel, then all of its second, and so on.
+    This function and :func:`join_frames` are the places that know this order.
+
+    Args:
+        x (torch.Tensor): The window :math:`(\ldots, N, C \cdot T)`.
+        num_frames (int): Number of frames :math:`T`.
+
+    Shapes:
+        - **output:** :math:`(\ldots, N, T, C)`, a view of :obj:`x` if its memory allows
+
+    Raises:
+        ValueError: If the last dimension is not a multiple of :obj:`num_frames`.
+
+    Examples:
+        >>> window = torch.tensor([[1, 2, 3, 10, 20, 30]])  # 1 taxel, 2 channels, 3 frames
+        >>> split_frames(window, num_frames=3)
+        tensor([[[ 1, 10],
+                 [ 2, 20],
+                 [ 3, 30]]])
+    """
+    size = x.size(-1) if x.dim() else 0
+    if x.dim() < 2 or num_frames < 1 or size % num_frames:
+        raise ValueError(
+            f"'x' must have shape (..., num_taxels, num_channels * num_frames), {num_frames} "
+            f"frames of each channel (got {tuple(x.shape)})"
+        )
+    return x.unflatten(-1, (size // num_frames, num_frames)).transpose(-1, -2)
+
+
+def join_frames(x: Tensor) -> Tensor:
+    r"""Returns frames as a window, each taxel with all frames of its first channel, then all of its
+    second, and so on: the inverse of :func:`split_frames`.
+
+    Args:
+        x (torch.Tensor): The frames :math:`(\ldots, N, T, C)`.
+
+    Shapes:
+        - **output:** :math:`(\ldots, N, C \cdot T)`
+
+    Raises:
+        ValueError: If there are fewer than three dimensions.
+
+    Examples:
+        >>> join_frames(torch.tensor([[[1, 10], [2, 20], [3, 30]]]))
+        tensor([[ 1,  2,  3, 10, 20, 30]])
+    """
+    if x.dim() < 3:
+        raise ValueError(
+            f"'x' must have shape (..., num_taxels, num_frames, num_channels) (got "
+            f"{tuple(x.shape)})"
+        )
+    return x.transpose(-1, -2).flatten(-2)
+
+
+def cut_windows(x: Tensor, rows: Sequence[slice | np.ndarray], num_frames: int) -> Tensor:
+    r"""Returns windows of frames, in one copy.
+
+    Args:
+        x (torch.Tensor): Frames :math:`(S, N, C)`.
+        rows (sequence of slice or numpy.ndarray): The frames of each window, of :obj:`num_frames`
+            or fewer, after which there is NaN.
+        num_frames (int): Number of frames of each window :math:`T`.
+
+    Shapes:
+        - **output:** :math:`(B, N, C \cdot T)`
+    """
+    shape = (len(rows), *x.shape[1:], num_frames)
+    if x.device.type != "cpu" or x.requires_grad or x.dtype == torch.bfloat16:
+        cut = x.new_empty(shape)
+        for i, index in enumerate(rows):
+            _fill(cut[i], x[index].movedim(0, -1))
+        return cut.flatten(-2)
+    # NumPy transposes faster than PyTorch, most of all what was just read, and in order.
+    frames = x.numpy()
+    windows = np.empty(shape, frames.dtype)
+    near = np.empty((num_frames, *x.shape[1:]), frames.dtype)
+    times_last = near.transpose(1, 2, 0)
+    for window, index in zip(windows, rows, strict=True):
+        chosen = frames[index]
+        size = len(chosen)
+        near[:size] = chosen
+        _fill(window, times_last if size == num_frames else times_last[..., :size])
+    return torch.from_numpy(windows).flatten(-2)
+
+
+def _fill(window: Any, frames: Any) -> None:
+    size = frames.shape[-1]
+    if size < window.shape[-1]:
+        window[..., size:] = np.nan
+    window[..., :size] = frames

@@ -1,0 +1,132 @@
+r"""Where each trial of a data set begins and ends."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data.static_dataset import StaticDataset
+
+
+class TrialRuns(NamedTuple):
+    r"""The trials of a data set, in the order of its samples.
+
+    Args:
+        number (torch.Tensor): The number of each trial :math:`(R,)`.
+        start (torch.Tensor): The first frame of each :math:`(R,)`.
+        length (torch.Tensor): The number of frames of each :math:`(R,)`.
+        names (sequence of str): The names behind the numbers, if known.
+    """
+
+    number: Tensor
+    start: Tensor
+    length: Tensor
+    names: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, dataset: StaticDataset) -> "TrialRuns":
+        r"""Returns the trials of a data set, after its frames were checked: those of a trial
+        follow each other, in the order of their :obj:`time` if they have one.
+
+        Args:
+            dataset (StaticDataset): The frames.
+
+        Raises:
+            ValueError: If the frames belong to no trial, or are in another order.
+        """
+        trial = dataset.column("trial")
+        if trial is None or trial.dim() != 1:
+            raise ValueError(
+                "'dataset' must have a 'trial' for each frame, since no window may lie in two "
+                f"trials (got {'none' if trial is None else tuple(trial.shape)})"
+            )
+        number, length = trial.cpu().unique_consecutive(return_counts=True)
+        runs = cls(number, length.cumsum(0) - length, length, dataset._names.get("trial", ()))
+        runs._check_unbroken()
+        time = dataset.column("time")
+        if time is not None:
+            runs._check_time(time.cpu())
+        return runs
+
+    def name(self, i: int) -> str:
+        r"""Returns a text that names a trial.
+
+        Args:
+            i (int): Which of them.
+        """
+        number = int(self.number[i])
+        known = 0 <= number < len(self.names)
+        return f"trial {number} ('{self.names[number]}')" if known else f"trial {number}"
+
+    def name_some(self, index: Tensor, most: int = 3) -> str:
+        r"""Returns a text that names some trials, and tells how many others there are.
+
+        Args:
+            index (torch.Tensor): Which of them.
+            most (int): The number of trials that are named at most.
+        """
+        named = ", ".join(self.name(int(i)) for i in index[:most])
+        return named if len(index) <= most else f"{named} and {len(index) - most} more"
+
+    @property
+    def of_frame(self) -> Tensor:
+        r"""Which trial each frame belongs to :math:`(S,)`."""
+        return torch.arange(len(self.number)).repeat_interleave(self.length)
+
+    def require_constant(self, key: str, value: Tensor) -> None:
+        r"""Checks that an attribute does not change within a trial.
+
+        Args:
+            key (str): Name of the attribute.
+            value (torch.Tensor): Its values :math:`(S, \ldots)`.
+
+        Raises:
+            ValueError: If it does; the message names the trial and the frame.
+        """
+        before, after = value[:-1].cpu(), value[1:].cpu()
+        same = (before == after) | ((before != before) & (after != after))  # NaN equals NaN here
+        changed = self._first(~same.reshape(len(same), -1).all(dim=1))
+        if changed is not None:
+            i, frame = changed
+            at = int(self.start[i]) + frame
+            raise ValueError(
+                f"'{key}' must be the same in all frames of a trial to label the trial (got "
+                f"{value[at - 1].tolist()} and then {value[at].tolist()} in frame {frame} of "
+                f"{self.name(i)}); use label='last'"
+            )
+
+    def _check_unbroken(self) -> None:
+        order = self.number.sort(stable=True)
+        again = (order.values[1:] == order.values[:-1]).nonzero().view(-1)
+        if len(again):
+            first, second = (int(order.indices[int(again[0]) + k]) for k in (0, 1))
+            end = int(self.start[first] + self.length[first])
+            raise ValueError(
+                f"the frames of a trial must follow each other in 'dataset' (got those of "
+                f"{self.name(first)} up to sample {end - 1}, and further ones from sample "
+                f"{int(self.start[second])} on)"
+            )
+
+    def _check_time(self, time: Tensor) -> None:
+        found = self._first(~(time[1:] > time[:-1]))
+        if found is not None:
+            i, frame = found
+            at = int(self.start[i]) + frame
+            before, after = time[at - 1].item(), time[at].item()
+            what = "repeated" if before == after else "not increasing"
+            raise ValueError(
+                f"'time' must increase within a trial (got {before} s and then {after} s, "
+                f"{what}, in frame {frame} of {self.name(i)})"
+            )
+
+    def _first(self, wrong: Tensor) -> tuple[int, int] | None:
+        # `wrong` tells of each frame but the first; between two trials anything is right.
+        if len(self.start) > 1:
+            wrong[self.start[1:] - 1] = False
+        at = wrong.nonzero().view(-1)
+        if not len(at):
+            return None
+        frame = int(at[0]) + 1
+        i = int(torch.searchsorted(self.start, frame, right=True)) - 1
+        return i, frame - int(self.start[i])

@@ -1,0 +1,103 @@
+r"""Whole trials as samples."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile.data.static_dataset import StaticDataset
+from torch_geometric_tactile.data.trial_runs import TrialRuns
+from torch_geometric_tactile.typing import Transform
+
+_RAGGED = ("error", "pad", "crop_start", "crop_end")
+
+
+class Trials(FrameView):
+    r"""The trials of a data set, each as one sample with all its frames.
+
+    It is a view, as :class:`~torch_geometric_tactile.data.Windows` is, with the same attributes.
+    :obj:`y` must be the same in all frames of a trial.
+
+    Args:
+        dataset (StaticDataset): The frames, or a selection of them.
+        ragged (str): What to do if trials have different numbers of frames. :obj:`"error"` raises
+            one. :obj:`"pad"` fills up with NaN after the end of a trial (with the last value where
+            there is none, as of integers), and adds the attribute :obj:`valid_frames`
+            :math:`(S,)`. :obj:`"crop_end"` keeps the first :obj:`length` frames of each, and
+            :obj:`"crop_start"` the last.
+        length (int, optional): Number of frames of a sample :math:`T`. If left out, it is that of
+            the longest trial with :obj:`"pad"`, and of the shortest otherwise.
+        series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a sample has
+            all frames :math:`(B, T, \ldots)`.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied to all trials once, a few at a time. What it
+            returns is held in memory.
+
+    Raises:
+        TypeError: If :obj:`dataset` is of another kind.
+        ValueError: If trials have different numbers of frames and :obj:`ragged` does not tell what
+            to do, a number or a name is not one of these, frames belong to no trial, those of a
+            trial do not follow each other, or their :obj:`time` does not increase.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> trial = torch.tensor([0, 0, 0, 1, 1])
+        >>> frames = StaticDataset.from_arrays(
+        ...     torch.rand(5, 6, 3), trial, trial=trial, layout=grid(2, 3, 0.002)
+        ... )
+        >>> trials = Trials(frames, ragged="pad")
+        >>> trials, trials[1].x.shape, trials.valid_frames
+        (Trials(2), torch.Size([6, 9]), tensor([3, 2]))
+    """
+
+    def __init__(
+        self,
+        dataset: StaticDataset,
+        *,
+        ragged: Literal["error", "pad", "crop_start", "crop_end"] = "error",
+        length: int | None = None,
+        target: str = "y",
+        series: Sequence[str] = (),
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+    ) -> None:
+        if ragged not in _RAGGED:
+            raise ValueError(f"'ragged' must be one of {list(_RAGGED)} (got {ragged!r})")
+        if length is not None and ragged == "error":
+            raise ValueError(f"'length' must be left out with ragged='error' (got {length})")
+        if length is not None and length < 1:
+            raise ValueError(f"'length' must be at least 1 (got {length})")
+        self.ragged = ragged
+        self.length = length
+        #: Number of frames of a sample, before any transform.
+        self.num_cut = 0
+        super().__init__(dataset, target, series, transform, pre_transform)
+
+    def _choose(self, runs: TrialRuns) -> dict[str, Any]:
+        longest, shortest = int(runs.length.max()), int(runs.length.min())
+        if self.ragged == "error" and longest != shortest:
+            names = [runs.name(int(i)) for i in (runs.length.argmin(), runs.length.argmax())]
+            raise ValueError(
+                f"'ragged' must be 'pad', 'crop_start' or 'crop_end' where trials have different "
+                f"numbers of frames (got {shortest} in {names[0]} and {longest} in {names[1]})"
+            )
+        length = self.length or (longest if self.ragged == "pad" else shortest)
+        self.num_cut = length
+        chosen = {"length": length, "target": self._label(runs, constant=True)}
+        if self.ragged == "pad":
+            if longest > length:
+                raise ValueError(
+                    f"'length' must be at least that of the longest trial, {longest} in "
+                    f"{runs.name(int(runs.length.argmax()))}, with ragged='pad' (got {length})"
+                )
+            if not self.dataset._data["x"].is_floating_point():
+                raise ValueError(
+                    "'ragged' must not be 'pad' where 'x' holds whole numbers, which have no NaN"
+                )
+            return {"starts": runs.start, "valid": runs.length, **chosen}
+        self._drop_short(runs, length)
+        kept = runs.length >= length
+        starts = runs.start
+        if self.ragged == "crop_start":
+            starts = starts + runs.length - length
+        return {"starts": starts[kept], **chosen}

@@ -1,0 +1,113 @@
+r"""Windows of consecutive frames as samples."""
+
+import logging
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import torch
+
+from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile.data.static_dataset import StaticDataset
+from torch_geometric_tactile.data.trial_runs import TrialRuns
+from torch_geometric_tactile.typing import Transform
+
+_LABELS = ("last", "trial", "ahead")
+_logger = logging.getLogger(__name__)
+
+
+class Windows(FrameView):
+    r"""The windows of :obj:`length` consecutive frames of a data set, one every :obj:`hop` frames,
+    never across trials.
+
+    It is a view: windows are cut from the frames when they are asked for, and a memory-mapped data
+    set stays where it is. :obj:`x` of a window is :math:`(N, C \cdot T)`, each taxel with all
+    frames of its first channel, then all of its second (see
+    :func:`~torch_geometric_tactile.data.split_frames`); beside it, :obj:`num_frames` is :math:`T`.
+    All other attributes are those of the last frame, except :obj:`y` and those in :obj:`series`.
+    What all frames share, the windows share.
+
+    The transform of :obj:`dataset` is applied to each frame when a window is cut.
+
+    Args:
+        dataset (StaticDataset): The frames, or a selection of them: consecutive ones of a trial in
+            the selection are consecutive in a window.
+        length (int): Number of frames of a window :math:`T`.
+        hop (int): Number of frames from the start of a window to that of the next.
+        label (str): Which frame labels a window: its last one (:obj:`"last"`), any of the trial,
+            all of which must have one label (:obj:`"trial"`), or the one :obj:`horizon` frames
+            after the last (:obj:`"ahead"`). Windows for which that is beyond the end of the trial
+            are left out and counted in :obj:`num_beyond`.
+        horizon (int): How far ahead the label is, in frames; at least 1 with :obj:`"ahead"`.
+        target (str): Name of the attribute that is the label.
+        series (sequence of str): Names of attributes, such as :obj:`"joint"`, of which a window has
+            all frames :math:`(B, T, \ldots)`.
+        transform (callable, optional): Applied to windows at every access.
+        pre_transform (callable, optional): Applied to all windows once, a few at a time. What it
+            returns is held in memory.
+
+    Raises:
+        TypeError: If :obj:`dataset` is of another kind.
+        ValueError: If a number or a name is not one of these, frames belong to no trial, those of a
+            trial do not follow each other, their :obj:`time` does not increase, or all trials are
+            shorter than a window.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x, trial = torch.rand(20, 6, 3), torch.arange(2).repeat_interleave(10)
+        >>> frames = StaticDataset.from_arrays(x, trial, trial=trial, layout=grid(2, 3, 0.002))
+        >>> windows = Windows(frames, length=4, hop=2)
+        >>> windows, windows[0].x.shape, windows.y
+        (Windows(8), torch.Size([6, 12]), tensor([0, 0, 0, 0, 1, 1, 1, 1]))
+    """
+
+    def __init__(
+        self,
+        dataset: StaticDataset,
+        length: int,
+        hop: int = 1,
+        *,
+        label: Literal["last", "trial", "ahead"] = "last",
+        horizon: int = 0,
+        target: str = "y",
+        series: Sequence[str] = (),
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+    ) -> None:
+        if label not in _LABELS:
+            raise ValueError(f"'label' must be one of {list(_LABELS)} (got {label!r})")
+        for name, number in (("length", length), ("hop", hop)):
+            if number < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {number})")
+        if (horizon < 1) if label == "ahead" else (horizon != 0):
+            needed = "at least 1" if label == "ahead" else "0"
+            raise ValueError(f"'horizon' must be {needed} with label='{label}' (got {horizon})")
+        self.length = length
+        self.hop = hop
+        self.label = label
+        self.horizon = horizon
+        #: How many windows were left out, since their label is beyond the end of their trial.
+        self.num_beyond = 0
+        super().__init__(dataset, target, series, transform, pre_transform)
+
+    def _choose(self, runs: TrialRuns) -> dict[str, Any]:
+        self._drop_short(runs, self.length)
+        last = (runs.length - self.length).clamp(min=-1)  # the last start within each trial
+        count = torch.div(last, self.hop, rounding_mode="floor") + 1
+        labelled = (last - self.horizon).clamp(min=-1)
+        kept = torch.div(labelled, self.hop, rounding_mode="floor") + 1
+        self.num_beyond = int((count - kept).sum())
+        if int(kept.sum()) == 0:
+            raise ValueError(
+                f"'horizon' must leave a window its label (got {self.horizon} frames after windows "
+                f"of {self.length} in trials of at most {int(runs.length.max())})"
+            )
+        if self.num_beyond:
+            _logger.info("%d windows have their label beyond their trial", self.num_beyond)
+        first = (kept.cumsum(0) - kept).repeat_interleave(kept)
+        step = torch.arange(int(kept.sum())) - first
+        return {
+            "starts": runs.start.repeat_interleave(kept) + self.hop * step,
+            "length": self.length,
+            "target": self._label(runs, constant=self.label == "trial"),
+            "horizon": self.horizon,
+        }

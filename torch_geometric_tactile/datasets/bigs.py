@@ -1,0 +1,234 @@
+r"""Grasps with three BioTac fingertips, from closing to shaking."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.datasets.frame_reader import opened_files
+from torch_geometric_tactile.datasets.grasp_reader import (
+    OUTCOMES,
+    SIGNALS,
+    GraspReader,
+    session_names,
+)
+from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets.trial_folder import TrialFolder
+from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
+from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.typing import Filter, PathLike, Transform
+
+_SUFFIXES = (".h5", ".hdf5", ".npz")
+_PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
+_ROUNDING = 1e-6  # seconds
+
+
+class BiGS(TrialFolder):
+    r"""The BiGS data set of the "Tactile Grasp Stability Classification Based on Graph
+    Convolutional Networks" paper, or one of the same form: grasps with three BioTac fingertips that
+    close, lift and shake an object, which holds or falls.
+
+    **No public copy, file format or reading code of the original could be found.** The files of
+    this class are of a neutral form of this package's own, one grasp a file, HDF5 or npz, described
+    in ``docs/bigs.md``: a holder of the original makes them with ``tactile convert bigs``.
+
+    A sample is a frame: 19 electrodes with three channels, the left, middle and right finger, in
+    raw counts. :obj:`y` is 1 where the grasp succeeded, the positive class, and 0 where it failed;
+    :obj:`trial` numbers the grasps, :obj:`group` the objects and, if all files name one,
+    :obj:`session` the sessions; :obj:`time` and :obj:`pickup_time` (when lifting begins, NaN if
+    unknown) are seconds from the start of the file; :obj:`phase` (of :obj:`phase_names`) is -1
+    where unknown, and so is :obj:`slip`, which is 1 from the onset of slip on. What the files have
+    of the following is there as well: :obj:`pressure` (counts), :obj:`pac` (vibration, 22 counts a
+    frame of 1 / 100 s), :obj:`robot_joint` (radians, 3 a frame), :obj:`joint` (those of the
+    fingers, 3 a frame one after the other) and :obj:`object_pose` (position in metres, quaternion
+    w, x, y, z). Without a :obj:`pre_transform` such as
+    :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no edges.
+
+    The shake after the lift decides what :obj:`y` is. A model that is to predict it must not see
+    it: frames later than :obj:`until` seconds after pick-up begins are left out.
+
+    .. list-table:: STATS, of the original as published
+        :header-rows: 1
+
+        * - object
+          - #trials
+          - success
+          - #nodes
+          - #features
+          - #classes
+        * - cylinder
+          - 1,000
+          - 54 %
+          - 19
+          - 3
+          - 2
+        * - box
+          - 500
+          - 31 %
+          - 19
+          - 3
+          - 2
+        * - ball
+          - 500
+          - 52.6 %
+          - 19
+          - 3
+          - 2
+
+    All files are processed once; :obj:`until` selects from the memory-mapped processed file. The
+    frames are never in memory all at once, unless a :obj:`pre_transform` or :obj:`pre_filter` takes
+    them there.
+
+    Shapes:
+        - **x:** counts :math:`(S, 19, 3)`, NaN where missing
+        - **pressure:** counts :math:`(S, 3)`
+        - **pac:** counts :math:`(S, 3, 22)`
+        - **robot_joint:** radians :math:`(S, 3, J)`
+        - **joint:** radians :math:`(S, 3 J)`
+        - **object_pose:** metres and a unit quaternion :math:`(S, 7)`
+
+    Args:
+        root (str or PathLike, optional): Folder of the data set; its files, named
+            ``<object>_<number>.h5`` or with object and trial in their metadata, are in its folder
+            :obj:`raw` or in itself. If left out, :obj:`$TACTILE_DATA/BiGS` or a folder in the
+            user's cache.
+        fields (Mapping of str to str, optional): For files that are not in the neutral form, the
+            names of their fields by ours, see :class:`~torch_geometric_tactile.io.BiGSFormat`; of
+            the units and rates that are the default there.
+        signals (sequence of str, optional): Which of :obj:`"pressure"`, :obj:`"pac"`,
+            :obj:`"robot_joint"`, :obj:`"finger_joint"` and :obj:`"object_pose"` to read, which all
+            files must have; those of the first file if left out.
+        until (float, optional): Seconds after pick-up begins at which the frames end, 2 in the
+            paper; all frames with :obj:`None`, the shake as well. A file that knows no time of
+            pick-up must say in its metadata, as :obj:`ends_after_pickup`, that it ends by then.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once, before the samples are saved.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+        force_reload (bool): Whether to process the raw files anew.
+
+    Raises:
+        FileNotFoundError: If there are no files.
+        ValueError: If a file cannot be read, is no grasp of three fingers with 19 electrodes, lacks
+            a signal that others have, holds a trial that another one holds, or does not tell when
+            pick-up begins.
+
+    Examples:
+        >>> dataset = BiGS("bigs")  # doctest: +SKIP
+        >>> dataset.class_names  # doctest: +SKIP
+        ['failure', 'success']
+    """
+
+    suffixes = _SUFFIXES
+    selection_args = ("until",)
+    _content = "content=1"
+
+    def __init__(
+        self,
+        root: PathLike | None = None,
+        *,
+        fields: Mapping[str, str] | None = None,
+        signals: Sequence[str] | None = None,
+        until: float | None = 2.0,
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        force_reload: bool = False,
+    ) -> None:
+        self.layout = biotac()
+        self.fields = None if fields is None else dict(fields)
+        self.signals = _checked_signals(signals)
+        self.until = _checked_until(until)
+        self.pattern = _PATTERN
+        self._format = None if fields is None else BiGSFormat(fields=fields)
+        super().__init__(
+            default_root("BiGS") if root is None else root,
+            transform,
+            pre_transform,
+            pre_filter,
+            force_reload,
+        )
+        if self.until is not None:
+            self._select_until(self.until)
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for all moments to end at."""
+        return "bigs.pt"
+
+    @property
+    def num_classes(self) -> int:
+        r"""Two, also where all grasps ended alike."""
+        return len(self.class_names)
+
+    def _no_trials(self) -> str:
+        return (
+            f"there are no grasps in '{self.raw_dir}' or '{self.root}': put files there, "
+            f"<object>_<number> with one of {', '.join(_SUFFIXES)}. The original is not public; "
+            "whoever has it makes such files with: tactile convert bigs IN... OUT_DIR"
+        )
+
+    def read_trial(self, path: PathLike) -> Recording:
+        r"""Reads the grasp in a file.
+
+        Args:
+            path (str or PathLike): The file.
+        """
+        return read_recording(path) if self._format is None else read_bigs(path, self._format)
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Reads all grasps."""
+        reader = GraspReader(self.layout, self.pattern, self.signals)
+        files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
+        columns, grasps, objects = reader.read(files, Path(self.processed_dir))
+        data = StaticData(**columns, pos=self.layout.pos, normal=self.layout.normal)
+        names = {
+            "class": list(OUTCOMES),
+            "group": objects,
+            "trial": [grasp.name for grasp in grasps],
+            "session": session_names(grasps) if "session" in columns else [],
+            "phase": reader.phase_names,
+            "property": [],
+            "synthetic": [grasp.name for grasp in grasps if grasp.synthetic],
+            "ends_after_pickup": [grasp.ends_after_pickup for grasp in grasps],
+        }
+        return data, names
+
+    def _select_until(self, until: float) -> None:
+        pickup = self._data.pickup_time
+        unknown = pickup.isnan()
+        ends = self._names["ends_after_pickup"]
+        late = [
+            self.trial_names[i]
+            for i in self._data.trial[unknown].unique().tolist()
+            if not ends[i] or float(ends[i]) > until + _ROUNDING
+        ]
+        if late:
+            raise ValueError(
+                f"{len(late)} grasps in '{self.root}' must tell when pick-up begins, as "
+                f"'pickup_time' in their metadata, or that they end by {until:g} s after it, as "
+                f"'ends_after_pickup' (got neither in '{late[0]}'): add it, or choose until=None, "
+                "with which a model may see the shake that decides the outcome"
+            )
+        kept = unknown | (self._data.time <= pickup + until + _ROUNDING)
+        if not kept.all():
+            self._indices = kept.nonzero().view(-1).tolist()
+
+
+def _checked_until(until: float | None) -> float | None:
+    is_number = isinstance(until, int | float) and not isinstance(until, bool)
+    if until is not None and not (is_number and math.isfinite(until) and until >= 0):
+        raise ValueError(f"'until' must be seconds, at least 0, or None (got {until!r})")
+    return None if until is None else float(until)
+
+
+def _checked_signals(signals: Sequence[str] | None) -> list[str] | None:
+    if signals is None:
+        return None
+    listed = [] if isinstance(signals, str) else list(signals)
+    if (
+        isinstance(signals, str)
+        or not set(listed) <= set(SIGNALS)
+        or len(set(listed)) < len(listed)
+    ):
+        raise ValueError(f"'signals' must be some of {[*SIGNALS]} (got {signals!r})")
+    return listed

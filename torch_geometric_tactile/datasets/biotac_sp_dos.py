@@ -1,0 +1,210 @@
+r"""Directions of slip on one BioTac SP."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data.file_state import file_state
+from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.io import read_biotac_sp_dos_csv
+from torch_geometric_tactile.sensors import biotac_sp
+from torch_geometric_tactile.typing import Filter, PathLike, Transform
+
+#: The names of the directions by those of their folders, in the order of their numbers.
+DIRECTIONS = {
+    "n": "north",
+    "e": "east",
+    "s": "south",
+    "w": "west",
+    "cw": "clockwise",
+    "aw": "anticlockwise",
+    "t": "touch",
+}
+_NAME = re.compile(r"(?P<object>.*[^0-9])(?P<number>[0-9]{1,9})", re.ASCII)
+_PARENTS = ("raw", "csvs", ".")
+
+
+class _Sequence(NamedTuple):
+    direction: str  # the lower-case name of its folder
+    object_name: str
+    number: int
+    path: Path
+
+
+class BioTacSPDoS(StaticDataset):
+    r"""The BioTac SP DoS data set (`BioTacSP-DoS <https://github.com/yayaneath/BioTacSP-DoS>`_,
+    Zapata-Impata, Gil and Torres, 2018): an object is moved on one BioTac SP in a direction, turned
+    on it, or held still; about three seconds at 100 readings a second.
+
+    A sample is a frame: 24 electrodes with one channel, in raw counts. :obj:`y` is the direction:
+    north, east, south, west, clockwise, anticlockwise or, without slip, touch. :obj:`trial` numbers
+    the sequences, :obj:`group` the eleven objects, :obj:`time` are seconds from the start, at the
+    nominal rate. Without a :obj:`pre_transform` such as
+    :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no edges.
+
+    The authors name four sets of objects: basic (case, hd, pen, sponge), solids (bottle,
+    cardboard), small (brush, screw) and textures (bubbles, plate, striped).
+
+    .. list-table:: STATS, as published
+        :header-rows: 1
+
+        * - #sequences
+          - #graphs
+          - #nodes
+          - #features
+          - #classes
+          - #objects
+        * - 306
+          - about 84,000
+          - 24
+          - 1
+          - 7
+          - 11
+
+    The files are not downloaded and do not come with this package, since their repository names no
+    licence: get them there, and mind that yourself.
+
+    Args:
+        root (str or PathLike, optional): Folder of the data set; its folders ``n``, ``e``, ``s``,
+            ``w``, ``cw``, ``aw`` and ``t``, with files ``<object><number>.csv``, are in its folder
+            :obj:`raw` or :obj:`csvs` or in itself. If left out, :obj:`$TACTILE_DATA/BioTacSPDoS` or
+            a folder in the user's cache.
+        transform (callable, optional): Applied at every access.
+        pre_transform (callable, optional): Applied once, before the samples are saved.
+        pre_filter (callable, optional): Tells whether a sample is kept.
+        force_reload (bool): Whether to process the raw files anew.
+
+    Raises:
+        FileNotFoundError: If there are no files, or those of a direction are missing.
+        ValueError: If a file cannot be read or has another name, or a sequence is there twice.
+
+    Examples:
+        >>> from torch_geometric_tactile.data import Protocol
+        >>> dataset = BioTacSPDoS("dos")  # doctest: +SKIP
+        >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        root: PathLike | None = None,
+        *,
+        transform: Transform | None = None,
+        pre_transform: Transform | None = None,
+        pre_filter: Filter | None = None,
+        force_reload: bool = False,
+    ) -> None:
+        self.layout = biotac_sp()
+        super().__init__(
+            default_root("BioTacSPDoS") if root is None else root,
+            transform,
+            pre_transform,
+            pre_filter,
+            force_reload,
+        )
+
+    @property
+    def raw_dir(self) -> str:
+        r"""The folder of the directions: :obj:`root/raw`, :obj:`root/csvs` or :obj:`root`, the
+        first that has one.
+        """
+        root = Path(self.root)
+        found = [root / name for name in _PARENTS if _folders(root / name)]
+        return str(found[0] if found else root / _PARENTS[0])
+
+    @property
+    def raw_file_names(self) -> list[str]:
+        r"""The files of the sequences, by direction, object and number."""
+        folder = Path(self.raw_dir)
+        return [s.path.relative_to(folder).as_posix() for s in _sequences(folder)]
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file."""
+        return "biotac_sp_dos.pt"
+
+    @property
+    def num_classes(self) -> int:
+        r"""The number of directions."""
+        return len(self.class_names)
+
+    @property
+    def trial_names(self) -> list[str]:
+        r"""The names of the files behind :obj:`trial`, with that of their direction in front."""
+        return list(self._names["trial"])
+
+    def raw_state(self) -> list[str]:
+        r"""Returns the raw files with what their contents are known by, see
+        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        """
+        folder = Path(self.raw_dir)
+        return [f"{name}={file_state(folder / name)}" for name in self.raw_file_names]
+
+    def _process(self) -> None:
+        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
+        if not is_processed:
+            self._check_there()
+        super()._process()
+
+    def _check_there(self) -> None:
+        folder = Path(self.raw_dir)
+        there = {sequence.direction for sequence in _sequences(folder)}
+        missing = [name for name in DIRECTIONS if name not in there]
+        if missing:
+            raise FileNotFoundError(
+                f"'{folder}' must have files <object><number>.csv in a folder for each direction, "
+                f"{', '.join(DIRECTIONS)} (got none in {', '.join(map(repr, missing))}): put the "
+                "folder 'csvs' of https://github.com/yayaneath/BioTacSP-DoS there"
+            )
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Reads all files."""
+        sequences = _sequences(Path(self.raw_dir))
+        objects = sorted({sequence.object_name for sequence in sequences})
+        recordings = [read_biotac_sp_dos_csv(sequence.path) for sequence in sequences]
+        num_frames = torch.tensor([recording.num_frames for recording in recordings])
+        directions = [*DIRECTIONS]
+        y = torch.tensor([directions.index(s.direction) for s in sequences])
+        group = torch.tensor([objects.index(s.object_name) for s in sequences])
+        data = StaticData(
+            x=torch.from_numpy(np.concatenate([r.tactile for r in recordings])),
+            y=y.repeat_interleave(num_frames),
+            pos=self.layout.pos,
+            normal=self.layout.normal,
+            trial=torch.arange(len(sequences)).repeat_interleave(num_frames),
+            group=group.repeat_interleave(num_frames),
+            time=torch.from_numpy(np.concatenate([r.time for r in recordings])),
+        )
+        names = [f"{s.direction}/{s.path.stem}" for s in sequences]
+        return data, {"class": [*DIRECTIONS.values()], "group": objects, "trial": names}
+
+
+def _folders(parent: Path) -> list[Path]:
+    if not parent.is_dir():
+        return []
+    return sorted(p for p in parent.iterdir() if p.name.lower() in DIRECTIONS and p.is_dir())
+
+
+def _sequences(parent: Path) -> list[_Sequence]:
+    found = []
+    seen: dict[tuple[str, str, int], Path] = {}
+    for folder in _folders(parent):
+        for path in sorted(folder.iterdir()):
+            if path.suffix.lower() != ".csv" or path.name.startswith("."):
+                continue
+            name = _NAME.fullmatch(path.stem)
+            if name is None:
+                raise ValueError(f"'{path}' must be named <object><number>.csv, as 'bottle0.csv'")
+            key = (folder.name.lower(), name["object"], int(name["number"]))
+            other = seen.setdefault(key, path)
+            if other is not path:
+                raise ValueError(
+                    f"sequence {key[2]} of '{key[1]}' must be in one file (got '{other}' and "
+                    f"'{path}')"
+                )
+            found.append(_Sequence(*key, path))
+    order = [*DIRECTIONS]
+    return sorted(found, key=lambda s: (order.index(s.direction), s.object_name, s.number))

@@ -1,0 +1,201 @@
+r"""Grasps of the BiGS data set as their holder keeps them: one HDF5 or npz file each."""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.bigs_fields import BiGSFields
+from torch_geometric_tactile.io.bigs_format import BiGSFormat
+from torch_geometric_tactile.typing import PathLike
+
+OUTCOMES = ("failure", "success")
+_FULL_TURN = 2 * math.pi * (1 + 1e-6)
+_MOST_APART = 0.1  # of a rate that is stated and that of the times
+_EXTRA = ("pressure", "pac", "robot_joint", "finger_joint")
+
+
+def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
+    r"""Reads a grasp of the BiGS data set from a file of its holder.
+
+    Args:
+        path (str or PathLike): An HDF5 or npz file with one grasp.
+        layout (BiGSFormat, optional): Its names, orders, units and rates; ours if left out.
+
+    Returns:
+        Recording: As :class:`~torch_geometric_tactile.datasets.BiGS` reads it from a file of
+        :func:`~torch_geometric_tactile.io.write_recording`.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If h5py is missing for an HDF5 file.
+        ValueError: If the file is cut or damaged, lacks a field, or an array has another shape or
+            length than is stated, times do not increase or do not fit the rate, or the outcome is
+            no truth value. The message names file and field.
+    """
+    path = Path(path)
+    return _Grasp(path, layout or BiGSFormat()).recording()
+
+
+class _Grasp(BiGSFields):
+    def recording(self) -> Recording:
+        tactile = self.array("electrodes", {"frame": None})
+        if tactile is None:
+            raise self.missing("electrodes")
+        num_frames = len(tactile)
+        if num_frames == 0:
+            raise ValueError(f"{self.where('electrodes')} must hold at least one frame (got none)")
+        time = self.time(num_frames)
+        extra, privileged = {}, {}
+        for key in _EXTRA:
+            array = self.array(key, {"frame": num_frames})
+            if array is not None:
+                extra[key] = self.angles(key, array) if key.endswith("joint") else array
+        pose = self.array("object_pose", {"frame": num_frames})
+        if pose is not None:
+            privileged["object_pose"] = self.pose(pose)
+        slip = self.array("slip", {"frame": num_frames})
+        if slip is not None:
+            privileged["slip"] = self.slip(slip)
+        meta = self.meta(time)
+        phase = self.phase(num_frames)
+        if phase is not None:
+            privileged["phase"], meta["phase_names"] = phase
+        try:
+            return Recording(
+                time=time,
+                tactile=tactile,
+                label=OUTCOMES[self.success()],
+                meta=meta,
+                privileged=privileged,
+                extra=extra,
+            )
+        except ValueError as error:
+            text = str(error) if f"'{self.path}'" in str(error) else f"'{self.path}': {error}"
+            raise ValueError(text) from error
+
+    def time(self, num_frames: int) -> np.ndarray:
+        time = self.array("time", {"frame": num_frames})
+        if time is None:
+            return np.arange(num_frames) / self.layout.rate
+        if time.dtype.kind != "f" and self.layout.time_unit is None:
+            raise ValueError(
+                f"{self.where('time')} must be seconds as floats, or have its unit stated as "
+                f"'time_unit' (got {time.dtype})"
+            )
+        time = time / self.layout.per_second
+        if np.isnan(time).any():
+            raise ValueError(f"{self.where('time')} must be finite (got NaN)")
+        wrong = np.flatnonzero(np.diff(time) <= 0)
+        if len(wrong):
+            before, frame = wrong[0], wrong[0] + 1
+            raise ValueError(
+                f"{self.where('time')} must increase (got {float(time[frame])} s in frame {frame} "
+                f"after {float(time[before])} s in frame {before})"
+            )
+        if num_frames > 1:
+            found = 1 / float(np.median(np.diff(time)))
+            if abs(found / self.layout.rate - 1) > _MOST_APART:
+                raise ValueError(
+                    f"{self.where('time')} must fit the rate of {self.layout.rate:g} frames per "
+                    f"second (got {found:.4g}): state 'rate', or the 'time_unit'"
+                )
+        return np.asarray(time)
+
+    def angles(self, key: str, array: np.ndarray) -> np.ndarray:
+        if self.layout.angle_unit == "deg":
+            return np.deg2rad(array).astype(np.float32)
+        largest = float(np.nanmax(np.abs(array), initial=0.0))
+        if largest > _FULL_TURN:
+            raise ValueError(
+                f"{self.where(key)} must be in radians (got {largest:.4g}, more than a full turn): "
+                "if these are degrees, state angle_unit='deg'"
+            )
+        return array.astype(np.float32)
+
+    def pose(self, pose: np.ndarray) -> np.ndarray:
+        pose = pose.astype(np.float32)
+        position, quaternion = pose[:, :3] / self.layout.per_metre, pose[:, 3:]
+        if self.layout.quaternion == "xyzw":
+            quaternion = quaternion[:, [3, 0, 1, 2]]
+        length = np.linalg.norm(quaternion, axis=1)
+        wrong = np.flatnonzero(np.abs(length - 1) > 0.01)
+        if len(wrong):
+            raise ValueError(
+                f"{self.where('object_pose')} must hold a position and a quaternion of length 1 "
+                f"(got {length[wrong[0]]:.4g} in frame {wrong[0]})"
+            )
+        return np.concatenate([position, quaternion], axis=1)
+
+    def slip(self, slip: np.ndarray) -> np.ndarray:
+        if not np.isin(slip, (-1, 0, 1)).all():
+            raise ValueError(f"{self.where('slip')} must be 0, 1 or, where unknown, -1")
+        return slip.astype(np.int8)
+
+    def phase(self, num_frames: int) -> tuple[np.ndarray, list[str]] | None:
+        (name,) = self.stored["phase"].names
+        if name not in self.arrays:
+            if "phase" in self.layout.fields:
+                raise self.missing("phase")
+            return None
+        phase = self.arrays[name]
+        if phase.dtype.kind != "U" or phase.shape != (num_frames,):
+            raise ValueError(
+                f"{self.where('phase')} must hold the name of a phase for each of {num_frames} "
+                f"frames (got {phase.dtype} of shape {phase.shape})"
+            )
+        names = [*dict.fromkeys(phase.tolist())]
+        number = {text: i for i, text in enumerate(names)}
+        return np.array([number[text] for text in phase.tolist()], dtype=np.int16), names
+
+    def success(self) -> int:
+        value = self.value("success")
+        if value is None:
+            raise self.missing("success")
+        text = value.strip().lower() if isinstance(value, str) else value
+        known: dict[Any, int] = {"failure": 0, "success": 1, "0": 0, "1": 1, 0: 0, 1: 1}
+        if text not in known:  # also True and 1.0
+            raise ValueError(
+                f"{self.where('success')} must be a truth value, 0 or 1, or 'failure' or "
+                f"'success' (got {value!r})"
+            )
+        return known[text]
+
+    def meta(self, time: np.ndarray) -> dict[str, Any]:
+        out: dict[str, Any] = {
+            "sensor": "biotac",
+            "unit": "count",
+            "rate": self.layout.rate,
+            "source": self.path.name,
+        }
+        for key, kinds in (("object", str), ("trial", int), ("session", str | int)):
+            value = self.value(key)
+            if key == "trial" and isinstance(value, str) and re.fullmatch("[0-9]{1,9}", value):
+                value = int(value)
+            if value is not None and (not isinstance(value, kinds) or isinstance(value, bool)):
+                what = "a whole number" if kinds is int else "a text"
+                raise ValueError(f"{self.where(key)} must be {what} (got {value!r})")
+            if value in (None, ""):
+                if key == "object":
+                    raise self.missing("object")
+                continue
+            out[key] = value
+        pickup = self.value("pickup_time")
+        if pickup is not None:
+            out["pickup_time"] = self.pickup(pickup, time)
+        elif self.layout.ends_after_pickup is not None:
+            out["ends_after_pickup"] = self.layout.ends_after_pickup
+        return out
+
+    def pickup(self, value: Any, time: np.ndarray) -> float:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        seconds = value / self.layout.per_second if is_number else math.nan
+        if not time[0] <= seconds <= time[-1]:
+            raise ValueError(
+                f"{self.where('pickup_time')} must be a time of the grasp, on the clock of "
+                f"its frames: {float(time[0])} to {float(time[-1])} s (got {value!r})"
+            )
+        return float(seconds)

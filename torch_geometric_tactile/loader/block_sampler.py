@@ -1,0 +1,60 @@
+r"""A random order for data that does not fit into memory."""
+
+from collections.abc import Iterator, Sized
+
+import torch
+from torch.utils.data import RandomSampler
+
+
+class BlockSampler(RandomSampler):
+    r"""Draws the samples by blocks: blocks of consecutive samples in random order, and the samples
+    of several blocks in random order among themselves.
+
+    Each sample is drawn once in an epoch. A memory-mapped file is read a block at a time, where a
+    full random order reads a page of it for nearly every sample.
+
+    It is a :class:`~torch.utils.data.RandomSampler`, so that Lightning replaces it by its own
+    distributed sampler (which draws in a full random order) where a loader is shared by processes.
+
+    Args:
+        data_source (Sized): The samples.
+        block_size (int): Number of consecutive samples of a block.
+        num_blocks (int): Number of blocks whose samples are mixed.
+        generator (torch.Generator, optional): What is drawn from; the global one if left out.
+
+    Raises:
+        ValueError: If a number is below one.
+
+    Examples:
+        >>> generator = torch.Generator().manual_seed(0)
+        >>> sampler = BlockSampler(range(8), block_size=2, num_blocks=2, generator=generator)
+        >>> order = list(sampler)
+        >>> sorted(order), {i // 2 for i in order[:4]} & {i // 2 for i in order[4:]}
+        ([0, 1, 2, 3, 4, 5, 6, 7], set())
+    """
+
+    def __init__(
+        self,
+        data_source: Sized,
+        block_size: int = 256,
+        num_blocks: int = 128,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        for name, number in (("block_size", block_size), ("num_blocks", num_blocks)):
+            if number < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {number})")
+        super().__init__(data_source, generator=generator)
+        self.block_size = block_size
+        self.num_blocks = num_blocks
+
+    def __iter__(self) -> Iterator[int]:
+        # One number from the source of the loader: the rest of an epoch follows from it.
+        seed = torch.empty((), dtype=torch.int64).random_(generator=self.generator)
+        generator = torch.Generator().manual_seed(int(seed))
+        size = len(self.data_source)
+        blocks = torch.randperm(-(-size // self.block_size), generator=generator)
+        within = torch.arange(self.block_size)
+        for chosen in blocks.split(self.num_blocks):
+            index = (self.block_size * chosen[:, None] + within).view(-1)
+            index = index[index < size]
+            yield from index[torch.randperm(len(index), generator=generator)].tolist()

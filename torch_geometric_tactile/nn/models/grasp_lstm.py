@@ -1,0 +1,178 @@
+r"""Grasp stability from the time series of several fingers."""
+
+from typing import Optional
+
+import torch
+from torch import Tensor
+from torch.nn import Linear, Module, Parameter
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.data import split_frames
+from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models.taxels import LayoutLike, count_taxels, stacked_readings
+
+
+class LSTMCells(Module):
+    r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`, of the same weights by
+    the same names. :func:`torch.compile` refuses to look into that class; here it can.
+
+    Args:
+        in_channels (int): Features of each frame.
+        hidden_channels (int): Number of cells.
+        num_layers (int): Number of layers.
+    """
+
+    def __init__(self, in_channels: int, hidden_channels: int, num_layers: int = 1) -> None:
+        super().__init__()
+        self.hidden_channels = hidden_channels
+        self.num_layers = num_layers
+        rows = 4 * hidden_channels
+        for i in range(num_layers):
+            width = hidden_channels if i else in_channels
+            self.register_parameter(f"weight_ih_l{i}", Parameter(torch.empty(rows, width)))
+            self.register_parameter(
+                f"weight_hh_l{i}", Parameter(torch.empty(rows, hidden_channels))
+            )
+            self.register_parameter(f"bias_ih_l{i}", Parameter(torch.empty(rows)))
+            self.register_parameter(f"bias_hh_l{i}", Parameter(torch.empty(rows)))
+        self.reset_parameters()
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew, as :class:`torch.nn.LSTM` does."""
+        bound = self.hidden_channels**-0.5
+        for weight in self.parameters():
+            torch.nn.init.uniform_(weight, -bound, bound)
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Returns the hidden state of the last layer in each frame :math:`(B, T, H)`.
+
+        Args:
+            x (torch.Tensor): The frames :math:`(B, T, F)`.
+        """
+        zeros = x.new_zeros(self.num_layers, x.size(0), self.hidden_channels)
+        weights: list[Tensor] = list(self.parameters())
+        if torch.compiler.is_compiling():
+            # PyTorch compiles the layer of oneDNN, which has no gradient, for an input without one.
+            x = x + 0 * weights[0][0, 0]
+        out, _, _ = torch.lstm(
+            x, (zeros, zeros), weights, True, self.num_layers, 0.0, self.training, False, True
+        )
+        return out
+
+
+class GraspLSTM(Module, TactileHubMixin):
+    r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
+    Convolutional Networks" paper: one layer of 128 cells over time on the signals of all
+    electrodes, of one finger or (F) of all, then one fully connected layer on the hidden state of
+    the last frame.
+
+    It knows no graph. In each frame, the electrodes' readings stand side by side: electrode by
+    electrode, in each finger by finger. The paper has two classes and a sigmoid; outputs are
+    logits, whose softmax of two is the sigmoid of their difference.
+
+    Args:
+        layout (TaxelLayout, int, str or PathLike): The layout of one finger, the name of a stock
+            layout, the path of a layout file, or the number of electrodes :math:`N`.
+        out_channels (int): Number of classes :math:`C`.
+        num_fingers (int): Number of fingers :math:`K` whose signals stand side by side.
+        finger (int, optional): The one finger to look at. All if left out.
+        hidden_channels (int): Number of cells.
+        num_layers (int): Number of layers; one in the paper.
+
+    Shapes:
+        - **input:** windows of any number of frames :math:`T`: :math:`(N, K \cdot T)`,
+          :math:`(B, N, K \cdot T)` or those of a PyG batch :math:`(B \cdot N, K \cdot T)`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has other
+            electrodes or no whole number of frames.
+
+    Examples:
+        >>> model = GraspLSTM("biotac", 2)
+        >>> model
+        GraspLSTM(19, 2, num_fingers=3, hidden_channels=128)
+        >>> model(torch.zeros(5, 19, 3 * 60)).shape
+        torch.Size([5, 2])
+    """
+
+    needs_edges = False
+
+    def __init__(
+        self,
+        layout: LayoutLike = "biotac",
+        out_channels: int = 2,
+        *,
+        num_fingers: int = 3,
+        finger: Optional[int] = None,
+        hidden_channels: int = 128,
+        num_layers: int = 1,
+    ) -> None:
+        super().__init__()
+        self.num_nodes = count_taxels(layout)
+        for name, size in (
+            ("out_channels", out_channels),
+            ("num_fingers", num_fingers),
+            ("hidden_channels", hidden_channels),
+            ("num_layers", num_layers),
+        ):
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        if finger is not None and not 0 <= finger < num_fingers:
+            raise ValueError(f"'finger' must be between 0 and {num_fingers - 1} (got {finger})")
+        self.out_channels = out_channels
+        self.num_fingers = num_fingers
+        self.finger = finger
+        self.hidden_channels = hidden_channels
+        self.num_layers = num_layers
+        width = self.num_nodes * (num_fingers if finger is None else 1)
+        self.lstm = LSTMCells(width, hidden_channels, num_layers)
+        self.lin = Linear(hidden_channels, out_channels)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        self.lstm.reset_parameters()
+        self.lin.reset_parameters()
+
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+    ) -> Tensor:
+        r"""Returns the logits of the classes.
+
+        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
+
+        Args:
+            x (torch.Tensor): Windows.
+            edge_index (torch.Tensor, optional): Not used.
+            edge_attr (torch.Tensor, optional): Not used.
+            joint (torch.Tensor, optional): Not used.
+            absolute (torch.Tensor, optional): Not used.
+            pos (torch.Tensor, optional): Not used.
+        """
+        size = x.size(-1) if x.dim() else 0
+        if size == 0 or size % self.num_fingers:
+            raise ValueError(
+                f"'x' must have frames of {self.num_fingers} fingers, one after another (got shape "
+                f"{tuple(x.shape)})"
+            )
+        x = stacked_readings(x, self.num_nodes, size, "fingers x frames")
+        frames = split_frames(x, size // self.num_fingers)  # (B, N, T, K)
+        if self.finger is not None:
+            frames = frames.narrow(-1, self.finger, 1)
+        hidden = self.lstm(frames.transpose(1, 2).flatten(2))
+        return self.lin(hidden[:, -1])
+
+    def __repr__(self) -> str:
+        finger = "" if self.finger is None else f", finger={self.finger}"
+        layers = f", num_layers={self.num_layers}" if self.num_layers > 1 else ""
+        return (
+            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
+            f"num_fingers={self.num_fingers}{finger}, hidden_channels={self.hidden_channels}"
+            f"{layers})"
+        )

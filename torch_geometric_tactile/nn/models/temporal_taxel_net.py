@@ -1,0 +1,327 @@
+r"""The model of windows of frames to begin with."""
+
+from collections.abc import Sequence
+from typing import Optional, Union
+
+import torch
+from torch import Tensor
+from torch.nn import Linear, Module, ModuleList
+from torch_geometric.nn.inits import reset
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.data import split_frames
+from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
+from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models.tactile_model import with_joints
+from torch_geometric_tactile.nn.models.taxel_levels import (
+    CONVS,
+    ConvName,
+    ReadingNorm,
+    TaxelLevel,
+    TaxelNorm,
+    level_widths,
+    pooled_layouts,
+)
+from torch_geometric_tactile.nn.models.taxels import (
+    check_taxel_dropout,
+    load_layout,
+    seen_taxels,
+    stacked_readings,
+)
+from torch_geometric_tactile.nn.models.temporal_blocks import (
+    FrameFilters,
+    TemporalBlock,
+    in_frames,
+)
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike
+
+# The past frames that each convolution over time has seen.
+TemporalState = tuple[Tensor, ...]
+
+
+class TemporalTaxelNet(Module, TactileHubMixin):
+    r"""The model to take first for windows of frames of any layout, and frame by frame on a robot:
+    convolutions over neighbouring taxels and causal convolutions over time. It is ours and no
+    paper's.
+
+    Filters of :obj:`filter_size` frames see the readings of each taxel, so that an offset of a
+    taxel need not hide what changes. Levels of :class:`~torch_geometric_tactile.nn.conv.SectorConv`
+    with pooling between them follow in each frame, as of
+    :class:`~torch_geometric_tactile.nn.models.TaxelNet`. Then come blocks of
+    :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv` over the features of each taxel,
+    with dilations :math:`D, 2 D, 4 D` and so on and residuals. All taxels side by side, their mean
+    and their maximum go through a hidden layer to the logits of a frame.
+
+    An answer rests on :obj:`receptive_field` frames,
+
+    .. math::
+        R = F + (K - 1) D (2^L - 1)
+
+    with filters of :math:`F` frames and :math:`L` blocks of kernel size :math:`K`; before the first
+    frame, all features are zero. The answer of a window is that of its last frame, for which only
+    the features that it rests on are computed: every :math:`D`-th frame, then every :math:`2 D`-th,
+    and so on. With :obj:`per_frame`, all are.
+
+    :meth:`step` takes one frame and a state, a tuple of tensors. From :meth:`initial_state` on it
+    gives the numbers of :meth:`forward` on the same frames, and after :math:`R` frames those of any
+    window that ends here and has at least :math:`R`.
+
+    It finds its neighbours in the layout: :obj:`edge_index` is accepted and not used. Readings are
+    scaled by batch normalisation with one scale for all taxels of a channel, so that raw counts
+    will do. Missing readings (NaN) have to be filled before.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
+            of a layout file.
+        out_channels (int): Number of labels or classes.
+        in_channels (int): Channels of each taxel in one frame :math:`C`: axes or fingers.
+        num_filters (int): Number of filters of the readings.
+        filter_size (int): Length of the filters in frames :math:`F`.
+        widths (sequence of int, optional): Width of each level, the last for all further ones. If
+            left out, 32 without pooling, and 16, 32 and 64 with it.
+        depth (int): Graph convolutions of each level; the first of several has one.
+        conv (str): As of :class:`~torch_geometric_tactile.nn.models.TaxelNet`.
+        num_sectors (int): Number of directions.
+        kernel_size (int): Frames that the convolution of a block sees :math:`K`.
+        dilation (int): Distance of these frames in the first block :math:`D`.
+        num_blocks (int): Number of blocks :math:`L`.
+        hidden_channels (int): Width of the hidden layer.
+        dropout (float): Part of the features dropped in training before each layer of the head, and
+            half of it in the blocks.
+        taxel_dropout (float): Part of the taxels that read nothing in training, drawn anew for each
+            window.
+        max_taxels (int): Number of taxels above which a level is pooled.
+        num_joints (int): Number of joint angles that join before the hidden layer; 0 for none.
+        fast (bool): As of :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
+
+    Shapes:
+        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
+          batch :math:`(B \cdot N, C \cdot T)`, channel outer and time inner; joint angles in
+          radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
+        - **output:** logits :math:`(B, O)`, or :math:`(B, T, O)` of all frames
+
+    Raises:
+        ValueError: If :obj:`layout` is a number, :obj:`conv` is unknown, a size is below one, or
+            :obj:`x` has other taxels or no whole number of frames.
+
+    Examples:
+        >>> model = TemporalTaxelNet("biotac", 2, in_channels=3)
+        >>> model
+        TemporalTaxelNet(19, 2, in_channels=3, widths=(32,), taxels=(19,), receptive_field=64)
+        >>> model(torch.zeros(5, 19, 3 * 60)).shape
+        torch.Size([5, 2])
+        >>> state = model.eval().initial_state(5)
+        >>> logits, state = model.step(torch.zeros(5, 19, 3), None, state)
+        >>> logits.shape
+        torch.Size([5, 2])
+    """
+
+    splits_frames = True  # `in_channels` is that of one frame, whatever their number
+
+    def __init__(
+        self,
+        layout: Union[TaxelLayout, PathLike] = "biotac",
+        out_channels: int = 2,
+        *,
+        in_channels: int = 1,
+        num_filters: int = 16,
+        filter_size: int = 16,
+        widths: Optional[Sequence[int]] = None,
+        depth: int = 1,
+        conv: ConvName = "sector",
+        num_sectors: int = 8,
+        kernel_size: int = 3,
+        dilation: int = 8,
+        num_blocks: int = 2,
+        hidden_channels: int = 64,
+        dropout: float = 0.5,
+        taxel_dropout: float = 0.2,
+        max_taxels: int = 64,
+        num_joints: int = 0,
+        fast: bool = True,
+    ) -> None:
+        super().__init__()
+        layout = load_layout(layout, "the neighbours of its taxels")
+        sizes = {
+            "out_channels": out_channels,
+            "in_channels": in_channels,
+            "num_filters": num_filters,
+            "filter_size": filter_size,
+            "depth": depth,
+            "num_sectors": num_sectors,
+            "kernel_size": kernel_size,
+            "dilation": dilation,
+            "num_blocks": num_blocks,
+            "hidden_channels": hidden_channels,
+            "max_taxels": max_taxels,
+        }
+        for name, size in sizes.items():
+            if size < 1:
+                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        if num_joints < 0:
+            raise ValueError(f"'num_joints' must not be negative (got {num_joints})")
+        if conv not in CONVS:
+            raise ValueError(f"'conv' must be one of {CONVS} (got {conv!r})")
+        self.num_nodes = layout.num_taxels
+        self.out_channels = out_channels
+        self.in_channels = in_channels
+        self.dilation = dilation
+        self.taxel_dropout = check_taxel_dropout(taxel_dropout)
+        self.num_joints = num_joints
+        self.receptive_field = filter_size + (kernel_size - 1) * dilation * (2**num_blocks - 1)
+        pools = pooled_layouts(layout, max_taxels)
+        self.widths = level_widths(widths, 1 + len(pools))
+        self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
+        self.norm = ReadingNorm(in_channels)
+        self.filters = FrameFilters(in_channels, num_filters, filter_size)
+        self.levels = ModuleList()
+        width = num_filters
+        for i, after in enumerate(self.widths):
+            pool = pools[i - 1] if i else None
+            on = layout if pool is None else pool.coarse
+            level = (width, *[after] * (1 if i == 0 and pools else depth))
+            self.levels.append(TaxelLevel(on, pool, level, conv, num_sectors, fast))
+            width = after
+        self.blocks = ModuleList(
+            TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
+            for i in range(num_blocks)
+        )
+        size = (self.taxels[-1] + 2) * width + num_joints
+        self.dropout = ByteDropout(dropout)
+        self.lin = Linear(size, hidden_channels, bias=False)
+        self.norm_hidden = TaxelNorm(hidden_channels)
+        self.lin_out = Linear(hidden_channels, out_channels)
+
+    @property
+    def modalities(self) -> tuple[str, ...]:
+        r"""The attributes of a batch that :meth:`forward` needs by keyword."""
+        return ("joint",) if self.num_joints else ()
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for child in self.children():
+            reset(child)
+
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+        *,
+        per_frame: bool = False,
+    ) -> Tensor:
+        r"""Returns the logits of the last frame, or those of all.
+
+        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
+
+        Args:
+            x (torch.Tensor): Windows of readings.
+            edge_index (torch.Tensor, optional): Not used.
+            edge_attr (torch.Tensor, optional): Not used.
+            joint (torch.Tensor, optional): Joint angles in radians, if the model has them: those of
+                the last frame, or with :obj:`per_frame` of all.
+            absolute (torch.Tensor, optional): Not used.
+            pos (torch.Tensor, optional): Not used.
+            per_frame (bool): Whether to return the logits of each frame, as to train on all.
+        """
+        x = self._frames(x)
+        seen = seen_taxels(x[:, :, 0], self.taxel_dropout if self.training else 0.0)
+        x = self.norm(x.flatten(1, 2)).view_as(x)
+        if seen is not None:  # behind the scale, which is that of all taxels
+            x = x * seen[:, :, None, None]
+        # Of every frame, or of those that the last rests on.
+        h = self.filters(x, 1 if per_frame else self.dilation)
+        for level in self.levels:
+            h = in_frames(level, h)
+        for block in self._temporal:
+            h = block(h) if per_frame else block(h, block.conv.dilation, 2)
+        return self._logits(h if per_frame else h[:, :, -1], joint)
+
+    def initial_state(
+        self,
+        batch_size: int,
+        device: torch.device | str | None = None,
+        dtype: torch.dtype | None = None,
+    ) -> TemporalState:
+        r"""Returns the state before the first frame: tensors whose first size is the number of
+        streams, so that states can be joined, cut and exported.
+
+        Args:
+            batch_size (int): Number of streams :math:`B`.
+            device (torch.device, optional): That of the weights, if left out.
+            dtype (torch.dtype, optional): Likewise.
+        """
+        first = self.filters.conv.initial_state(
+            batch_size, self.num_nodes, device=device, dtype=dtype
+        )
+        others = (
+            block.conv.initial_state(batch_size, self.taxels[-1], device=device, dtype=dtype)
+            for block in self._temporal
+        )
+        return (first, *others)
+
+    def step(
+        self,
+        frame: Tensor,
+        edge_index: OptTensor,
+        state: TemporalState,
+        joint: OptTensor = None,
+    ) -> tuple[Tensor, TemporalState]:
+        r"""Returns the logits after the next frame, and the state after it.
+
+        Args:
+            frame (torch.Tensor): Readings of one frame :math:`(B, N, C)`.
+            edge_index (torch.Tensor, optional): Not used.
+            state (tuple of torch.Tensor): The state before it.
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`, if the model has
+                them.
+        """
+        x = stacked_readings(frame, self.num_nodes, self.in_channels, "channels")
+        if len(state) != 1 + len(self.blocks):
+            raise ValueError(
+                f"'state' must be the {1 + len(self.blocks)} tensors of 'initial_state' or of the "
+                f"step before (got {len(state)})"
+            )
+        h, first = self.filters.step(self.norm(x), state[0])
+        after = [first]
+        for level in self.levels:
+            h = level(h)
+        for block, seen in zip(self._temporal, state[1:], strict=True):
+            h, seen = block.step(h, seen)
+            after.append(seen)
+        return self._logits(h, joint), tuple(after)
+
+    @property
+    def _temporal(self) -> list[TemporalBlock]:
+        return [block for block in self.blocks if isinstance(block, TemporalBlock)]
+
+    def _frames(self, x: Tensor) -> Tensor:
+        # As (B, N, T, C).
+        num_frames, rest = divmod(x.size(-1), self.in_channels) if x.dim() else (0, 0)
+        if rest or num_frames == 0:
+            raise ValueError(
+                f"'x' must have the frames of {self.in_channels} channels side by side, at least "
+                f"one of each (got shape {tuple(x.shape)})"
+            )
+        x = stacked_readings(x, self.num_nodes, x.size(-1), "features")
+        return split_frames(x, num_frames)
+
+    def _logits(self, h: Tensor, joint: OptTensor) -> Tensor:
+        # Of one frame (B, M, F), or of all (B, M, T, F).
+        rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
+        found = torch.cat([rows.flatten(1), rows.mean(dim=1), rows.amax(dim=1)], dim=1)
+        found = with_joints(self.dropout(found), joint, self.num_joints)
+        out: Tensor = self.lin_out(self.dropout(self.norm_hidden(self.lin(found)).relu()))
+        return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
+
+    def __repr__(self) -> str:
+        joints = f", num_joints={self.num_joints}" if self.num_joints else ""
+        return (
+            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
+            f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
+            f"receptive_field={self.receptive_field}{joints})"
+        )

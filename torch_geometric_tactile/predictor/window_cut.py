@@ -1,0 +1,157 @@
+r"""Cutting the frames of a recording as those of a data set were cut."""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import (
+    StaticData,
+    StaticDataset,
+    Trials,
+    Windows,
+    apply_transform,
+    join_frames,
+    split_frames,
+)
+from torch_geometric_tactile.sensors import TaxelLayout
+
+_MOST = 10**7  # frames
+_RAGGED = ("error", "pad", "crop_start", "crop_end")
+
+
+@dataclass(frozen=True)
+class WindowCut:
+    r"""What :class:`~torch_geometric_tactile.data.Windows` or
+    :class:`~torch_geometric_tactile.data.Trials` cut out of a recording, as a value.
+
+    Args:
+        length (int): Number of frames of a window; of trials, that of the samples trained on.
+        hop (int): Number of frames from one window to the next; 0 for whole trials.
+        ragged (str): Of whole trials, what becomes of those of another length, as of
+            :class:`~torch_geometric_tactile.data.Trials`.
+
+    Raises:
+        ValueError: If a number is out of range, or :obj:`ragged` is unknown.
+    """
+
+    length: int
+    hop: int = 1
+    ragged: str = "error"
+
+    def __post_init__(self) -> None:
+        for name, least in (("length", 1), ("hop", 0)):
+            number = getattr(self, name)
+            if type(number) is not int or not least <= number <= _MOST:
+                raise ValueError(
+                    f"'{name}' must be a number of frames from {least} on (got {str(number)[:80]})"
+                )
+        if self.ragged not in _RAGGED:
+            raise ValueError(f"'ragged' must be one of {list(_RAGGED)} (got {self.ragged!r:.80})")
+
+    @classmethod
+    def of_dataset(cls, dataset: StaticDataset) -> Self | None:
+        r"""Returns how a data set cuts its frames; :obj:`None` if it does not.
+
+        Args:
+            dataset (StaticDataset): The data set.
+        """
+        if isinstance(dataset, Windows):
+            return cls(dataset.length, dataset.hop)
+        if isinstance(dataset, Trials):
+            return cls(dataset.num_cut, 0, dataset.ragged)
+        return None
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        r"""Builds it from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): The arguments.
+        """
+        if not isinstance(content, Mapping) or set(content) != {"length", "hop", "ragged"}:
+            raise ValueError(
+                f"a window must have 'length', 'hop' and 'ragged' (got {str(content)[:80]})"
+            )
+        return cls(**content)
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments as JSON values."""
+        return asdict(self)
+
+    @property
+    def is_trial(self) -> bool:
+        r"""Whether a recording as a whole is one sample."""
+        return self.hop == 0
+
+    def describe(self) -> str:
+        r"""Returns it in words."""
+        if self.is_trial:
+            return "whole trials"
+        return f"windows of {self.length} frames, every {self.hop}"
+
+    def cut(self, frames: StaticData, layout: TaxelLayout) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of the frames of one recording, and the last frame of each
+        :math:`(W,)`.
+
+        Args:
+            frames (StaticData): The frames.
+            layout (TaxelLayout): The taxels.
+
+        Raises:
+            ValueError: If there are too few frames, or of whole trials others than were trained on
+                and :obj:`ragged` does not say what to do.
+        """
+        count = frames.num_samples
+        if count == 0:
+            raise ValueError("there must be at least one frame to predict (got none)")
+        if self.ragged == "error" and self.is_trial and count != self.length:
+            raise ValueError(
+                f"a recording must have {self.length} frames, as the trials that the model was "
+                f"trained on (got {count})"
+            )
+        if self.ragged != "pad" and count < self.length:
+            raise ValueError(
+                f"a recording must have at least {self.length} frames, the length of a window "
+                f"(got {count})"
+            )
+        frames = frames.index_select(slice(None))
+        frames.trial = torch.zeros(count, dtype=torch.long)
+        frames.step = torch.arange(count)
+        source = StaticDataset._of((frames, {}), layout, None, None, None)
+        view: Windows | Trials
+        if not self.is_trial:
+            view = Windows(source, self.length, self.hop)
+        elif self.ragged == "error":
+            view = Trials(source)
+        else:
+            length = max(self.length, count) if self.ragged == "pad" else self.length
+            view = Trials(source, ragged=self.ragged, length=length)  # type: ignore[arg-type]
+        windows = view.data
+        last: Tensor = windows.step
+        del windows.step
+        return windows, last
+
+
+def frame_by_frame(parts: Sequence[Any], windows: StaticData) -> StaticData:
+    r"""Applies transforms of frames to windows. Other attributes become those of the last frame.
+
+    Args:
+        parts (sequence of callable): The transforms.
+        windows (StaticData): The windows, with :obj:`num_frames`.
+    """
+    num_frames = windows.num_frames
+    data = copy.copy(windows)
+    for key, value in windows.to_dict().items():
+        if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key):
+            data[key] = value.repeat_interleave(num_frames, dim=0)
+    data.x = split_frames(windows.x, num_frames).transpose(1, 2).flatten(0, 1)  # (B * T, N, C)
+    for part in parts:
+        data = apply_transform(part, data)
+    x = data.x.unflatten(0, (-1, num_frames)).transpose(1, 2)
+    data = data.index_select(slice(num_frames - 1, None, num_frames))
+    data.x = join_frames(x)
+    return data

@@ -1,0 +1,90 @@
+r"""A trained model of windows, and the recordings that they are cut from."""
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.predictor.trained_model import TrainedModel
+
+
+class WindowedModel(TrainedModel):
+    r"""A trained model that cuts windows out of recordings as in training, if it takes windows.
+
+    Args:
+        parts (Content): As of :class:`TrainedModel`.
+    """
+
+    def windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording, cut as in training and before the transforms of
+        windows, and the last frame of each :math:`(W,)`.
+
+        Args:
+            recording (Recording): The recording.
+
+        Raises:
+            ValueError: If the model takes single frames, or as of a call.
+        """
+        if self.window is None:
+            raise ValueError("this predictor takes single frames, not windows: call 'recording'")
+        recording.check(self.layout)
+        # A session is the same for all frames, and may be adapted to with these windows.
+        frames = self.preparation.data(
+            recording.tactile,
+            recording.joint,
+            -1 if self.preparation.session is None else None,
+            dtype=self._dtype,
+            device=self._device,
+            num_frames=1,
+        )
+        del frames.num_frames
+        frames.time = torch.as_tensor(recording.time.copy())
+        return self.preparation.cut(frames)
+
+    def adapt_windows(self, windows: StaticData) -> int:
+        r"""Measures a new recording session by some windows: that of what
+        :meth:`windows` returned.
+
+        Args:
+            windows (StaticData): The windows.
+
+        Raises:
+            ValueError: If no transform measures sessions.
+        """
+        self._check_adapts()
+        return self.preparation.adapt(windows)
+
+    def of_windows(self, windows: StaticData, batch_size: int = 256) -> Tensor:
+        r"""Returns the probabilities of windows :math:`(W, C)`.
+
+        Args:
+            windows (StaticData): What :meth:`windows` returned.
+            batch_size (int): Number of windows that are computed at a time.
+
+        Raises:
+            ValueError: If :obj:`batch_size` is below one.
+        """
+        check_size(batch_size)
+        for key in self.preparation.keys:
+            number = self.preparation._session(None)
+            windows[key] = torch.full((windows.num_samples,), number, device=self._device)
+        parts = []
+        with torch.inference_mode():
+            for start in range(0, windows.num_samples, batch_size):
+                part = windows.index_select(slice(start, start + batch_size))
+                data = self.preparation.prepared_windows(part)
+                parts.append(self.probability(self.logits(data)))
+        return torch.cat(parts)
+
+    def _check_adapts(self) -> None:
+        if not self.preparation.keys:
+            raise ValueError("no transform of this predictor measures sessions: there is no need")
+
+
+def check_size(size: int) -> None:
+    r"""Raises a :class:`ValueError` if a number of samples is below one.
+
+    Args:
+        size (int): How many are computed at a time.
+    """
+    if size < 1:
+        raise ValueError(f"'batch_size' must be at least 1 (got {size})")

@@ -1,0 +1,194 @@
+r"""The physics of one grasp of the simulated BiGS set."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.sim.bigs_contacts import ContactLog
+from torch_geometric_tactile.sim.bigs_plan import (
+    CONTROL_RATE,
+    FRAME_RATE,
+    INPUT_END,
+    BigsGrasp,
+    hand_motion,
+)
+from torch_geometric_tactile.sim.bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
+from torch_geometric_tactile.sim.grasp import import_mujoco
+
+BIGS_PHASES = ("closing", "hold", "lift", "shake")
+_TICK = 1.0 / CONTROL_RATE  # s
+_FRAME = CONTROL_RATE // FRAME_RATE  # ticks
+_TOUCH = 0.3  # N, at which a finger stops closing
+_SQUEEZE = 0.5  # s, half of that in which the wanted force is reached
+_FORCE_GAIN = 0.05  # rad per second and newton
+_FASTEST = 0.4  # rad/s
+_PATIENCE = 1.6  # s until pick-up if nothing is touched
+_LOST = 0.03  # m by which an object that is lost has sunk in the hand
+_FREE = 0.1  # s without contact, after which it is lost as well
+_AFTER = 0.3  # s recorded after the loss
+
+
+class BigsPhysics(NamedTuple):
+    r"""What happened, :obj:`CONTROL_RATE` times a second.
+
+    :obj:`force` are the forces of the object on the fingertips in their frames, x to the end of the
+    finger, y across, z into the pad, :math:`(K, 3, 3)`; :obj:`normal` and :obj:`shear` their parts
+    along the normal and in the plane of contact, :math:`(K, 3)`, in newtons; :obj:`place` the
+    middle of the contact in the frame of the fingertip :math:`(K, 3, 3)` in metres; :obj:`slide`
+    the velocity at which the object slides there, likewise, in metres per second; both zero without
+    contact. :obj:`finger` are the angles of the knuckles :math:`(K, 3)`, :obj:`hand` the place and
+    turn of the hand :math:`(K, 6)`, :obj:`object_pose` that of the object :math:`(K, 7)`.
+    :obj:`phase` indexes :obj:`BIGS_PHASES`. :obj:`pickup` is the tick at which the lift begins,
+    :obj:`loss` that at which the object was lost, or none.
+    """
+
+    force: np.ndarray
+    normal: np.ndarray
+    shear: np.ndarray
+    place: np.ndarray
+    slide: np.ndarray
+    finger: np.ndarray
+    hand: np.ndarray
+    object_pose: np.ndarray
+    phase: np.ndarray
+    pickup: int
+    loss: int | None
+
+    @property
+    def success(self) -> bool:
+        r"""Whether the object was in the hand after the shake."""
+        return self.loss is None
+
+
+class BigsSimulator:
+    r"""Runs one grasp.
+
+    Args:
+        grasp (BigsGrasp): The grasp.
+
+    Raises:
+        ImportError: If MuJoCo is missing.
+    """
+
+    def __init__(self, grasp: BigsGrasp) -> None:
+        self._mujoco = mujoco = import_mujoco()
+        self.grasp = grasp
+        self.model = model = mujoco.MjModel.from_xml_string(bigs_mjcf(grasp))
+        self.data = mujoco.MjData(model)
+        self._object = model.joint("object").qposadr[0]
+        self._hand = model.joint("hand_x").qposadr[0]
+        self._hand_dof = model.joint("hand_x").dofadr[0]
+        self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGERS])
+
+    def run(self) -> BigsPhysics:
+        r"""Runs the grasp to the end of the shake, or until shortly after the object is lost, but
+        not before the input of P3 ends.
+        """
+        mujoco, model, data = self._mujoco, self.model, self.data
+        start, target = self._start(), np.full(3, OPEN)
+        motion = hand_motion(self.grasp)
+        velocity = np.diff(motion, axis=0, prepend=motion[:1]) * CONTROL_RATE
+        push = np.diff(velocity, axis=0, append=velocity[-1:]) * CONTROL_RATE * HAND_MASS
+        # Turns are stored as roll, pitch, yaw; the hinges are yaw, pitch, roll.
+        order = np.array([0, 1, 2, 5, 4, 3])
+        motion, velocity, push = motion[:, order], velocity[:, order], push[:, order]
+        hand = slice(self._hand, self._hand + 6)
+        hand_dof = slice(self._hand_dof, self._hand_dof + 6)
+        held = slice(self._object, self._object + 7)
+        log, seen = ContactLog(model), _Course(self.grasp)
+        rows: list[tuple[Any, ...]] = []
+        mujoco.mj_forward(model, data)
+        while not seen.is_over(len(rows), len(motion)):
+            tick = len(rows)
+            normal = log.add(data)
+            seen.notice(tick, normal, float(data.qpos[held][2] - data.qpos[hand][2]))
+            phase = seen.phase(tick)
+            rows.append(
+                (data.qpos[self._fingers], data.qpos[hand].copy(), data.qpos[held].copy(), phase)
+            )
+            # As often as frames come once all fingers touch, at every tick until then.
+            every = _FRAME if seen.touched.all() else 1
+            if tick % every == 0:
+                self._close(target, seen, normal, tick, every * _TICK)
+                data.ctrl[:] = target
+            if seen.pickup is None:
+                data.qpos[hand] = start
+                data.qvel[hand_dof] = 0.0
+            else:
+                step = tick - seen.pickup
+                data.qpos[hand] = start + motion[step]
+                data.qvel[hand_dof] = velocity[step]
+                data.qfrc_applied[hand_dof] = push[step]
+            mujoco.mj_step(model, data)
+        finger, moved, pose, phases = (np.array(column) for column in zip(*rows, strict=True))
+        assert seen.pickup is not None
+        contacts = log.finish()
+        return BigsPhysics(*contacts, finger, moved[:, order], pose, phases, seen.pickup, seen.loss)
+
+    def _start(self) -> np.ndarray:
+        # Places the hand and opens the fingers.
+        grasp, data = self.grasp, self.data
+        roll, pitch, yaw = grasp.turn
+        place = [*grasp.offset, grasp.half_height + grasp.height, yaw, pitch, roll]
+        data.qpos[self._hand : self._hand + 6] = place
+        data.qpos[self._fingers] = OPEN
+        return np.array(place)
+
+    def _close(
+        self, target: np.ndarray, seen: "_Course", normal: np.ndarray, tick: int, dt: float
+    ) -> None:
+        # Fingers close until they touch; then left and right regulate their force.
+        grasp, touched = self.grasp, seen.touched
+        waited = tick * _TICK >= np.array(grasp.delay)
+        target += grasp.speed * dt * (~touched & waited)
+        if seen.first is None:
+            return
+        # They wait for each other, but not for long.
+        since = (tick - seen.first) * _TICK
+        if touched.all() or since > _SQUEEZE:
+            want = grasp.grip * np.array([grasp.balance, 1.0, 2.0 - grasp.balance])
+            ramp = min(1.0, since / (2 * _SQUEEZE))
+            rate = _FORCE_GAIN * (_TOUCH + (want - _TOUCH) * ramp - normal)
+            target[[0, 2]] += (rate * touched)[[0, 2]].clip(-_FASTEST, _FASTEST) * dt
+        np.clip(target, OPEN, CLOSED, out=target)
+
+
+class _Course:
+    # What has happened so far: the ticks of first contact, pick-up and loss.
+    def __init__(self, grasp: BigsGrasp) -> None:
+        self.grasp = grasp
+        self.touched = np.zeros(3, dtype=bool)
+        self.first: int | None = None
+        self.pickup: int | None = None
+        self.loss: int | None = None
+        self._height, self._free = 0.0, 0
+
+    def is_over(self, tick: int, steps: int) -> bool:
+        if self.pickup is None:
+            return False
+        if self.loss is None:
+            return tick - self.pickup >= steps
+        end = self.pickup + (INPUT_END + 0.05) * CONTROL_RATE
+        end = max(end, self.loss + _AFTER * CONTROL_RATE)
+        return tick > end or tick - self.pickup >= steps
+
+    def notice(self, tick: int, normal: np.ndarray, height: float) -> None:
+        # `height` is that of the object in the hand.
+        self.touched |= normal > _TOUCH
+        if self.first is None and self.touched.any():
+            self.first = tick
+        if self.pickup is None:
+            begin = _PATIENCE * CONTROL_RATE
+            if self.first is not None:
+                begin = self.first + round(self.grasp.hold * CONTROL_RATE)
+            if tick >= begin:
+                self.pickup, self._height = tick, height
+        elif self.loss is None:
+            self._free = self._free + 1 if normal.max() == 0 else 0
+            if self._height - height > _LOST or self._free > _FREE * CONTROL_RATE:
+                self.loss = tick
+
+    def phase(self, tick: int) -> int:
+        if self.pickup is None:
+            return int(self.first is not None)
+        return 2 + int((tick - self.pickup) * _TICK >= self.grasp.pause)

@@ -1,0 +1,155 @@
+r"""What is drawn for each grasp of the simulated BiGS set, and how its hand moves."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+BigsShape = Literal["cylinder", "box", "ball"]
+
+#: The objects, in the proportions of the BiGS set: two cylinders to one box and one ball.
+BIGS_ORDER: tuple[BigsShape, ...] = ("cylinder", "box", "cylinder", "ball")
+NUM_SESSIONS = 16
+CONTROL_RATE = 300  # steps of the physics, controller ticks and robot samples a second
+FRAME_RATE = 100  # frames of a recording a second
+INPUT_END = 2.0  # s after pick-up begins, where the input of P3 ends
+
+_DIRECTIONS = 5  # of the shake: x, y, z, roll, pitch
+_CYCLES = 2  # of the shake in each direction
+_TURN = 0.28  # rad, of the shake about x and y
+
+# Half width, half height (m), mass (kg) and height of the fingertips above the centre (m) from
+# which, and to which; median and spread (of the logarithm) of the friction, and of the grip in
+# newtons. Plausible; grips are calibrated so that as many grasps hold as in the BiGS set.
+_WIDTH = {"cylinder": (0.036, 0.042), "box": (0.033, 0.039), "ball": (0.036, 0.043)}
+_HEIGHT = {"cylinder": (0.060, 0.075), "box": (0.033, 0.039), "ball": (0.0, 0.0)}
+_MASS = {"cylinder": (0.32, 0.44), "box": (0.27, 0.37), "ball": (0.24, 0.34)}
+_PLACE = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
+_FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
+_FRICTION_SPREAD = 0.07
+_GRIP = {"cylinder": 4.33, "box": 2.60, "ball": 3.28}
+_GRIP_SPREAD = 0.50
+_GRIP_LIMITS = (1.0, 14.0)
+
+
+class BigsGrasp(NamedTuple):
+    r"""One grasp: an object, how the hand is put around it, how hard it grips, and when.
+
+    Args:
+        shape (str): :obj:`"cylinder"` (upright), :obj:`"box"` or :obj:`"ball"`.
+        half_width (float): Half width, or radius, in metres.
+        half_height (float): Half height in metres.
+        mass (float): Mass in kilograms.
+        friction (float): Friction coefficient of object and fingertips.
+        grip (float): Normal force in newtons that the left and right finger shall have.
+        balance (float): Grip of the left finger, relative to the mean of left and right.
+        height (float): Place of the fingertips above the centre of the object in metres.
+        offset (tuple of float): Place of the hand beside the object, x and y, in metres.
+        turn (tuple of float): Roll, pitch and yaw of the hand in radians.
+        spread (float): Angle of the left and right finger from the line through the middle one, in
+            radians.
+        bend (tuple of float): By which angle the tips of left, middle and right finger are bent
+            inwards, in radians.
+        twist (tuple of float): By which angle they are turned about their axes, in radians.
+        delay (tuple of float): When each finger begins to close, in seconds.
+        speed (float): How fast fingers close, in radians per second.
+        hold (float): Time from the first contact until pick-up begins, in seconds.
+        rise (float): Height by which the hand is lifted, in metres.
+        lift (float): Time that takes, in seconds.
+        pause (float): Time from pick-up until the shake begins, in seconds.
+        shake (float): Amplitude of the shake, in metres.
+        shake_time (float): Length of the shake in one direction, in seconds.
+    """
+
+    shape: BigsShape
+    half_width: float
+    half_height: float
+    mass: float
+    friction: float
+    grip: float
+    balance: float
+    height: float
+    offset: tuple[float, float]
+    turn: tuple[float, float, float]
+    spread: float
+    bend: tuple[float, float, float]
+    twist: tuple[float, float, float]
+    delay: tuple[float, float, float]
+    speed: float
+    hold: float
+    rise: float
+    lift: float
+    pause: float
+    shake: float
+    shake_time: float
+
+    @property
+    def span(self) -> float:
+        r"""Time from pick-up to the end of the shake in seconds."""
+        return self.pause + _DIRECTIONS * self.shake_time
+
+
+def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
+    r"""Draws a grasp.
+
+    Args:
+        shape (str): The object.
+        rng (numpy.random.Generator): Draws all of it.
+
+    Raises:
+        ValueError: If there is no such object.
+
+    Examples:
+        >>> draw_grasp("ball", np.random.default_rng(0)).shape
+        'ball'
+    """
+    if shape not in _WIDTH:
+        raise ValueError(f"'shape' must be one of {list(_WIDTH)} (got {shape!r})")
+    half_width = rng.uniform(*_WIDTH[shape])
+    half_height = half_width if shape == "ball" else rng.uniform(*_HEIGHT[shape])
+    yaw = 0.06 if shape == "box" else 0.3  # a box is seen, and grasped along its sides
+    spread = rng.normal(0.0, 0.05) if shape == "box" else rng.uniform(0.35, 0.65)
+    grip = _GRIP[shape] * np.exp(rng.normal(0.0, _GRIP_SPREAD))
+    return BigsGrasp(
+        shape=shape,
+        half_width=half_width,
+        half_height=half_height,
+        mass=rng.uniform(*_MASS[shape]),
+        friction=_FRICTION[shape] * float(np.exp(rng.normal(0.0, _FRICTION_SPREAD))),
+        grip=float(np.clip(grip, *_GRIP_LIMITS)),
+        balance=float(np.clip(rng.normal(1.0, 0.22), 0.55, 1.45)),
+        height=rng.uniform(*_PLACE[shape]),
+        offset=(rng.normal(0.0, 0.003), rng.normal(0.0, 0.004)),
+        turn=(rng.normal(0.0, 0.07), rng.normal(0.0, 0.07), rng.normal(0.0, yaw)),
+        spread=float(spread),
+        bend=tuple(rng.normal(0.05, 0.10, 3).tolist()),
+        twist=tuple(rng.normal(0.0, 0.15, 3).tolist()),
+        delay=tuple(rng.uniform(0.0, 0.15, 3).tolist()),
+        speed=rng.uniform(0.55, 0.75),
+        hold=rng.uniform(0.9, 1.3),
+        rise=rng.uniform(0.12, 0.18),
+        lift=rng.uniform(1.0, 1.4),
+        pause=INPUT_END + rng.uniform(0.05, 0.25),
+        shake=0.032 * rng.uniform(0.92, 1.08),
+        shake_time=rng.uniform(0.48, 0.54),
+    )
+
+
+def hand_motion(grasp: BigsGrasp) -> np.ndarray:
+    r"""Returns by how much the hand is moved, from pick-up to the end of the shake, in steps of the
+    physics: x, y, z in metres, roll, pitch and yaw in radians :math:`(K, 6)`.
+
+    It rises, waits, and is shaken along x, y, z and about x and y, two cycles each that swell and
+    fade. That begins later than the input of P3 ends.
+
+    Args:
+        grasp (BigsGrasp): The grasp.
+    """
+    time = np.arange(round(grasp.span * CONTROL_RATE)) / CONTROL_RATE
+    out = np.zeros((len(time), 6))
+    s = (time / grasp.lift).clip(0.0, 1.0)
+    out[:, 2] = grasp.rise * s**3 * (10 - 15 * s + 6 * s**2)
+    for i in range(_DIRECTIONS):
+        part = ((time - grasp.pause) / grasp.shake_time - i).clip(0.0, 1.0)
+        swing = np.sin(np.pi * part) ** 2 * np.sin(2 * np.pi * _CYCLES * part)
+        out[:, i] += swing * (grasp.shake if i < 3 else _TURN)
+    return out

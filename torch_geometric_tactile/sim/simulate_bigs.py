@@ -1,0 +1,257 @@
+r"""Simulated grasps in the form of the BiGS set: contact, lift and shake with three fingertips."""
+
+import json
+from collections import Counter
+from collections.abc import Generator, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import write_hdf5
+from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
+from torch_geometric_tactile.sim.bigs_plan import (
+    BIGS_ORDER,
+    CONTROL_RATE,
+    FRAME_RATE,
+    INPUT_END,
+    NUM_SESSIONS,
+    BigsGrasp,
+    draw_grasp,
+)
+from torch_geometric_tactile.sim.bigs_scene import FINGERS
+from torch_geometric_tactile.sim.bigs_slip import slip_onset
+from torch_geometric_tactile.sim.biotac_model import BioTacModel, SessionOffsets
+from torch_geometric_tactile.sim.biotac_vibration import vibration
+from torch_geometric_tactile.sim.trial_files import (
+    end_without,
+    kept_meta,
+    require_simulator,
+    run_trials,
+    write_summary,
+)
+from torch_geometric_tactile.sim.wam_arm import arm_joints
+from torch_geometric_tactile.typing import PathLike
+
+BIGS_GRASPS = 2000
+_GENERATOR = "bigs"
+_VERSION = 1  # of the generator: another one makes other bits
+_TICKS = CONTROL_RATE // FRAME_RATE  # a frame
+_ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
+
+
+class BigsReport(NamedTuple):
+    r"""How a grasp went: whether the object was in the hand after the shake, and if not, how many
+    seconds after pick-up began it was lost. :obj:`kept` tells whether the file was there already.
+    """
+
+    object_name: str
+    trial: int
+    success: bool
+    lost: float | None
+    path: Path
+    kept: bool
+
+
+@dataclass(frozen=True)
+class _Task:
+    # All that decides the bits of a grasp, and where it goes.
+    out: str
+    trial: int
+    seed: int
+    model: BioTacModel
+
+    @property
+    def shape(self) -> Any:
+        return BIGS_ORDER[self.trial % len(BIGS_ORDER)]
+
+    @property
+    def session(self) -> int:
+        # All objects in each session, in the proportions of the set.
+        return self.trial // len(BIGS_ORDER) % NUM_SESSIONS
+
+    @property
+    def path(self) -> Path:
+        return Path(self.out) / f"{self.shape}_{self.trial:04d}.h5"
+
+    def identity(self) -> dict[str, Any]:
+        return {
+            "generator": _GENERATOR,
+            "generator_version": _VERSION,
+            "sensor": "biotac",
+            "object": self.shape,
+            "trial": self.trial,
+            "session": self.session,
+            "seed": self.seed,
+            "fingertip": asdict(self.model),
+        }
+
+
+def simulate_bigs(
+    out: PathLike,
+    grasps: int = BIGS_GRASPS,
+    seed: int = 0,
+    jobs: int = 1,
+    *,
+    model: BioTacModel | None = None,
+) -> Generator[BigsReport, None, None]:
+    r"""Simulates grasps as those of the BiGS set and writes one HDF5 recording a grasp, which
+    :class:`~torch_geometric_tactile.datasets.BiGS` reads. Yields a report for each when its file is
+    finished, and writes :obj:`simulation.json` at the end.
+
+    Three fingertips close around a cylinder, a box or a ball, squeeze, lift and shake it. Every
+    grasp has its own size, mass, friction, grip, place, tilt and timing. A grasp is a success if
+    the object is in the hand after the shake; failed ones are kept. Of four grasps two are of the
+    cylinder, one of the box and one of the ball.
+
+    A grasp is a function of seed and number, bit for bit whatever :obj:`jobs` and :obj:`grasps` are
+    (another release of MuJoCo may give other bits). Grasps whose file is there already are kept, so
+    that a run that was stopped or killed goes on where it was, and a larger one adds to a smaller.
+
+    Args:
+        out (str or PathLike): Folder of the recordings.
+        grasps (int): Number of grasps.
+        seed (int): Seed, not negative.
+        jobs (int): Processes.
+        model (BioTacModel, optional): What the fingertips make of the forces.
+
+    Raises:
+        ImportError: If MuJoCo or h5py is missing.
+        ValueError: If a number is too small, or the folder holds recordings that were made with
+            other arguments.
+    """
+    for name, number in (("grasps", grasps), ("jobs", jobs)):
+        if number < 1:
+            raise ValueError(f"'{name}' must be at least 1 (got {number})")
+    if seed < 0:
+        raise ValueError(f"'seed' must not be negative (got {seed})")
+    if model is not None and not isinstance(model, BioTacModel):
+        raise ValueError(f"'model' must be a BioTacModel (got {model!r})")
+    require_simulator("the simulated grasps")
+    tasks = [_Task(str(out), trial, seed, model or BioTacModel()) for trial in range(grasps)]
+    return _run(tasks, Path(out), jobs)
+
+
+def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[BigsReport, None, None]:
+    reports = yield from run_trials(tasks, out, jobs, _kept, _simulate_grasp)
+    write_summary(out, _summary(tasks[0], reports))
+
+
+def _kept(task: _Task) -> BigsReport:
+    meta = kept_meta(task)
+    lost = meta.get("lost", -1.0)
+    if lost is not None and (type(lost) is not float or lost < 0):
+        raise ValueError(
+            f"'{task.path}' must tell in its metadata when its object was 'lost', in seconds after "
+            f"pick-up or null (got {meta.get('lost')!r}); delete the file to simulate it again"
+        )
+    return BigsReport(task.shape, task.trial, lost is None, lost, task.path, kept=True)
+
+
+def _simulate_grasp(task: _Task, parent: int) -> BigsReport:
+    end_without(parent)
+    rng = np.random.default_rng([task.seed, 0, task.trial])
+    grasp = draw_grasp(task.shape, rng)
+    physics = BigsSimulator(grasp).run()
+    write_hdf5(_recording(task, grasp, physics, rng), task.path)
+    lost = _lost(physics)
+    return BigsReport(task.shape, task.trial, lost is None, lost, task.path, kept=False)
+
+
+def _lost(physics: BigsPhysics) -> float | None:
+    return None if physics.loss is None else (physics.loss - physics.pickup) / CONTROL_RATE
+
+
+@lru_cache(maxsize=NUM_SESSIONS)
+def _session(model: BioTacModel, seed: int, session: int) -> SessionOffsets:
+    return model.session(biotac(), np.random.default_rng([seed, 1, session]))
+
+
+def _recording(
+    task: _Task, grasp: BigsGrasp, physics: BigsPhysics, rng: np.random.Generator
+) -> Recording:
+    num_frames = len(physics.phase) // _TICKS
+    used = slice(num_frames * _TICKS)
+    last = slice(_TICKS - 1, num_frames * _TICKS, _TICKS)  # the tick at which a frame is complete
+    time = (np.arange(num_frames) + 1) / FRAME_RATE
+    curvature = 0.0 if grasp.shape == "box" else 1 / grasp.half_width
+    force, normal = physics.force[last], physics.normal[last]
+    response = task.model.response(force, normal, physics.place[last], biotac(), curvature)
+    session = _session(task.model, task.seed, task.session)
+    readings = task.model.readings(response, normal, time, session, rng)
+    sliding = np.linalg.norm(physics.slide[used], axis=-1)
+    finger = np.empty((num_frames * _TICKS, 4))
+    finger[:, :3], finger[:, 3] = physics.finger[used], grasp.spread
+    finger += rng.normal(0.0, _FINGER_NOISE, finger.shape)
+    arm = arm_joints(physics.hand[used])
+    arm += rng.normal(0.0, _ARM_NOISE, arm.shape)
+    onset = slip_onset(physics)
+    ticks = np.arange(num_frames * _TICKS)[last]
+    return Recording(
+        time=time,
+        tactile=readings.tactile,
+        label="success" if physics.success else "failure",
+        meta={
+            **task.identity(),
+            "unit": "count",
+            "rate": float(FRAME_RATE),
+            "synthetic": True,
+            "pickup_time": (physics.pickup + 1) / CONTROL_RATE,
+            "shake_time": (physics.pickup + 1) / CONTROL_RATE + grasp.pause,
+            "lost": _lost(physics),
+            "slip_time": None if onset is None else (onset + 1) / CONTROL_RATE,
+            "phase_names": list(BIGS_PHASES),
+            "finger_names": list(FINGERS),
+            "grasp": grasp._asdict(),
+            "versions": {name: version(name) for name in ("mujoco", "numpy")},
+        },
+        privileged={
+            "phase": physics.phase[last].astype(np.int64),
+            "force": force.astype(np.float32),
+            "normal_force": normal.astype(np.float32),
+            "shear_force": physics.shear[last].astype(np.float32),
+            "contact_place": physics.place[last].astype(np.float32),
+            "slide_speed": sliding[last].astype(np.float32),
+            "slip": np.asarray(ticks >= (np.inf if onset is None else onset)).astype(np.int64),
+            "object_pose": physics.object_pose[last].astype(np.float32),
+        },
+        extra={
+            "pressure": readings.pressure,
+            "pac": vibration(physics.normal[used], sliding, rng),
+            "robot_joint": arm.reshape(num_frames, _TICKS, 7).astype(np.float32),
+            "finger_joint": finger.reshape(num_frames, _TICKS, 4).astype(np.float32),
+        },
+    )
+
+
+def _summary(task: _Task, reports: Sequence[BigsReport]) -> dict[str, Any]:
+    by_object = {}
+    for name in dict.fromkeys(BIGS_ORDER):
+        mine = [report for report in reports if report.object_name == name]
+        by_object[name] = {
+            "grasps": len(mine),
+            "successes": sum(report.success for report in mine),
+            "lost_before_input_ends": sum(
+                report.lost is not None and report.lost < INPUT_END for report in mine
+            ),
+        }
+    totals: Counter[str] = Counter()
+    for counts in by_object.values():
+        totals.update(counts)
+    return {
+        "synthetic": True,
+        "note": "Simulated. Masses, frictions, grips and the model of the fingertips are "
+        "plausible, not measured; grips were calibrated to the success rates of the BiGS set.",
+        "generator": _GENERATOR,
+        "generator_version": _VERSION,
+        "seed": task.seed,
+        "fingertip": json.loads(json.dumps(asdict(task.model))),
+        **totals,
+        "objects": by_object,
+        "mujoco": version("mujoco"),
+    }
