@@ -3,6 +3,7 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 """
 
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
+from torch_geometric_tactile.visualization.early_slip import AlarmCurves, plot_early_slip
 from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
@@ -18,11 +19,13 @@ from torch_geometric_tactile.visualization.metrics import (
 from torch_geometric_tactile.visualization.recording import plot_recording
 
 __all__ = [
+    "AlarmCurves",
     "ComparisonPanel",
     "layout_plane",
     "open_hand",
     "plot_comparison",
     "plot_confusion",
+    "plot_early_slip",
     "plot_embedding",
     "plot_grasps",
     "plot_hand",
