@@ -14,7 +14,6 @@ Examples:
 import argparse
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,10 +85,8 @@ def frames(root: str) -> StaticDataset:
 
 def parts(dataset: StaticDataset, protocol: str, seed: int) -> dict[str, Part]:
     """Returns the windows of training, validation and test: from the lift to the onset."""
-    num_objects = len(dataset.group_names)
-    outer = PROTOCOLS[protocol].split(
-        dataset, seed, seed % num_objects if "object" in protocol else 0
-    )
+    fold = seed % len(dataset.group_names) if "object" in protocol else 0
+    outer = PROTOCOLS[protocol].split(dataset, seed, fold)
     rest = dataset[outer.train]
     inner = _VALIDATION.split(rest, seed)
     found = {}
@@ -214,17 +211,15 @@ def run(root: str, runs: Path, seeds: int, protocols: list[str], methods: list[s
                 dataset = frames(root) if dataset is None else dataset
                 found = found or parts(dataset, protocol, seed)
                 start = time.perf_counter()
-                scorer: dict[str, Callable[[], dict[str, np.ndarray]]] = {
-                    "force": lambda found=found: force_scores(found, estimated=True),
-                    "true force": lambda found=found: force_scores(found, estimated=False),
-                }
-                named = scorer.get(
-                    method,
-                    lambda method=method, found=found: learnt_scores(method, found, seed),
-                )
-                scores = named()
+                scores = _scores(method, found, seed)
                 _save(path, found, scores, time.perf_counter() - start)
                 print(f"{path.name}: ROC {_auc(found['val'], scores['val']):.3f} on validation")
+
+
+def _scores(method: str, found: dict[str, Part], seed: int) -> dict[str, np.ndarray]:
+    if "force" in method:
+        return force_scores(found, estimated=method == "force")
+    return learnt_scores(method, found, seed)
 
 
 def _save(path: Path, found: dict[str, Part], scores: dict[str, np.ndarray], took: float) -> None:
