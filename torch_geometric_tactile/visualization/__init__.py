@@ -5,6 +5,7 @@ r"""Pictures of layouts, readings and results, and the page that shows them. Nee
 from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
 from torch_geometric_tactile.visualization.curves import plot_curves
+from torch_geometric_tactile.visualization.early_slip import AlarmCurves, plot_early_slip
 from torch_geometric_tactile.visualization.embedding import plot_embedding
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
@@ -20,6 +21,7 @@ from torch_geometric_tactile.visualization.metrics import (
 from torch_geometric_tactile.visualization.recording import plot_recording
 
 __all__ = [
+    "AlarmCurves",
     "ComparisonPanel",
     "layout_plane",
     "open_hand",
@@ -27,6 +29,7 @@ __all__ = [
     "plot_comparison",
     "plot_confusion",
     "plot_curves",
+    "plot_early_slip",
     "plot_embedding",
     "plot_grasps",
     "plot_hand",

@@ -1,0 +1,133 @@
+r"""Writes the page, the numbers and the picture of early slip from the finished runs.
+
+Examples:
+    python benchmarks/early_slip_report.py --runs runs
+"""
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from early_slip import PROTOCOLS, WITHIN
+
+from torch_geometric_tactile.experiments.early_slip import (
+    SlipScores,
+    alarm_threshold,
+    lead_times,
+    slip_summary,
+)
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.visualization import AlarmCurves, plot_early_slip, save_figure
+
+FALSE_ALARMS = 0.02
+SECONDS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0)
+_NAMES = {
+    "temporal": "TemporalTaxelNet",
+    "lstm": "LSTM, 128 cells",
+    "force": "shear / normal force, estimated from the electrodes",
+    "true-force": "shear / normal force of the simulator",
+}
+
+
+def read(runs: Path) -> dict[str, dict[str, list[tuple[SlipScores, SlipScores, int]]]]:
+    """Returns validation and test scores, by protocol and method, seed by seed."""
+    found: dict[str, dict[str, list[tuple[SlipScores, SlipScores, int]]]] = defaultdict(
+        lambda: defaultdict(list)
+    )
+    for protocol in PROTOCOLS:
+        for method in _NAMES:
+            for path in sorted(runs.glob(f"{method}_{protocol.replace(' ', '-')}_*.npz")):
+                with np.load(path) as file:
+                    val, test = (
+                        SlipScores(*(file[f"{part}_{key}"] for key in _KEYS))
+                        for part in ("val", "test")
+                    )
+                    found[protocol][method].append((val, test, int(file["num_train"])))
+    return found
+
+
+_KEYS = ("score", "to_slip", "moment", "trial")
+
+
+def numbers(runs: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
+    """Returns what is shown, seed by seed."""
+    out: dict[str, dict[str, dict[str, list[float]]]] = {}
+    for protocol, methods in read(runs).items():
+        for method, scores in methods.items():
+            row: dict[str, list[float]] = defaultdict(list)
+            for val, test, num_train in scores:
+                threshold = alarm_threshold(val, FALSE_ALARMS)
+                times = lead_times(test, threshold, SECONDS)
+                row["recall"].append(times.recall.tolist())
+                row["false_alarms"].append(times.false_alarms.tolist())
+                row["num_slips"].append(times.num_slips.tolist())
+                row["num_train"].append(num_train)
+                row["num_grasps"].append(len(np.unique(test.trial)))
+                for key, value in slip_summary(test, threshold, WITHIN)._asdict().items():
+                    row[key].append(value)
+            out.setdefault(protocol, {})[method] = dict(row)
+    return out
+
+
+def table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
+    """Returns the lines of a table in Markdown."""
+    at = [SECONDS.index(seconds) for seconds in (0.1, 0.3, 0.5, 1.0)]
+    heads = [f"alarm {SECONDS[i]:g} s before" for i in at]
+    lines = [
+        f"| method | {' | '.join(heads)} | false, same moments (0.3 s) | announced within "
+        f"{WITHIN:g} s | median lead | moments of holding grasps with an alarm | ROC |",
+        "|---|" + "---|" * (len(heads) + 5),
+    ]
+    for method, row in rows.items():
+        recall = 100 * np.array(row["recall"])
+        cells = [_spread(recall[:, i]) for i in at]
+        cells.append(_spread(100 * np.array(row["false_alarms"])[:, at[1]]))
+        cells.append(_spread(100 * np.array(row["announced"])))
+        cells.append(f"{np.nanmean(row['median_lead']):.2f} s")
+        cells.append(_spread(100 * np.array(row["moments_alarmed"])))
+        cells.append(_spread(np.array(row["roc_auc"]), 3))
+        lines.append(f"| {_NAMES[method]} | {' | '.join(cells)} |")
+    return lines
+
+
+def _spread(values: np.ndarray, digits: int = 1) -> str:
+    if len(values) < 2:
+        return f"{values.mean():.{digits}f}"
+    return f"{values.mean():.{digits}f} ± {values.std(ddof=1):.{digits}f}"
+
+
+def main() -> int:
+    """Writes the tables, the numbers and the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--runs", type=Path, required=True)
+    parser.add_argument("--json", type=Path, default=Path("docs/results/early_slip.json"))
+    parser.add_argument("--images", type=Path, default=Path("docs/images"))
+    arguments = parser.parse_args()
+    found = numbers(arguments.runs)
+    if not found:
+        print(f"no runs in '{arguments.runs}'", file=sys.stderr)
+        return 1
+    content = {"seconds": SECONDS, "threshold_false_alarms": FALSE_ALARMS, "protocols": found}
+    with atomic_path(arguments.json) as temporary:
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    for protocol, rows in found.items():
+        print(f"\n{protocol}\n")
+        print("\n".join(table(rows)))
+        curves = {
+            _NAMES[name]: AlarmCurves(np.array(row["recall"]), np.array(row["false_alarms"]))
+            for name, row in rows.items()
+        }
+        title = (
+            f"Simulated grasps, {protocol}: alarms in {FALSE_ALARMS:.0%} of the moments of "
+            "validation grasps that hold"
+        )
+        name = f"early_slip_{protocol.replace(' ', '_')}.png"
+        save_figure(plot_early_slip(SECONDS, curves, title), arguments.images / name)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+r"""Pictures of how early a slip is announced."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.metrics import _COLORS, _MARKERS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+class AlarmCurves(NamedTuple):
+    r"""The alarms of one method, of one or more trainings.
+
+    Args:
+        recall (array-like): Part of the slipping grasps with an alarm, training by training
+            :math:`(R, L)`; NaN where there was nothing to count.
+        false_alarms (array-like): Part of the holding grasps with an alarm at the same moments
+            :math:`(R, L)`.
+    """
+
+    recall: np.ndarray
+    false_alarms: np.ndarray
+
+
+def plot_early_slip(
+    seconds: Sequence[float], methods: Mapping[str, AlarmCurves], title: str
+) -> "Figure":
+    r"""Draws recall and false alarms against the time that is left before the onset of slip, which
+    is at the right end. Lines are means over trainings, bands one standard deviation.
+
+    Args:
+        seconds (sequence of float): Times before the onset in seconds :math:`(L,)`.
+        methods (Mapping of str to AlarmCurves): The curves of each method by its name.
+        title (str): Title of the picture.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no method, or its curves are of other times.
+    """
+    if not methods:
+        raise ValueError("'methods' must hold at least one method (got none)")
+    time = np.asarray(seconds, dtype=np.float64)
+    figure = new_figure(9.0, 4.2)
+    left, right = figure.subplots(1, 2, sharey=True)
+    for i, (name, curves) in enumerate(methods.items()):
+        for ax, values in ((left, curves.recall), (right, curves.false_alarms)):
+            _draw(ax, time, _checked(name, values, len(time)), plain_text(name), i)
+    for ax, what in (
+        (left, "slipping grasps with an alarm"),
+        (right, "holding grasps with an alarm\nat the same moments"),
+    ):
+        ax.set_title(what, fontsize=10)
+        ax.set_xlabel("seconds before the onset of slip", fontsize=9)
+        ax.set_xlim(time.max() * 1.03, 0.0)
+        ax.grid(color="#dcdcdc", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.tick_params(labelsize=9)
+    left.set_ylim(0.0, 1.02)
+    left.set_ylabel("part of the grasps", fontsize=9)
+    handles, labels = left.get_legend_handles_labels()
+    columns = min(3, len(labels))
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False
+    )
+    figure.suptitle(plain_text(title), fontsize=11)
+    return figure
+
+
+def _checked(name: str, values: np.ndarray, size: int) -> np.ndarray:
+    values = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    if values.ndim != 2 or values.shape[1] != size:
+        raise ValueError(
+            f"the curves of '{name}' must have {size} times, as 'seconds' (got shape "
+            f"{values.shape})"
+        )
+    return values
+
+
+def _draw(ax: "Axes", time: np.ndarray, values: np.ndarray, name: str, index: int) -> None:
+    counted = ~np.isnan(values).all(axis=0)
+    if not counted.any():
+        return
+    time, values = time[counted], values[:, counted]
+    mean, deviation = np.nanmean(values, axis=0), np.nanstd(values, axis=0)
+    color = _COLORS[index % len(_COLORS)]
+    marker = _MARKERS[index % len(_MARKERS)]
+    ax.plot(time, mean, color=color, marker=marker, markersize=4, linewidth=1.4, label=name)
+    if len(values) > 1:
+        low, high = mean - deviation, mean + deviation
+        ax.fill_between(time, low, high, color=color, alpha=0.18, linewidth=0)
