@@ -1,4 +1,4 @@
-r"""Early slip: is a slip announced before it begins, on simulated grasps that are lifted and shaken?
+r"""Early slip: is a slip announced before it begins? On simulated grasps, lifted and shaken.
 
 Every window ends before the onset of slip (from which on the object moves in the hand), and is
 judged as on the live robot: by the last frames alone. Alarms are counted by the time that is left,
@@ -6,7 +6,7 @@ and at the same moments in grasps that hold. Nothing here is a result on a real 
 is a file in the folder of runs, so that a run that was stopped goes on.
 
 Examples:
-    tactile simulate bigs --out bigs --seed 0
+    tactile simulate --objects bigs --out bigs --seed 0
     python benchmarks/early_slip.py --root bigs --runs runs
     python benchmarks/early_slip_report.py --runs runs
 """
@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from joblib import Parallel, delayed
 from sklearn.linear_model import Ridge
 from sklearn.metrics import roc_auc_score
 from torch import Tensor, nn
@@ -26,12 +27,13 @@ from torch import Tensor, nn
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows, split_frames
 from torch_geometric_tactile.datasets import BiGS
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io import read_hdf5
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import GraspLSTM, TemporalTaxelNet
 from torch_geometric_tactile.transforms import Tare
 
 RATE = 100  # frames per second
-LENGTH = 50  # frames of a window
+LENGTH = 64  # frames of a window
 HOP = 5
 WITHIN = 0.5  # seconds before the onset in which an alarm is right
 REST = 20  # frames at the start of a grasp, before contact
@@ -79,8 +81,23 @@ def frames(root: str) -> StaticDataset:
         class_names=["holds", "slips soon"],
         to_slip=onset[trial] - moment,
         moment=moment - lift[trial],
-        force=data.force,
+        force=_forces(dataset),
     )
+
+
+def _forces(dataset: BiGS) -> Tensor:
+    # (S, 3, 3) N, of the simulator: no attribute of the samples, since no robot knows them.
+    paths = {Path(path).stem: path for path in dataset.raw_paths}
+    work = [paths[Path(name).stem] for name in dataset.trial_names]
+    found = Parallel(n_jobs=2)(delayed(_force)(path) for path in work)
+    force = torch.from_numpy(np.concatenate(found))
+    if len(force) != len(dataset):
+        raise ValueError(f"files must hold {len(dataset)} frames (got {len(force)}): reload them")
+    return force
+
+
+def _force(path: str) -> np.ndarray:
+    return read_hdf5(path).privileged["force"].astype(np.float32)
 
 
 def parts(dataset: StaticDataset, protocol: str, seed: int) -> dict[str, Part]:

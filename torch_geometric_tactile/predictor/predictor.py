@@ -230,7 +230,7 @@ class Predictor(WindowedModel):
             ValueError: If no transform measures sessions, or as for a call.
         """
         self._check_adapts()
-        data = self._data(reading, joint, session=-1)
+        data = self.preparation.data(reading, joint, -1, dtype=self._dtype, device=self._device)
         if time is not None:
             data.time = torch.as_tensor(time, dtype=torch.double)
         return self.preparation.adapt(data)
@@ -263,11 +263,9 @@ class Predictor(WindowedModel):
             joint (torch.Tensor or numpy.ndarray, optional): As for a call.
             session (int, optional): As for a call.
         """
-        return self.preparation.prepared(self._data(reading, joint, session))
-
-    def _data(self, reading: ArrayLike, joint: ArrayLike | None, session: int | None) -> StaticData:
-        return self.preparation.data(
-            reading, joint, session, dtype=self._dtype, device=self._device
+        data = self.preparation.data
+        return self.preparation.prepared(
+            data(reading, joint, session, dtype=self._dtype, device=self._device)
         )
 
     def __repr__(self) -> str:

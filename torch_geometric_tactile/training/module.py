@@ -270,9 +270,7 @@ class TactileModule(DecidingModule):
         return score, y
 
     def on_test_epoch_end(self) -> None:
-        r"""Logs what was measured on the test part, and the accuracy (or the mean absolute error)
-        of each session.
-        """
+        r"""Logs what was measured on the test part, and the accuracy or MAE of each session."""
         self._log_metrics("test", self.test_metrics)
         name = "mae" if self.task == "regression" else "accuracy"
         for session, metric in zip(self.test_sessions.values(), self.session_metrics, strict=True):

@@ -143,22 +143,19 @@ class TemporalTaxelNet(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         layout = load_layout(layout, "the neighbours of its taxels")
-        sizes = {
-            "out_channels": out_channels,
-            "in_channels": in_channels,
-            "num_filters": num_filters,
-            "filter_size": filter_size,
-            "depth": depth,
-            "num_sectors": num_sectors,
-            "kernel_size": kernel_size,
-            "dilation": dilation,
-            "num_blocks": num_blocks,
-            "hidden_channels": hidden_channels,
-            "max_taxels": max_taxels,
-        }
-        for name, size in sizes.items():
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        _check_sizes(
+            out_channels=out_channels,
+            in_channels=in_channels,
+            num_filters=num_filters,
+            filter_size=filter_size,
+            depth=depth,
+            num_sectors=num_sectors,
+            kernel_size=kernel_size,
+            dilation=dilation,
+            num_blocks=num_blocks,
+            hidden_channels=hidden_channels,
+            max_taxels=max_taxels,
+        )
         if num_joints < 0:
             raise ValueError(f"'num_joints' must not be negative (got {num_joints})")
         if conv not in CONVS:
@@ -175,14 +172,14 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         self.taxels = (self.num_nodes, *(pool.num_clusters for pool in pools))
         self.norm = ReadingNorm(in_channels)
         self.filters = FrameFilters(in_channels, num_filters, filter_size)
+        ons = [layout, *(pool.coarse for pool in pools)]
+        before = [num_filters, *self.widths]
         self.levels = ModuleList()
-        width = num_filters
-        for i, after in enumerate(self.widths):
+        for i, width in enumerate(self.widths):
+            level = (before[i], *[width] * (1 if i == 0 and pools else depth))
             pool = pools[i - 1] if i else None
-            on = layout if pool is None else pool.coarse
-            level = (width, *[after] * (1 if i == 0 and pools else depth))
-            self.levels.append(TaxelLevel(on, pool, level, conv, num_sectors, fast))
-            width = after
+            self.levels.append(TaxelLevel(ons[i], pool, level, conv, num_sectors, fast))
+        width = self.widths[-1]
         self.blocks = ModuleList(
             TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
             for i in range(num_blocks)
@@ -228,7 +225,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             pos (torch.Tensor, optional): Not used.
             per_frame (bool): Whether to return the logits of each frame, as to train on all.
         """
-        x = self._frames(x)
+        x = _frames(x, self.num_nodes, self.in_channels)
         seen = seen_taxels(x[:, :, 0], self.taxel_dropout if self.training else 0.0)
         x = self.norm(x.flatten(1, 2)).view_as(x)
         if seen is not None:  # behind the scale, which is that of all taxels
@@ -299,17 +296,6 @@ class TemporalTaxelNet(Module, TactileHubMixin):
     def _temporal(self) -> list[TemporalBlock]:
         return [block for block in self.blocks if isinstance(block, TemporalBlock)]
 
-    def _frames(self, x: Tensor) -> Tensor:
-        # As (B, N, T, C).
-        num_frames, rest = divmod(x.size(-1), self.in_channels) if x.dim() else (0, 0)
-        if rest or num_frames == 0:
-            raise ValueError(
-                f"'x' must have the frames of {self.in_channels} channels side by side, at least "
-                f"one of each (got shape {tuple(x.shape)})"
-            )
-        x = stacked_readings(x, self.num_nodes, x.size(-1), "features")
-        return split_frames(x, num_frames)
-
     def _logits(self, h: Tensor, joint: OptTensor) -> Tensor:
         # Of one frame (B, M, F), or of all (B, M, T, F).
         rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
@@ -325,3 +311,21 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
             f"receptive_field={self.receptive_field}{joints})"
         )
+
+
+def _check_sizes(**sizes: int) -> None:
+    for name, size in sizes.items():
+        if size < 1:
+            raise ValueError(f"'{name}' must be at least 1 (got {size})")
+
+
+def _frames(x: Tensor, num_nodes: int, in_channels: int) -> Tensor:
+    # As (B, N, T, C).
+    num_frames, rest = divmod(x.size(-1), in_channels) if x.dim() else (0, 0)
+    if rest or num_frames == 0:
+        raise ValueError(
+            f"'x' must have the frames of {in_channels} channels side by side, at least one of "
+            f"each (got shape {tuple(x.shape)})"
+        )
+    x = stacked_readings(x, num_nodes, x.size(-1), "features")
+    return split_frames(x, num_frames)
