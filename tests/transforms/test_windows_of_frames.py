@@ -82,7 +82,7 @@ def test_signals_have_mean_zero_and_deviation_one_over_all_frames(dtype):
         lambda: Normalize(per="signal"),
         lambda: SessionZScore(per="signal"),
     ],
-    ids=repr,
+    ids=["signal", "channel scale", "normalize", "session"],
 )
 def test_signal_laws_state_and_other_lengths(make):
     data = windows(session=torch.arange(8) // 4)

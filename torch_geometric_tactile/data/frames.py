@@ -7,6 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+_SMALL = 256  # numbers of a frame, up to which all windows are gathered at once
+
 
 def split_frames(x: Tensor, num_frames: int) -> Tensor:
     r"""Returns a window of frames with a dimension for time and one for channels.
@@ -65,13 +67,14 @@ def join_frames(x: Tensor) -> Tensor:
     return x.transpose(-1, -2).flatten(-2)
 
 
-def cut_windows(x: Tensor, rows: Sequence[slice | np.ndarray], num_frames: int) -> Tensor:
+def cut_windows(x: Tensor, rows: Tensor | Sequence[slice | np.ndarray], num_frames: int) -> Tensor:
     r"""Returns windows of frames, in one copy.
 
     Args:
         x (torch.Tensor): Frames :math:`(S, N, C)`.
-        rows (sequence of slice or numpy.ndarray): The frames of each window, of :obj:`num_frames`
-            or fewer, after which there is NaN.
+        rows (torch.Tensor or sequence of slice or numpy.ndarray): The first frame of each window
+            :math:`(B,)`; or the frames of each, :obj:`num_frames` or fewer, after which there is
+            NaN.
         num_frames (int): Number of frames of each window :math:`T`.
 
     Shapes:
@@ -80,20 +83,34 @@ def cut_windows(x: Tensor, rows: Sequence[slice | np.ndarray], num_frames: int) 
     shape = (len(rows), *x.shape[1:], num_frames)
     if x.device.type != "cpu" or x.requires_grad or x.dtype == torch.bfloat16:
         cut = x.new_empty(shape)
-        for i, index in enumerate(rows):
+        for i, index in enumerate(_slices(rows, num_frames)):
             _fill(cut[i], x[index].movedim(0, -1))
         return cut.flatten(-2)
     # NumPy transposes faster than PyTorch, most of all what was just read, and in order.
     frames = x.numpy()
+    if isinstance(rows, Tensor) and x.is_contiguous() and x.shape[1:].numel() <= _SMALL:
+        index = rows.numpy(force=True)[:, None] + np.arange(num_frames)
+        size = x.shape[1:].numel()
+        found = frames.reshape(len(frames), size).take(index.reshape(-1), axis=0)
+        found = found.reshape(len(rows), num_frames, size).transpose(0, 2, 1)
+        return torch.from_numpy(np.ascontiguousarray(found)).reshape(*shape).flatten(-2)
     windows = np.empty(shape, frames.dtype)
     near = np.empty((num_frames, *x.shape[1:]), frames.dtype)
     times_last = near.transpose(1, 2, 0)
-    for window, index in zip(windows, rows, strict=True):
+    for window, index in zip(windows, _slices(rows, num_frames), strict=True):
         chosen = frames[index]
         size = len(chosen)
         near[:size] = chosen
         _fill(window, times_last if size == num_frames else times_last[..., :size])
     return torch.from_numpy(windows).flatten(-2)
+
+
+def _slices(
+    rows: Tensor | Sequence[slice | np.ndarray], num_frames: int
+) -> Sequence[slice | np.ndarray]:
+    if isinstance(rows, Tensor):
+        return [slice(start, start + num_frames) for start in rows.tolist()]
+    return rows
 
 
 def _fill(window: Any, frames: Any) -> None:

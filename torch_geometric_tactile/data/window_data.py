@@ -203,8 +203,10 @@ class WindowData:
             mapping["valid_frames"] = self.valid
         return out
 
-    def _row_sets(self) -> list[Any]:
-        # The rows of the frames of each window.
+    def _row_sets(self) -> Any:
+        # The rows of the frames of each window, or the first of each.
+        if self.order is None and self.valid is None:
+            return self.starts
         starts = self.starts.tolist()
         counts = [self.length] * len(starts) if self.valid is None else self.valid.tolist()
         spans = [slice(a, a + n) for a, n in zip(starts, counts, strict=True)]
