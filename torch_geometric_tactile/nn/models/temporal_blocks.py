@@ -1,11 +1,15 @@
 r"""What :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` is made of besides the levels
 of :class:`~torch_geometric_tactile.nn.models.TaxelNet`."""
 
+import torch
 from torch import Tensor
-from torch.nn import Module
+from torch.nn import Linear, Module
+from torch_geometric.nn.inits import reset
+from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import CausalTemporalConv
 from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
+from torch_geometric_tactile.nn.models.tactile_model import with_joints
 from torch_geometric_tactile.nn.models.taxel_levels import TaxelNorm
 
 
@@ -98,6 +102,53 @@ class TemporalBlock(Module):
 
     def _join(self, h: Tensor, out: Tensor) -> Tensor:
         return h + self.dropout(self.norm(out.flatten(0, -2)).relu()).view(out.shape)
+
+
+class FrameHead(Module):
+    r"""From the features of all taxels to the logits of a frame: all side by side, their mean and
+    their maximum, a hidden layer, and the logits.
+
+    Args:
+        in_channels (int): Size of all three.
+        out_channels (int): Number of labels or classes.
+        hidden_channels (int): Width of the hidden layer.
+        dropout (float): Part of the features dropped in training before each layer.
+        num_joints (int): Number of joint angles that join before the hidden layer.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        hidden_channels: int,
+        dropout: float,
+        num_joints: int,
+    ) -> None:
+        super().__init__()
+        self.num_joints = num_joints
+        self.dropout = ByteDropout(dropout)
+        self.lin = Linear(in_channels + num_joints, hidden_channels, bias=False)
+        self.norm = TaxelNorm(hidden_channels)
+        self.lin_out = Linear(hidden_channels, out_channels)
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for child in self.children():
+            reset(child)
+
+    def forward(self, h: Tensor, joint: OptTensor) -> Tensor:
+        r"""Returns the logits of one frame :math:`(B, O)`, or of all :math:`(B, T, O)`.
+
+        Args:
+            h (torch.Tensor): Features of one frame :math:`(B, M, F)`, or of all
+                :math:`(B, M, T, F)`.
+            joint (torch.Tensor, optional): Joint angles in radians.
+        """
+        rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
+        found = torch.cat([rows.flatten(1), rows.mean(dim=1), rows.amax(dim=1)], dim=1)
+        found = with_joints(self.dropout(found), joint, self.num_joints)
+        out: Tensor = self.lin_out(self.dropout(self.norm(self.lin(found)).relu()))
+        return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
 
 
 def in_frames(layer: Module, h: Tensor) -> Tensor:

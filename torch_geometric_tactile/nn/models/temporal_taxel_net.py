@@ -5,20 +5,17 @@ from typing import Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import Linear, Module, ModuleList
+from torch.nn import Module, ModuleList
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.tactile_model import with_joints
 from torch_geometric_tactile.nn.models.taxel_levels import (
     CONVS,
     ConvName,
     ReadingNorm,
     TaxelLevel,
-    TaxelNorm,
     level_widths,
     pooled_layouts,
 )
@@ -30,6 +27,7 @@ from torch_geometric_tactile.nn.models.taxels import (
 )
 from torch_geometric_tactile.nn.models.temporal_blocks import (
     FrameFilters,
+    FrameHead,
     TemporalBlock,
     in_frames,
 )
@@ -184,11 +182,8 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             TemporalBlock(width, kernel_size, dilation * 2**i, dropout / 2)
             for i in range(num_blocks)
         )
-        size = (self.taxels[-1] + 2) * width + num_joints
-        self.dropout = ByteDropout(dropout)
-        self.lin = Linear(size, hidden_channels, bias=False)
-        self.norm_hidden = TaxelNorm(hidden_channels)
-        self.lin_out = Linear(hidden_channels, out_channels)
+        size = (self.taxels[-1] + 2) * width
+        self.head = FrameHead(size, out_channels, hidden_channels, dropout, num_joints)
 
     @property
     def modalities(self) -> tuple[str, ...]:
@@ -234,9 +229,9 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         h = self.filters(x, 1 if per_frame else self.dilation)
         for level in self.levels:
             h = in_frames(level, h)
-        for block in self._temporal:
+        for block in _temporal(self.blocks):
             h = block(h) if per_frame else block(h, block.conv.dilation, 2)
-        return self._logits(h if per_frame else h[:, :, -1], joint)
+        return self.head(h if per_frame else h[:, :, -1], joint)
 
     def initial_state(
         self,
@@ -252,14 +247,12 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             device (torch.device, optional): That of the weights, if left out.
             dtype (torch.dtype, optional): Likewise.
         """
-        first = self.filters.conv.initial_state(
-            batch_size, self.num_nodes, device=device, dtype=dtype
+        convs = [self.filters.conv, *(block.conv for block in _temporal(self.blocks))]
+        taxels = [self.num_nodes] + [self.taxels[-1]] * len(self.blocks)
+        return tuple(
+            conv.initial_state(batch_size, count, device=device, dtype=dtype)
+            for conv, count in zip(convs, taxels, strict=True)
         )
-        others = (
-            block.conv.initial_state(batch_size, self.taxels[-1], device=device, dtype=dtype)
-            for block in self._temporal
-        )
-        return (first, *others)
 
     def step(
         self,
@@ -278,31 +271,15 @@ class TemporalTaxelNet(Module, TactileHubMixin):
                 them.
         """
         x = stacked_readings(frame, self.num_nodes, self.in_channels, "channels")
-        if len(state) != 1 + len(self.blocks):
-            raise ValueError(
-                f"'state' must be the {1 + len(self.blocks)} tensors of 'initial_state' or of the "
-                f"step before (got {len(state)})"
-            )
+        _check_state(state, 1 + len(self.blocks))
         h, first = self.filters.step(self.norm(x), state[0])
         after = [first]
         for level in self.levels:
             h = level(h)
-        for block, seen in zip(self._temporal, state[1:], strict=True):
+        for block, seen in zip(_temporal(self.blocks), state[1:], strict=True):
             h, seen = block.step(h, seen)
             after.append(seen)
-        return self._logits(h, joint), tuple(after)
-
-    @property
-    def _temporal(self) -> list[TemporalBlock]:
-        return [block for block in self.blocks if isinstance(block, TemporalBlock)]
-
-    def _logits(self, h: Tensor, joint: OptTensor) -> Tensor:
-        # Of one frame (B, M, F), or of all (B, M, T, F).
-        rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
-        found = torch.cat([rows.flatten(1), rows.mean(dim=1), rows.amax(dim=1)], dim=1)
-        found = with_joints(self.dropout(found), joint, self.num_joints)
-        out: Tensor = self.lin_out(self.dropout(self.norm_hidden(self.lin(found)).relu()))
-        return out if h.dim() == 3 else out.unflatten(0, (h.size(0), h.size(2)))
+        return self.head(h, joint), tuple(after)
 
     def __repr__(self) -> str:
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""
@@ -310,6 +287,18 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
             f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
             f"receptive_field={self.receptive_field}{joints})"
+        )
+
+
+def _temporal(blocks: ModuleList) -> list[TemporalBlock]:
+    return [block for block in blocks if isinstance(block, TemporalBlock)]
+
+
+def _check_state(state: TemporalState, count: int) -> None:
+    if len(state) != count:
+        raise ValueError(
+            f"'state' must be the {count} tensors of 'initial_state' or of the step before (got "
+            f"{len(state)})"
         )
 
 
