@@ -145,7 +145,7 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
     process.send_signal(stop)
     said = process.communicate(timeout=60)[1].decode()
     if stop == signal.SIGINT:
-        assert process.returncode == 130
+        assert process.returncode == 130, said
         assert "of 9 runs are finished and kept" in said
     kept = {path: path.stat().st_mtime_ns for path in runs.glob("*.json")}
     assert 1 <= len(kept) < 9

@@ -2,11 +2,13 @@ r"""Many simulated trials, each in a file of its own, on many processes; finishe
 
 import json
 import os
+import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from functools import partial
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from typing import Any, Protocol, TypeVar
 
 from torch_geometric_tactile.files import atomic_path, remove_leftovers
@@ -88,6 +90,20 @@ def end_without(parent: int) -> None:
     """
     if parent not in (os.getpid(), os.getppid()):
         os._exit(1)
+    if parent != os.getpid():
+        _end_with(parent)
+
+
+@cache
+def _end_with(parent: int) -> None:
+    # Once a worker: one that has nothing to do would wait for minutes.
+    Thread(target=_wait_for_end, args=(parent,), daemon=True).start()
+
+
+def _wait_for_end(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def kept_meta(task: TrialTask, before: Mapping[str, Any] | None = None) -> dict[str, Any]:
