@@ -48,11 +48,15 @@ def fit_classifier(
     classifier = classifier_from_config(copy.deepcopy(model), data)
     with _quiet():
         trainer = _trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
-        try:
-            trainer.fit(classifier, datamodule=data)
-        except SystemExit as stop:  # Lightning's answer to Ctrl-C
-            raise KeyboardInterrupt from stop
+        _fit(trainer, classifier, datamodule=data)
     return classifier
+
+
+def _fit(trainer: L.Trainer, *arguments: Any, **options: Any) -> None:
+    try:
+        trainer.fit(*arguments, **options)
+    except SystemExit as stop:  # Lightning's answer to Ctrl-C
+        raise KeyboardInterrupt from stop
 
 
 def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
@@ -76,7 +80,7 @@ def warm_up(accelerator: str) -> None:
     with _quiet():
         trainer = _trainer({"accelerator": accelerator}, max_epochs=1)
         batches: Any = [batch]
-        trainer.fit(classifier, DataLoader(batches, batch_size=None))
+        _fit(trainer, classifier, DataLoader(batches, batch_size=None))
 
 
 class _Linear(torch.nn.Module):
