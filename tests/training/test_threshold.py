@@ -1,8 +1,11 @@
-import lightning as L
 import numpy as np
 import pytest
 import torch
 from sklearn.metrics import accuracy_score, balanced_accuracy_score, f1_score
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import lightning as L
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn.models import GraspGCN

@@ -15,7 +15,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.data_source import DataSource
-from torch_geometric_tactile.training.threshold import ThresholdMetric
+from torch_geometric_tactile.typing import ThresholdMetric
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ from torch_geometric_tactile.training.config import (
     load_config,
     read_yaml,
 )
-from torch_geometric_tactile.training.threshold import THRESHOLD_METRICS, ThresholdMetric
+from torch_geometric_tactile.training.threshold import THRESHOLD_METRICS
+from torch_geometric_tactile.typing import ThresholdMetric
 
 _SHOWS = ("accuracy", "memory")
 _PUBLISHED = ("accuracy", "spread", "f1", "auc", "memory")

@@ -3,7 +3,8 @@ r"""From what a model returns to what it decides."""
 from torch import Tensor
 
 from torch_geometric_tactile.training.checkpointed_module import CheckpointedModule
-from torch_geometric_tactile.training.threshold import BestThreshold, ThresholdMetric
+from torch_geometric_tactile.training.threshold import BestThreshold
+from torch_geometric_tactile.typing import ThresholdMetric
 
 
 class DecidingModule(CheckpointedModule):

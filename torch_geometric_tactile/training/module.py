@@ -39,7 +39,8 @@ from torch_geometric_tactile.training.metrics import (
     update_metrics,
 )
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
-from torch_geometric_tactile.training.threshold import ThresholdMetric, check_threshold
+from torch_geometric_tactile.training.threshold import check_threshold
+from torch_geometric_tactile.typing import ThresholdMetric
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {

@@ -1,6 +1,6 @@
 r"""Above which probability class 1 of two is predicted, chosen on a validation part."""
 
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 import torch
@@ -9,8 +9,8 @@ from torchmetrics import Metric
 from torchmetrics.utilities import dim_zero_cat
 
 from torch_geometric_tactile.training.metrics import Task
+from torch_geometric_tactile.typing import ThresholdMetric
 
-ThresholdMetric = Literal["accuracy", "balanced_accuracy", "f1", "f1_positive"]
 THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 
 
