@@ -164,7 +164,9 @@ class WindowData:
         return out
 
     def _last(self) -> Tensor:
-        return self.starts + (self.length if self.valid is None else self.valid) - 1
+        if self.valid is None:
+            return self.starts + (self.length - 1)
+        return self.starts + self.valid - 1
 
     def _rows(self, index: Tensor) -> Tensor:
         return index if self.order is None else self.order[index]
@@ -188,16 +190,17 @@ class WindowData:
         # Straight into the mapping: what was checked keeps its level.
         mapping = out._store._mapping
         for key, value in list(mapping.items()):
-            if frames.is_shared(key):
+            if frames.is_shared(key) or key == "y":
                 continue
             if key == "x":
                 mapping[key] = cut_windows(value, self._row_sets(), self.length)
             elif key in self.series:
                 mapping[key] = self._series(value)
             else:
-                mapping[key] = value[last]
+                mapping[key] = value.index_select(0, last)
         if self.target is not None:
-            mapping["y"] = self["y"]
+            label = frames[self.target]
+            mapping["y"] = self["y"] if self.horizon else label.index_select(0, last)
         mapping["num_frames"] = self.length
         if self.valid is not None:
             mapping["valid_frames"] = self.valid
