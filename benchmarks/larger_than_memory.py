@@ -37,7 +37,7 @@ from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.sensors import biotac
 
 _FRAMES = 1000  # of a trial: 10 s at 100 Hz
-_LIMIT = 1500 * 2**20  # bytes
+_LIMIT = 1_500_000_000  # bytes
 _FILE = "frames.pt"
 # The attributes of a frame: shape and type.
 _COLUMNS: dict[str, tuple[tuple[int, ...], torch.dtype]] = {
