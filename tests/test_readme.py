@@ -81,7 +81,7 @@ def test_time_examples_print_what_they_say(capsys):
     exec(code, names)
     said = re.findall(r"^print\(.*\)  # (.*)$", code, flags=re.MULTILINE)
     assert capsys.readouterr().out.splitlines() == said
-    assert len(said) == 5
+    assert len(said) == 6
 
 
 @pytest.mark.parametrize("page", sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]))

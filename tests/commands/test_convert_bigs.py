@@ -120,6 +120,30 @@ def test_wrong_options_are_told_before_anything_is_written(options, message, sou
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("name", ["b.npz", "b.h5", "notes"])
+def test_folder_that_is_a_file(name, source, tmp_path, capsys):
+    if name == "notes":
+        (tmp_path / name).write_text("dry")
+    assert run(source / "g0.npz", tmp_path / name, "--npz") == 1
+    assert f"'OUT_DIR' must be a folder (got the file '{tmp_path / name}')" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / name).is_dir()
+
+
+def test_grasps_that_do_not_tell_when_pick_up_begins_are_counted(source, tmp_path, capsys):
+    content = {**readings(), **values()}
+    del content["pickup_time"]
+    for i in (3, 4):
+        write_npz(source / f"g{i}.npz", {**content, "trial": i})
+    assert run(source, tmp_path / "out", "--npz") == 0
+    said = capsys.readouterr().err
+    assert "warning: 2 grasps do not tell when pick-up begins" in said
+    assert "--field pickup_time=NAME or --ends-after-pickup SECONDS" in said
+    assert run(source, tmp_path / "out", "--npz", "--ends-after-pickup", "2") == 0
+    assert not capsys.readouterr().err
+
+
 def test_names_that_would_overwrite_each_other(source, tmp_path, capsys):
     (tmp_path / "more").mkdir()
     write_npz(tmp_path / "more" / "g1.npz", {**readings(), **values()})

@@ -53,13 +53,14 @@ def test_data_and_fractions_are_those_of_the_configurations(name):
 
 def test_table_of_the_demo():
     table = load_table("bts3")
-    assert len(table.cells) == 12
+    assert len(table.cells) == 13
     two = "common mode, middle + thumb"
     kinds = {model: [c.column for c in table.cells if c.row == model] for model in table.rows}
     assert kinds == {
         "TaxelNet": [two, "common mode, then session, middle + thumb", "common mode, all fingers"],
         "TaxelNet without edges": [two],
         "SVM": [two, "common mode, all fingers", "session", "raw"],
+        "LSTM": [two],
         "GCN-DF": [two, "session", "raw"],
         "Majority": ["raw"],
     }
@@ -222,6 +223,7 @@ def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):
     ("old", "new", "message"),
     [
         ("title: Mine", "shows: speed\ntitle: Mine", "'shows' must be one of"),
+        ("title: Mine", "see_also: 3\ntitle: Mine", r"'see_also' of table .* a text \(got 3\)"),
         ("title: Mine", "titel: Mine", "table 'mine' cannot be read: .*titel"),
         ("protocols:", "protocolls:", "table 'mine' must have 'protocols'"),
         ("row: SVM", "row: GCN", "'cells' of table 'mine' must have different names"),

@@ -4,15 +4,13 @@ reader must return, or raise ``Refused``."""
 import csv
 import decimal
 import io
-import json
 import re
 from collections.abc import Sequence
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
-import yaml
 from fuzz.laws import Refused
+from fuzz.tree_oracles import need, strict_json
 
 AXES = ("x", "y", "z")
 
@@ -23,8 +21,8 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
     with np.errstate(over="ignore"):
         tactile = np.asarray(tactile, dtype=np.float32)
         joint = None if joint is None else np.asarray(joint, dtype=np.float32)
-    _need(len(time) > 0 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all()))
-    _need(not np.isinf(tactile).any() and (joint is None or not np.isinf(joint).any()))
+    need(len(time) > 0 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all()))
+    need(not np.isinf(tactile).any() and (joint is None or not np.isinf(joint).any()))
     meta, privileged = more.get("meta", {}), more.get("privileged", {})
     return {
         "time": time,
@@ -44,11 +42,11 @@ def table(data: bytes) -> tuple[list[str], list[list[str]]]:
         rows = list(csv.reader(io.StringIO(text, newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
         raise Refused(str(error)) from error
-    _need(text.endswith(("\n", "\r")) and len(rows) > 1)
+    need(text.endswith(("\n", "\r")) and len(rows) > 1)
     # A line of commas is a frame without readings, and an empty one is none.
-    _need(all(len(row) > 1 or any(cell.strip() for cell in row) for row in rows))
+    need(all(len(row) > 1 or any(cell.strip() for cell in row) for row in rows))
     head = [name.strip() for name in rows[0]]
-    _need(len(set(head)) == len(head) and all(len(row) == len(head) for row in rows))
+    need(len(set(head)) == len(head) and all(len(row) == len(head) for row in rows))
     return head, rows[1:]
 
 
@@ -65,18 +63,19 @@ def numbers(rows: Sequence[Sequence[str]]) -> np.ndarray:
 
 
 _TIME = re.compile("(?:time|timestamp|t)(?:_(s|ms|us|ns))?")
+
 _PLACES = {None: 0, "s": 0, "ms": 3, "us": 6, "ns": 9}
 
 
 def seconds(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str | None, np.ndarray]:
     """The column of the time, if there is one, and the time, rounded once."""
     found = [(name, match) for name in head if (match := _TIME.fullmatch(name.lower()))]
-    _need(len(found) <= 1)
+    need(len(found) <= 1)
     if not found:
         return None, np.arange(len(rows)) / 100.0
     name, match = found[0]
     cells = [row[head.index(name)].strip() for row in rows]
-    _need(not np.isnan([number(cell) for cell in cells]).any())
+    need(not np.isnan([number(cell) for cell in cells]).any())
     try:
         exact = [decimal.Decimal(cell).scaleb(-_PLACES[match[1]]) for cell in cells]
     except decimal.InvalidOperation as error:
@@ -113,9 +112,9 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     used = {timed, *joint, label}
     all_given = tactile is not None
     tactile = [name for name in head if name not in used] if tactile is None else tactile
-    _need({*tactile, *joint} <= set(head) and (label is None or label in head) and bool(tactile))
+    need({*tactile, *joint} <= set(head) and (label is None or label in head) and bool(tactile))
     # pandas' names of a table without any, and its index.
-    _need(
+    need(
         all_given
         or not any(
             name == "" or re.fullmatch("[0-9]+", name) or name.startswith("Unnamed")
@@ -129,7 +128,7 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     more: dict[str, Any] = {}
     if label is not None:
         cells = [row[head.index(label)].strip() for row in rows]
-        _need(all(cells))
+        need(all(cells))
         whole = all(re.fullmatch("[+-]?[0-9]{1,18}", cell) for cell in cells)
         values = np.array([int(cell) for cell in cells]) if whole else np.array(cells)
         if len(set(values.tolist())) == 1:
@@ -145,17 +144,17 @@ def xela_log(data: bytes, forces: bool = False) -> Any:
     """Rows that repeat the one before are counted and left out."""
     head, rows = table(data)
     head = [" ".join(name.lower().split()) for name in head]
-    _need("send time" in head and "message number" in head and len(set(head)) == len(head))
+    need("send time" in head and "message number" in head and len(set(head)) == len(head))
     found = numbers(rows)
     time, count = head.index("send time"), head.index("message number")
     own, other = (
         _xela_columns(head, "force " if forces else ""),
         _xela_columns(head, "" if forces else "force "),
     )
-    _need(bool(own))
+    need(bool(own))
     kept: list[np.ndarray] = []
     for row in found:
-        _need(not np.isnan(row[[time, count]]).any())
+        need(not np.isnan(row[[time, count]]).any())
         if kept:
             before = kept[-1]
             both = own + other
@@ -176,7 +175,7 @@ def _xela_columns(head: list[str], start: str) -> list[int]:
     names = [name for name in head if re.fullmatch(start + "[0-9]+[xyz]", name)]
     wanted = [f"{start}{i + 1}{axis}" for i in range(len(names) // 3) for axis in AXES]
     # Nothing that looks like a reading is left out.
-    _need(set(names) == set(wanted))
+    need(set(names) == set(wanted))
     return [head.index(name) for name in wanted]
 
 
@@ -184,9 +183,9 @@ def biotac_csv(data: bytes) -> Any:
     fingers = ("ff", "mf", "th")
     names = [f"{finger}_biotac_{i}" for finger in fingers for i in range(1, 25)]
     head, rows = table(data)
-    _need({"object", "slipped", *names} <= set(head))
+    need({"object", "slipped", *names} <= set(head))
     found = numbers([[row[head.index(name)] for name in ["slipped", *names]] for row in rows])
-    _need(bool(np.isfinite(found).all()) and bool(np.isin(found[:, 0], (0, 1)).all()))
+    need(bool(np.isfinite(found).all()) and bool(np.isin(found[:, 0], (0, 1)).all()))
     values = found[:, 1:].reshape(-1, 3, 24).transpose(0, 2, 1)
     objects = [row[head.index("object")].strip() for row in rows]
     return [values.astype(np.float32), found[:, 0].astype(np.int64), objects]
@@ -195,10 +194,10 @@ def biotac_csv(data: bytes) -> Any:
 def dos_csv(data: bytes) -> Any:
     names = [f"{finger}_e{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
     head, rows = table(data)
-    _need({*head} in ({*names[:24]}, {*names}))
+    need({*head} in ({*names[:24]}, {*names}))
     found = numbers(rows)
     with np.errstate(over="ignore"):
-        _need(bool(np.isfinite(found.astype(np.float32)).all()))
+        need(bool(np.isfinite(found.astype(np.float32)).all()))
     own = found[:, [head.index(name) for name in names[:24]]]
     meta = {"sensor": "biotac_sp", "unit": "count", "rate": 100.0}
     return reading(np.arange(len(rows)) / 100, own[:, :, None], meta=meta)
@@ -210,19 +209,19 @@ def icub_txt(data: bytes) -> Any:
         text = data.decode("ascii")
     except UnicodeDecodeError as error:
         raise Refused(str(error)) from error
-    _need(text.endswith("\n") and not re.search(r"[^ -~\t\n\r]|\r(?!\n)", text))
+    need(text.endswith("\n") and not re.search(r"[^ -~\t\n\r]|\r(?!\n)", text))
     lines = [line.split() for line in text.split("\n")[:-1]]
-    _need([number(cell) for cell in lines[0]] == [-10000.0])
+    need([number(cell) for cell in lines[0]] == [-10000.0])
     frames = [lines[i : i + 7] for i in range(1, len(lines), 7)]
-    _need(len(frames) > 0 and all(list(map(len, f)) == [9, 5] + 5 * [12] for f in frames))
-    _need(not any("_" in cell for line in lines for cell in line))
+    need(len(frames) > 0 and all(list(map(len, f)) == [9, 5] + 5 * [12] for f in frames))
+    need(not any("_" in cell for line in lines for cell in line))
     cells = [numbers(frame) for i in range(7) for frame in [[f[i] for f in frames]]]
     encoder, maximum, reading = cells[0], cells[1], np.concatenate(cells[2:], axis=1)
     for values in (maximum, reading):
-        _need(bool(np.isin(values, np.arange(256)).all()))
-    _need(bool((np.abs(encoder) <= 360).all()))
+        need(bool(np.isin(values, np.arange(256)).all()))
+    need(bool((np.abs(encoder) <= 360).all()))
     lowest = np.stack([part.min(axis=1) for part in cells[2:]], axis=1)
-    _need(bool((np.abs(255 - lowest - maximum) <= 6).all()))
+    need(bool((np.abs(255 - lowest - maximum) <= 6).all()))
     return [v.astype(np.float32) for v in (reading, np.deg2rad(encoder), maximum)]
 
 
@@ -239,11 +238,11 @@ def xela_messages(data: bytes) -> Any:
     repeated = skipped = 0
     for line in text.splitlines():
         if "{" not in line:
-            _need(not _LEFT.search(line))
+            need(not _LEFT.search(line))
             continue
         before, brace, rest = line.partition("{")
         after = rest[rest.rfind("}") + 1 :]
-        _need(not _LEFT.search(before) and not _LEFT.search(after) and "{" not in after)
+        need(not _LEFT.search(before) and not _LEFT.search(after) and "{" not in after)
         message = strict_json(brace + rest[: rest.rfind("}") + 1])
         if isinstance(message, dict) and isinstance(message.get("message"), str):
             skipped += any(key.isdecimal() for key in message)
@@ -252,9 +251,9 @@ def xela_messages(data: bytes) -> Any:
         if frames and frame["number"] == frames[-1]["number"]:
             repeated += 1
             continue
-        _need(not frames or all(frame[k] == frames[-1][k] for k in ("taxels", "models")))
+        need(not frames or all(frame[k] == frames[-1][k] for k in ("taxels", "models")))
         frames.append(frame)
-    _need(bool(frames))
+    need(bool(frames))
     first = frames[0]
     meta = {
         "sensor": "XELA uSkin",
@@ -273,21 +272,21 @@ def xela_messages(data: bytes) -> Any:
 
 
 def _xela_frame(message: Any) -> dict[str, Any]:
-    _need(isinstance(message, dict) and type(message.get("message")) is int)
+    need(isinstance(message, dict) and type(message.get("message")) is int)
     time = message.get("time", message.get("sendtime"))
-    _need(type(time) in (int, float))
+    need(type(time) in (int, float))
     keys = sorted((key for key in message if key.isdecimal()), key=int)
-    _need(bool(keys) and message.get("sensors", len(keys)) == len(keys))
+    need(bool(keys) and message.get("sensors", len(keys)) == len(keys))
     counts: list[int] = []
     taxels: list[int] = []
     for key in keys:
         sensor = message[key]
-        _need(isinstance(sensor, dict) and isinstance(sensor.get("data"), str))
+        need(isinstance(sensor, dict) and isinstance(sensor.get("data"), str))
         words = [word for word in re.split(r"[,\s]+", sensor["data"]) if word]
-        _need(bool(words) and all(re.fullmatch("[0-9A-Fa-f]{1,4}", word) for word in words))
+        need(bool(words) and all(re.fullmatch("[0-9A-Fa-f]{1,4}", word) for word in words))
         own = [int(word, 16) for word in words]
-        _need(len(own) == 3 * sensor.get("taxels", len(own) // 3))
-        _need(sensor.get("integer", own) == own)
+        need(len(own) == 3 * sensor.get("taxels", len(own) // 3))
+        need(sensor.get("integer", own) == own)
         counts += own
         taxels.append(len(own) // 3)
     return {
@@ -299,114 +298,3 @@ def _xela_frame(message: Any) -> dict[str, Any]:
         "handedness": [str(message[key].get("handedness", "")) for key in keys],
         "version": str(message.get("version", "")),
     }
-
-
-def strict_json(text: str) -> Any:
-    """JSON with each key once, and finite numbers."""
-
-    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
-        _need(len({key for key, _ in items}) == len(items))
-        return dict(items)
-
-    def finite(text: str) -> float:
-        _need(abs(float(text)) != float("inf"))
-        return float(text)
-
-    def refuse(text: str) -> Any:
-        raise Refused(text)
-
-    try:
-        return json.loads(
-            text, object_pairs_hook=pairs, parse_float=finite, parse_constant=refuse, strict=False
-        )
-    except (ValueError, RecursionError) as error:
-        raise Refused(str(error)) from error
-
-
-def json_tree(data: bytes) -> Any:
-    try:
-        return strict_json(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise Refused(str(error)) from error
-
-
-def is_layout(tree: Any, found: dict[str, Any]) -> bool:
-    """Whether a layout is the one of a JSON tree, key by key, and no key was passed over."""
-    known = {"name", "source", "unit", "taxels", "adjacency"}
-    known |= {f"{key}_names" for key in _INDICES}
-    if not {*tree} <= known or tree["name"] != found["name"]:
-        return False
-    if tree.get("source", "") != found["source"] or len(tree["taxels"]) != len(found["taxels"]):
-        return False
-    if tree.get("adjacency", {}) != found["adjacency"]:
-        return False
-    if any(
-        tree.get(f"{key}_names", found[f"{key}_names"]) != found[f"{key}_names"] for key in _INDICES
-    ):
-        return False
-    metres = {"m": 1.0, "mm": 1e-3, "in": 0.0254}[tree["unit"]]
-    for taxel, own in zip(tree["taxels"], found["taxels"], strict=True):
-        if not {*taxel} <= {*own} or not np.allclose(
-            np.multiply(taxel["pos"], metres), own["pos"], rtol=1e-5
-        ):
-            return False
-        if any(taxel.get(key, own.get(key)) != own.get(key) for key in (*_INDICES, "cell")):
-            return False
-        if "normal" in taxel and not np.allclose(taxel["normal"], own["normal"], rtol=1e-3):
-            return False
-        if taxel.get("tangent", own.get("tangent")) != own.get("tangent"):
-            return False
-    return True
-
-
-_INDICES = ("link", "patch", "digit")
-
-
-def is_chain(tree: Any, found: dict[str, Any]) -> bool:
-    """Whether a hand is the one of a JSON tree."""
-    joints = tree["joints"]
-    if not {*tree} <= {"name", "joints", "source", "bodies"} or len(joints) != len(found["joints"]):
-        return False
-    return tree.get("name", found["name"]) == found["name"] and all(
-        _is_joint(joint, own) for joint, own in zip(joints, found["joints"], strict=True)
-    )
-
-
-def _is_joint(joint: dict[str, Any], own: dict[str, Any]) -> bool:
-    joint, own = dict(joint), dict(own)
-    axis, unit = joint.pop("axis", None), own.pop("axis", None)
-    same = (axis is None) == (unit is None)
-    if same and axis is not None:
-        same = np.allclose(np.array(axis, float) / np.linalg.norm(np.array(axis, float)), unit)
-    return same and all(key in own and own[key] == joint[key] for key in joint)
-
-
-def xml_tree(data: bytes) -> Any:
-    def plain(element: ElementTree.Element) -> Any:
-        text = (element.text or "").strip()
-        return [element.tag, dict(element.attrib), text, [plain(child) for child in element]]
-
-    try:
-        return plain(ElementTree.fromstring(data))
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise Refused(str(error)) from error
-
-
-class _Once(yaml.SafeLoader):
-    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = [key.value for key, _ in getattr(node, "value", ()) if isinstance(key.value, str)]
-        _need(len(set(keys)) == len(keys))
-        return super().construct_mapping(node, deep)
-
-
-def yaml_tree(data: bytes) -> Any:
-    """YAML with each key once."""
-    try:
-        return yaml.load(data.decode("utf-8-sig"), Loader=_Once)
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError, AttributeError) as error:
-        raise Refused(str(error)) from error
-
-
-def _need(condition: bool) -> None:
-    if not condition:
-        raise Refused

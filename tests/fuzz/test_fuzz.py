@@ -11,7 +11,7 @@ import pytest
 for extra in ("yaml", "h5py", "lightning"):
     pytest.importorskip(extra, reason="needs the extras 'io' and 'train'")
 
-from fuzz import oracles
+from fuzz import oracles, tree_oracles
 from fuzz.laws import FAILURES, REFUSED, REWRITTEN, Refused, difference, equal
 from fuzz.run import attack, main, make_whole, preload
 from fuzz.targets import TARGETS, Target, schedule
@@ -127,7 +127,7 @@ def test_a_mutated_cell_is_judged_by_the_reference_reader():
 
     assert judged(lambda path: [1, 3], says).outcome == "cell"
     assert judged(lambda path: [1, 4], says).outcome == "silent"
-    assert judged(lambda path: [1, 3], oracles.json_tree).outcome == "silent"
+    assert judged(lambda path: [1, 3], tree_oracles.json_tree).outcome == "silent"
 
 
 def test_a_worker_goes_on_after_a_crash_and_keeps_its_file(tmp_path):
@@ -172,9 +172,9 @@ def test_reference_readers_agree_on_whole_files(tmp_path):
         (oracles.wide_csv, "time,taxel_0_x,taxel_0_x\n0,1,2\n"),
         (oracles.named_csv, "0,1\n0,1\n"),
         (oracles.icub_txt, "-10000\n1 2 3\n"),
-        (oracles.json_tree, '{"a": 1, "a": 2}'),
-        (oracles.json_tree, '{"a": NaN}'),
-        (oracles.yaml_tree, "a: 1\na: 2\n"),
+        (tree_oracles.json_tree, '{"a": 1, "a": 2}'),
+        (tree_oracles.json_tree, '{"a": NaN}'),
+        (tree_oracles.yaml_tree, "a: 1\na: 2\n"),
         (oracles.xela_messages, '"time": 3}\n'),
     ],
 )

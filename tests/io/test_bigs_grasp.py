@@ -166,6 +166,7 @@ def test_truth_values(outcome, tmp_path):
         ),
         ({"object": 3}, r"'object' must be a text \(got 3\)"),
         ({"object": None}, r"'object' must be there"),
+        ({"object": ""}, r"'object' must not be empty"),
         ({"trial": 1.5}, r"'trial' must be a whole number \(got 1.5\)"),
         ({"session": 1.5}, r"'session' must be a text \(got 1.5\)"),
         (
@@ -173,7 +174,11 @@ def test_truth_values(outcome, tmp_path):
             r"'pickup_time' must be a time of the grasp.* 5.0 to 5.59 s \(got 9",
         ),
         ({"pickup_time": "x"}, r"'pickup_time' must be a time of the grasp.*\(got 'x'\)"),
-        ({"electrodes": None}, r"'electrodes' must be there"),
+        ({"electrodes": None}, r"'electrodes' must be there .*--field electrodes=NAME"),
+        (
+            {"electrodes": None, "format": "tactile recording"},
+            r"'electrodes' must be there .*: a file that is in the neutral form already needs no",
+        ),
         ({"electrodes": np.zeros((60, 24, 3))}, r"'electrodes' must have 19 rows of 'electrode'"),
         ({"electrodes": np.zeros((60, 3, 19))}, r"'electrodes' must have 19 rows of 'electrode'"),
         ({"electrodes": np.zeros((60, 57))}, r"must have 3 dimensions, .*NAME \[frame \(elec"),
@@ -197,13 +202,20 @@ def test_truth_values(outcome, tmp_path):
         ({"object_pose": np.zeros((60, 6))}, r"'object_pose' must have 7 rows of 'value'"),
         ({"phase": np.zeros(60)}, r"'phase' must hold the name of a phase for each of 60 frames"),
         ({"phase": np.array(["a"])}, r"'phase' must hold the name of a phase for each of 60"),
-        ({"slip": np.full(60, 2)}, r"'slip' must be 0, 1 or, where unknown, -1"),
+        ({"slip": np.full(60, 2)}, r"'slip' must be 0, 1 or, where unknown, -1 \(got 2\)"),
     ],
 )
 def test_refuses(changes, message, tmp_path):
     content = {**readings(), **values(), **changes}
     path = write_npz(tmp_path / "a.npz", {k: v for k, v in content.items() if v is not None})
     with pytest.raises(ValueError, match=r"a.npz': .*" + message):
+        read_bigs(path)
+
+
+@pytest.mark.parametrize("value", [np.zeros((60, 19, 3), complex), np.array([None, 1])])
+def test_array_of_no_numbers_is_named(value, tmp_path):
+    path = write_npz(tmp_path / "a.npz", {**readings(), **values(), "electrodes": value})
+    with pytest.raises(ValueError, match=r"a.npz' cannot be .*'electrodes' is of type (comp|obj)"):
         read_bigs(path)
 
 
@@ -248,6 +260,7 @@ def test_a_field_that_was_named_must_be_there(name, tmp_path):
         ({"quaternion": "zyxw"}, r"'quaternion' must be one of"),
         ({"fingers": "left right"}, r"'fingers' must be 'left', 'middle' and 'right' in their"),
         ({"pattern": "("}, r"'pattern' must be a regular expression"),
+        ({"pattern": "(?P<item>.+)"}, r"'pattern' must have groups of .*'object'.*\(got 'item'\)"),
         ({"ends_after_pickup": -1.0}, r"'ends_after_pickup' must be seconds, at least 0"),
         ({"ends_after_pickup": True}, r"'ends_after_pickup' must be seconds"),
     ],

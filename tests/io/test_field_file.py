@@ -117,7 +117,10 @@ def test_other_files(tmp_path):
         FileNotFoundError, match=r"gone.h5' does not exist; give the path of an HDF5"
     ):
         read_fields(tmp_path / "gone.h5", ["a"])
-    for content in (b"", b"a,b\n1,2\n", b"\x80\x04K\x01."):
+    (tmp_path / "a.h5").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"a.h5' must be an HDF5 or npz file \(got an empty file"):
+        read_fields(tmp_path / "a.h5", ["a"])
+    for content in (b"a,b\n1,2\n", b"\x80\x04K\x01."):
         (tmp_path / "a.h5").write_bytes(content)
         with pytest.raises(
             ValueError, match=r"a.h5' must be an HDF5 or npz file \(got one that be"

@@ -200,7 +200,7 @@ def npy(header):
         ),
         (
             {"joint.npy": npy("{'descr':'<U0','fortran_order':False,'shape':(999999999999,)}")},
-            r"an array is of type",
+            r"its array 'joint' is of type",
         ),
         ({"joint.npy": npy("{'descr':'<f4', (")}, r"cannot be read as npz"),
         ({"joint.npy": npy("[" * 5000)}, r"cannot be read as npz"),

@@ -56,7 +56,7 @@ def test_demo_page_needs_no_other_file(report):
 def test_demo_metrics_cover_models_protocols_readings_and_seeds(report):
     _, content = report
     keys = {(r["model"], r["protocol"], r["readings"], r["seed"]) for r in content["results"]}
-    assert len(keys) == len(content["results"]) == 12 * (4 + 3) * 2
+    assert len(keys) == len(content["results"]) == 13 * (4 + 3) * 2
     assert content["data"]["generated"] is True
     assert (content["data"]["train_samples"], content["data"]["test_samples"]) == (2000, 600)
     assert (content["folds"], content["epochs"]) == (2, 1)
@@ -70,7 +70,7 @@ def test_demo_metrics_cover_models_protocols_readings_and_seeds(report):
 def test_demo_goes_on_where_it_was_stopped(report, capsys):
     out, content = report
     runs = sorted((out / "runs").iterdir())
-    assert len(runs) == 12 * 2 * (2 + 2 + 2 * 3 + 1)
+    assert len(runs) == 13 * 2 * (2 + 2 + 2 * 3 + 1)
     before = {path: path.stat().st_mtime_ns for path in runs}
     runs[0].unlink()
     assert main([*SHORT, "--out", str(out)]) == 0
@@ -86,7 +86,7 @@ def test_demo_goes_on_where_it_was_stopped(report, capsys):
 def test_report_of_a_part_is_refused(tmp_path):
     plan = make_plan(grasp_table(generated=True), Settings(seeds=1))
     run = PlanRun(plan, [], 0, {}, len(plan.experiments))
-    with pytest.raises(ValueError, match=r"'run' must be complete \(got 312 runs missing\)"):
+    with pytest.raises(ValueError, match=r"'run' must be complete \(got 338 runs missing\)"):
         write_grasp_report(run, {}, tmp_path, 0.0)
 
 

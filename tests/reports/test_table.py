@@ -135,6 +135,19 @@ def test_caption_tells_what_the_numbers_are(objects):
         assert fact in caption
 
 
+def test_page_points_to_the_same_models_on_real_grasps():
+    lines = markdown(run("p3-k", {}, split_by=["random"])).splitlines()
+    assert load_table("p3").see_also == load_table("p3-k").see_also
+    (line,) = (line for line in lines if line.startswith("See also: "))
+    assert "`tactile table bts3` trains SVM, LSTM and GCN-DF on real grasps, with one frame" in line
+    assert {"SVM", "LSTM", "GCN-DF"} <= set(load_table("bts3").rows)
+    assert lines.index(line) < lines.index("## Accuracy in %")
+
+
+def test_page_of_a_table_that_points_nowhere(objects):
+    assert "See also" not in markdown(objects)
+
+
 def test_property_table_counts_labels_two_ways():
     names = ["light", "heavy"]
     metrics = {"accuracy": 0.25, "label_accuracy": 0.5, "label_accuracy_0": 0.75}

@@ -12,16 +12,27 @@ pytestmark = [
 ]
 
 
-def test_killed_jobs_lose_nothing_and_leave_nothing_after_the_next_run():
-    pytest.importorskip("h5py", reason="needs the extra 'io'")
+def kill(kills, *jobs):
     # In a process of its own: a fork of one in which PyTorch has used threads may wait for ever.
-    jobs = ("processing", "convert", "grasps", "append")
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--kills", "12", "--frames", "60", "--only", *jobs],
+        [sys.executable, str(SCRIPT), "--kills", kills, "--frames", "60", "--only", *jobs],
         capture_output=True,
         text=True,
         timeout=300,
         check=False,
     )
-    assert done.stdout.endswith("13 kills, 0 wrong\n"), done.stdout + done.stderr
-    assert done.returncode == 0
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_killed_jobs_lose_nothing_and_leave_nothing_after_the_next_run():
+    pytest.importorskip("h5py", reason="needs the extra 'io'")
+    said = kill("12", "processing", "convert", "grasps", "append")
+    assert said.endswith("13 kills, 0 wrong\n"), said
+
+
+def test_killed_simulation_of_grasps_leaves_whole_files_and_goes_on():
+    for package in ("mujoco", "h5py"):
+        pytest.importorskip(package, reason="needs the extra 'sim'")
+    said = kill("3", "simulate-bigs")
+    assert said.endswith("3 kills, 0 wrong\n"), said

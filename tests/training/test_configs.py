@@ -50,6 +50,16 @@ def test_gcn_sees_the_readings_of_the_taxel_net():
     assert gcn == df
 
 
+def test_lstm_differs_from_the_gcn_in_its_model_only():
+    lstm, gcn = (load_config(f"grasp_{name}_common_mode") for name in ("lstm", "gcn"))
+    net = lstm["model"].pop("model")
+    assert net["class_path"].endswith(".GraspLSTM")
+    assert net["init_args"]["num_fingers"] == gcn["model"].pop("model")["init_args"]["num_fingers"]
+    for part in ("dataset", "test_dataset"):
+        del gcn["data"][part]["init_args"]["pre_transform"]  # it needs no edges
+    assert lstm == gcn
+
+
 @pytest.mark.parametrize("name", GCN)
 def test_shipped_configuration_builds_its_model(name):
     model = classifier_from_config(load_config(name)["model"]).model

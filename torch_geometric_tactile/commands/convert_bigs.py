@@ -9,6 +9,10 @@ from typing import Any
 from torch_geometric_tactile.texts import printable
 
 _SUFFIXES = (".h5", ".hdf5", ".npz")
+_UNTIMED = (
+    "tactile: warning: {} grasps do not tell when pick-up begins, and BiGS will only read them "
+    "with until=None, shake and all: state --field pickup_time=NAME or --ends-after-pickup SECONDS"
+)
 HELP = "write grasps of the BiGS data set in the form that datasets.BiGS reads"
 DESCRIPTION = """\
 Reads grasps of the BiGS data set from the files of their holder, one HDF5 or npz file a
@@ -124,8 +128,9 @@ def run(arguments: argparse.Namespace) -> int:
         },
         **{name: value for name, value in given.items() if value is not None},
     )
-    targets = _targets(arguments.sources, Path(arguments.out), ".npz" if arguments.npz else ".h5")
-    failed = 0
+    out = _folder(arguments.out)
+    targets = _targets(arguments.sources, out, ".npz" if arguments.npz else ".h5")
+    failed = untimed = 0
     for source, target in targets.items():
         try:
             recording = read_bigs(source, layout)
@@ -135,9 +140,19 @@ def run(arguments: argparse.Namespace) -> int:
             text = " ".join(str(error).split()) or type(error).__name__
             print(printable(f"tactile: error: {text}"), file=sys.stderr, flush=True)
         else:
+            untimed += not {"pickup_time", "ends_after_pickup"} & {*recording.meta}
             print(printable(f"{target}: {recording}"), flush=True)
     print(printable(f"{len(targets) - failed} of {len(targets)} grasps are in '{arguments.out}'"))
+    if untimed:
+        print(_UNTIMED.format(untimed), file=sys.stderr)
     return 1 if failed else 0
+
+
+def _folder(name: str) -> Path:
+    out = Path(name)
+    if out.is_file() or (out.suffix.lower() in _SUFFIXES and not out.is_dir()):
+        raise ValueError(f"'OUT_DIR' must be a folder (got the file '{name}')")
+    return out
 
 
 def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:

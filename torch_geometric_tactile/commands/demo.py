@@ -8,11 +8,12 @@ from torch_geometric_tactile.commands.arguments import few, positive
 
 HELP = "train and judge grasp stability models on real grasps, and write a report"
 DESCRIPTION = """\
-Trains TaxelNet with and without edges, GCN-DF, an SVM and a majority baseline on the BioTac
-SP stability set, on readings less the common mode of each finger, scaled by session, and raw.
-Judges each with random folds, with objects left out, with objects and a recording session left
-out, and on the official test of unseen objects (also by palm pose). Writes report.html, its
-pictures, metrics.json and the checkpoint of TaxelNet on the common mode's readings.
+Trains TaxelNet with and without edges, GCN-DF, an LSTM, an SVM and a majority baseline on the
+BioTac SP stability set, on readings less the common mode of each finger, scaled by session,
+and raw. Judges each with random folds, with objects left out, with objects and a recording
+session left out, and on the official test of unseen objects (also by palm pose). Writes
+report.html, its pictures, metrics.json and the checkpoint of TaxelNet on the common mode's
+readings.
 """
 EXAMPLES = """\
 examples:

@@ -40,7 +40,8 @@ examples:
   tactile simulate --out control --objects control8      objects of one shape and size
   tactile simulate --out wide --objects shapes --num-objects 40 --trials 10 \\
     --spread wide --seconds 5                            400 short trials that differ widely
-  tactile simulate --out bigs --objects bigs             2000 grasps that hold or slip, 6 s each
+  tactile simulate --out bigs --objects bigs             2000 grasps that hold or slip, 6 s each:
+                                                         375 MB, ten minutes on two cores
   tactile simulate --out few --objects bigs --grasps 40 --preview
                                                          the first 40 of them, and a picture
 

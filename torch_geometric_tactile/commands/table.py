@@ -39,6 +39,9 @@ examples:
                                                          where it was trained before
   tactile table p1-table2 --root mine --tare 0.5         recordings without a phase 'hover', at rest
                                                          in the first half second of each trial
+  tactile simulate --objects bigs --out bigs --jobs 2    grasps for P3, if you have none
+  tactile table p3 --root bigs --seeds 1 --protocols random
+                                                         the paper's protocol, once
   tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
 Each run (a model, a seed, a protocol) is a file in DIR/runs when it is finished. The same command
@@ -77,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
-        "for those of P1 and P2, 10 for those of P3)",
+        "for those of P1 and P2, 10 for those of P3, 3 for bts3)",
     )
     parser.add_argument(
         "--epochs",
@@ -111,9 +114,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--split-by",
         metavar="PROTOCOL",
         nargs="+",
-        help="what is held out, of what the table names: for those of the papers, whole trials "
-        "(trial) or random frames of all trials (frame) (default: all, one after the other, never "
-        "mixed)",
+        help="what is held out, of what the table names, as --list prints: for P1 and P2 whole "
+        "trials (trial) or random frames of all trials (frame); for P3 random grasps (random), "
+        "grasps of each object (grasp), an object (object) or sessions (session) (default: all, "
+        "one after the other, never mixed)",
     )
     parser.add_argument(
         "--folds", metavar="N", type=few, help="folds of protocols that have some, at least 2"

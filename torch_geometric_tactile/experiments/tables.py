@@ -138,10 +138,12 @@ class Table:
         axis (str): What the columns are if they are numbers: the picture has a line for each row
             along them.
         orderings (tuple of Ordering): What is looked for in the numbers.
+        see_also (str): Where there is more of the kind, as a sentence; may be empty.
 
     Raises:
         ValueError: If there is no protocol or no place, a name stands for two, an ordering names an
-            experiment that is not there, or columns along an axis are no numbers.
+            experiment that is not there, columns along an axis are no numbers, or :obj:`see_also`
+            is no text.
     """
 
     name: str
@@ -159,8 +161,13 @@ class Table:
     positive: str = ""
     axis: str = ""
     orderings: tuple[Ordering, ...] = ()
+    see_also: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.see_also, str):
+            raise ValueError(
+                f"'see_also' of table '{self.name}' must be a text (got {self.see_also!r})"
+            )
         known = {cell.experiment for cell in self.cells}
         for ordering in self.orderings:
             unknown = {name for pair in ordering.pairs for name in pair} - known

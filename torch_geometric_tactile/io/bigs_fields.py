@@ -48,6 +48,11 @@ class BiGSFields:
 
     def missing(self, key: str) -> ValueError:
         r"""Returns the error for a field that is not there."""
+        if key == "electrodes" and {"format", "@format"} & {*self.names}:
+            return ValueError(
+                f"{self.where(key)} must be there (got a recording): a file that is in the neutral "
+                "form already needs no conversion and no 'fields'"
+            )
         return ValueError(
             f"{self.where(key)} must be there (got a file with "
             f"{', '.join(map(shown, self.names)) or 'nothing'}): state its name, as in "

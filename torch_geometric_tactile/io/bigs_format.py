@@ -26,6 +26,7 @@ ARRAYS: Mapping[str, tuple[str, ...]] = {
 }
 #: What has one value in a file.
 VALUES = ("success", "object", "trial", "session", "pickup_time")
+_TOLD = ("object", "trial", "session", "success")  # by the name of a file
 _TIME = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _LENGTH = {"m": 1.0, "mm": 1e3}
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
@@ -115,9 +116,12 @@ class BiGSFormat:
                 f"{self.fingers!r})"
             )
         try:
-            re.compile(self.pattern)
+            told = re.compile(self.pattern).groupindex
         except (re.error, RecursionError, TypeError) as error:
             raise ValueError(f"'pattern' must be a regular expression ({error})") from error
+        for name in told:
+            if name not in _TOLD:
+                raise ValueError(f"'pattern' must have groups of {[*_TOLD]} (got '{name}')")
 
     def _check_field(self, key: str, text: str) -> None:
         stored = StoredArray.of(key, text)

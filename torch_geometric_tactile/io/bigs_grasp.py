@@ -131,8 +131,11 @@ class _Grasp(BiGSFields):
         return np.concatenate([position, quaternion], axis=1)
 
     def slip(self, slip: np.ndarray) -> np.ndarray:
-        if not np.isin(slip, (-1, 0, 1)).all():
-            raise ValueError(f"{self.where('slip')} must be 0, 1 or, where unknown, -1")
+        wrong = slip[~np.isin(slip, (-1, 0, 1))]
+        if len(wrong):
+            raise ValueError(
+                f"{self.where('slip')} must be 0, 1 or, where unknown, -1 (got {wrong[0]:g})"
+            )
         return slip.astype(np.int8)
 
     def phase(self, num_frames: int) -> tuple[np.ndarray, list[str]] | None:
@@ -178,9 +181,11 @@ class _Grasp(BiGSFields):
             if value is not None and (not isinstance(value, kinds) or isinstance(value, bool)):
                 what = "a whole number" if kinds is int else "a text"
                 raise ValueError(f"{self.where(key)} must be {what} (got {value!r})")
+            if key == "object" and value is None:
+                raise self.missing("object")
+            if key == "object" and not value:
+                raise ValueError(f"{self.where('object')} must not be empty (got '')")
             if value in (None, ""):
-                if key == "object":
-                    raise self.missing("object")
                 continue
             out[key] = value
         pickup = self.value("pickup_time")

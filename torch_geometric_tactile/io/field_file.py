@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.io.csv_table import shown
 from torch_geometric_tactile.io.hdf5_arrays import read_rows
 from torch_geometric_tactile.io.hdf5_checks import (
     MAX_BYTES,
@@ -67,10 +66,8 @@ def read_fields(path: Path, wanted: Iterable[str]) -> Fields:
             there = [*arrays.shapes]
             found = {name: arrays.read(name) for name in dict.fromkeys(wanted) if name in there}
         return Fields(found, sorted(there)[:_MOST_LISTED])
-    raise ValueError(
-        f"'{path}' must be an HDF5 or npz file (got one that begins with {shown(repr(head))}): is "
-        "its beginning lost?"
-    )
+    what = f"one that begins with {head!r}" if head else "an empty file"
+    raise ValueError(f"'{path}' must be an HDF5 or npz file (got {what}): copy or record it again")
 
 
 def _hdf5_fields(path: Path, wanted: Iterable[str]) -> Fields:

@@ -76,7 +76,7 @@ class NpzArrays:
     def _header(self, name: str) -> _Header:
         entry = self._entries[name]
         with self._archive.open(entry) as file:
-            header, start = _read_header(file)
+            header, start = _read_header(file, name)
         if start + header.num_bytes != entry.file_size:
             raise ValueError(
                 f"its array '{name}' must take {start + header.num_bytes} bytes for the shape "
@@ -98,7 +98,7 @@ class NpzArrays:
         memory = numbers.view(np.uint8)
         done = 0
         with self._archive.open(self._entries[name]) as file:
-            _read_header(file)
+            _read_header(file, name)
             while block := file.read(_BLOCK):  # to the end, where the checksum is compared
                 memory[done : done + len(block)] = np.frombuffer(block, dtype=np.uint8)
                 done += len(block)
@@ -119,18 +119,20 @@ def _num_entries(path: Path) -> int:
     return int.from_bytes(tail[tail.rindex(_END) + 10 :][:2], "little")
 
 
-def _read_header(file: IO[bytes]) -> tuple[_Header, int]:
+def _read_header(file: IO[bytes], name: str) -> tuple[_Header, int]:
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
     elif version == (2, 0):
         shape, fortran_order, dtype = np.lib.format.read_array_header_2_0(file)
     else:
-        raise ValueError(f"an array is in version {version} of numpy's format")
+        raise ValueError(f"its array '{name}' is in version {version} of numpy's format")
     if dtype.kind not in "biufU" or not dtype.itemsize:
-        raise ValueError(f"an array is of type {dtype}, and only numbers and texts are read")
+        raise ValueError(
+            f"its array '{name}' is of type {dtype}, and only numbers and texts are read"
+        )
     if any(size < 0 for size in shape):
-        raise ValueError(f"an array has the shape {shape}")
+        raise ValueError(f"its array '{name}' has the shape {shape}")
     num_bytes = math.prod(shape) * dtype.itemsize
     return _Header(shape, fortran_order, dtype, num_bytes), file.tell()
 

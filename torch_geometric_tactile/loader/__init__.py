@@ -1,6 +1,6 @@
 r"""Loaders of data with one topology."""
 
-from torch_geometric_tactile.loader.block_sampler import BlockSampler
+from torch_geometric_tactile.loader.block_sampler import BlockSampler, DistributedBlockSampler
 from torch_geometric_tactile.loader.static_loader import StaticLoader
 
-__all__ = ["BlockSampler", "StaticLoader"]
+__all__ = ["BlockSampler", "DistributedBlockSampler", "StaticLoader"]

@@ -12,7 +12,7 @@ from torch.nn import Module
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor.content import Content
-from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation
+from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation, shared_by_frames
 from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel
 from torch_geometric_tactile.predictor.windowed_model import WindowedModel, check_size
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -90,11 +90,7 @@ class Predictor(WindowedModel):
         num_joints: int | None = None,
         threshold: float | None = None,
     ) -> None:
-        edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
-        shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), pos=layout.pos)
-        for key, value in (("normal", layout.normal), ("edge_index", edges)):
-            if value is not None:
-                shared[key] = value
+        shared = shared_by_frames(layout, adjacency)
         preparation = Preparation(
             layout, shared, pre_transform, transform, num_channels, num_joints
         )

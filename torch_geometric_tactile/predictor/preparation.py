@@ -265,6 +265,23 @@ class Preparation:
         self._constant = self._constant.to(device)
 
 
+def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:
+    r"""Returns what all frames of a sensor have in common, without a frame: positions, normals and
+    edges, as far as there are some.
+
+    Args:
+        layout (TaxelLayout): The taxels.
+        adjacency (str or torch.Tensor, optional): An adjacency of the layout by its name, or edges
+            :math:`(2, |\mathcal{E}|)`.
+    """
+    edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
+    shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), pos=layout.pos)
+    for key, value in (("normal", layout.normal), ("edge_index", edges)):
+        if value is not None:
+            shared[key] = value
+    return shared
+
+
 def _first_stored(dataset: StaticDataset) -> StaticData:
     # The first sample before the transform of its data set.
     stored = copy.copy(dataset)

@@ -121,6 +121,8 @@ def markdown(run: PlanRun) -> str:
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
     if note := positive_note(run):
         lines += [printable(note), ""]
+    if table.see_also:
+        lines += [f"See also: {printable(table.see_also)}", ""]
     for heading, series in _groups(run):
         for section in table.sections:
             columns = table.columns(section)

@@ -1,6 +1,7 @@
 r"""The parts of a data set that training, validation and test see."""
 
 import copy
+import os
 from typing import Any, Literal
 
 import lightning as L
@@ -9,7 +10,8 @@ from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
-from torch_geometric_tactile.loader import StaticLoader
+from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
+from torch_geometric_tactile.loader.memory_limit import exceeds_memory
 from torch_geometric_tactile.loader.random_states import kept_rng
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
@@ -249,10 +251,12 @@ class TactileDataModule(L.LightningDataModule):
         part = copy.copy(self._parts[name])
         steps = [step for step in (part.transform, self.transform, last) if step is not None]
         part.transform = Compose(steps) if steps else None
+        sampler = _shared_blocks(self.trainer, part) if shuffle else None
         return StaticLoader(  # by keyword, so that Lightning can build it again with its sampler
             part,
             batch_size=self.batch_size,
-            shuffle=shuffle,
+            shuffle=shuffle and sampler is None,
+            sampler=sampler,
             keyed=True,
             num_workers=self.num_workers,
             persistent_workers=self.num_workers > 0,
@@ -280,6 +284,20 @@ def _val_part(
             f"(got '{split.describe()}')"
         )
     return split.val or 0.0
+
+
+def _shared_blocks(
+    trainer: L.Trainer | None, part: StaticDataset
+) -> DistributedBlockSampler | None:
+    # In place of what Lightning takes for several processes, which draws in a full random order.
+    processes = None if trainer is None else trainer.distributed_sampler_kwargs
+    if trainer is None or not processes or processes["num_replicas"] == 1:
+        return None
+    # Not public: whether the trainer was told to leave samplers as they are.
+    if not trainer._accelerator_connector.use_distributed_sampler or not exceeds_memory(part):
+        return None
+    seed = int(os.environ.get("PL_GLOBAL_SEED", 0))  # as Lightning's
+    return DistributedBlockSampler(part, **processes, seed=seed)
 
 
 def _steps(transform: BaseTransform | None) -> list[BaseTransform]:

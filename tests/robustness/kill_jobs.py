@@ -1,0 +1,345 @@
+"""Jobs that write, which ``kills.py`` kills: all writers of the package."""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+FRAMES = 300
+
+
+class Job(NamedTuple):
+    """What is run in a folder, and what it made; :obj:`made` must not change, whatever is killed.
+
+    ``prepare`` fills the folder, ``run`` gets the folder and a function to tell how far it got, and
+    ``read`` returns what is finished by name; all that it returns must be whole. ``weight`` is its
+    share of the kills.
+    """
+
+    name: str
+    prepare: Callable[[Path], None]
+    run: Callable[[Path, Callable[[int], None]], None]
+    read: Callable[[Path], dict[str, Any]]
+    weight: int
+    grows: bool = False
+
+
+def jobs() -> list[Job]:
+    """Returns all jobs whose extras are installed."""
+    found = [processing(), convert(), grasps()]
+    for make in (append, store, fit, report, demo, simulation, simulated_bigs):
+        try:
+            found.append(make())
+        except ImportError:
+            continue
+    return found
+
+
+def nothing(folder: Path) -> None:
+    """Prepares nothing."""
+
+
+def a_recording(start: int, stop: int):
+    """Returns frames that are known by their number."""
+    from torch_geometric_tactile.data import Recording
+
+    values = np.arange(start, stop)
+    return Recording(values / 100, values[:, None, None] * np.ones((1, 24, 3)))
+
+
+def numbers(recording) -> list[float]:
+    """Returns the number of each frame, which all its taxels must show."""
+    assert (recording.tactile == recording.tactile[:, :1, :1]).all()
+    return recording.tactile[:, 0, 0].tolist()
+
+
+def processing() -> Job:
+    """Reads recordings and writes a processed file."""
+    from torch_geometric_tactile.data.processed_file import load_static
+    from torch_geometric_tactile.datasets import RecordingFrames
+    from torch_geometric_tactile.io import write_npz
+    from torch_geometric_tactile.sensors import grid
+
+    layout = grid(4, 6, pitch=0.01)
+
+    def prepare(folder):
+        for i in range(8):
+            write_npz(a_recording(0, FRAMES), folder / f"{('cup', 'box')[i % 2]}_{i}.npz")
+
+    def run(folder, tell):
+        assert len(RecordingFrames(folder, layout=layout)) == 8 * FRAMES
+
+    def read(folder):
+        paths = folder.glob("processed/*.pt")
+        return {path.name: load_static(path)[0].x.sum().item() for path in paths}
+
+    return Job("processing", prepare, run, read, 4)
+
+
+def convert() -> Job:
+    """Converts a CSV file to npz by the command line."""
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.io import read_npz, write_wide_csv
+
+    def prepare(folder):
+        write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
+
+    def run(folder, tell):
+        assert main(["convert", str(folder / "a.csv"), str(folder / "b.npz")]) == 0
+
+    def read(folder):
+        return {path.name: numbers(read_npz(path)) for path in folder.glob("*.npz")}
+
+    return Job("convert", prepare, run, read, 4)
+
+
+def grasps() -> Job:
+    """Brings in grasps of the BiGS data set by the command line, and processes them."""
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.data.processed_file import load_static
+    from torch_geometric_tactile.datasets import BiGS
+    from torch_geometric_tactile.io import read_npz
+
+    def prepare(folder):
+        (folder / "in").mkdir()
+        for i in range(4):
+            frames = np.arange(FRAMES) + 1000 * i
+            electrodes = frames[:, None, None] * np.ones((1, 19, 3))
+            pac = np.ones((FRAMES, 3, 22), dtype=np.int16) * i
+            np.savez(folder / "in" / f"cup_{i}.npz", electrodes=electrodes, pac=pac, success=i % 2)
+
+    def run(folder, tell):
+        assert main(["convert", "bigs", str(folder / "in"), str(folder / "out"), "--npz"]) == 0
+        assert len(BiGS(folder / "out", until=None)) == 4 * FRAMES
+
+    def read(folder):
+        found = {p.name: numbers(read_npz(p)) for p in folder.glob("out/*.npz")}
+        for path in folder.glob("out/processed/*.pt"):
+            data = load_static(path)[0]
+            found[path.name] = data.x.sum().item(), data.pac.sum().item()
+        return found
+
+    return Job("grasps", prepare, run, read, 4)
+
+
+def append() -> Job:
+    """Appends frame after frame, and tells of each that is safe."""
+    import h5py  # noqa: F401
+
+    from torch_geometric_tactile.io import append_hdf5, read_hdf5
+
+    def run(folder, tell):
+        path = folder / "a.h5"
+        start = None
+        while start != FRAMES:
+            try:
+                if start is None:
+                    start = read_hdf5(path).num_frames if path.exists() else 0
+                stop = min(start + 6, FRAMES)
+                append_hdf5(a_recording(start, stop), path)
+                start = stop
+                tell(stop)
+            except BlockingIOError:  # the second one writes
+                time.sleep(0.001)
+            except ValueError as error:
+                if "must go on after" not in str(error):  # the second one has written them
+                    raise
+                start = None
+
+    def read(folder):
+        return {path.name: numbers(read_hdf5(path)) for path in folder.glob("*.h5")}
+
+    return Job("append", nothing, run, read, 5, grows=True)
+
+
+def store() -> Job:
+    """Writes the results of the runs of a table."""
+    from torch_geometric_tactile.data import Protocol
+    from torch_geometric_tactile.experiments.data_source import DataSource
+    from torch_geometric_tactile.experiments.experiment import Experiment
+    from torch_geometric_tactile.experiments.run_store import RunStore
+
+    source = DataSource("a.B", {}, fingerprint="d")
+    runs = [
+        Experiment(
+            name="a",
+            model={"x": 1},
+            data=source,
+            protocol=Protocol("trial"),
+            protocol_name="by trial",
+            epochs=2,
+            seed=seed,
+        )
+        for seed in range(60)
+    ]
+
+    def run(folder, tell):
+        kept = RunStore(folder)
+        try:
+            for experiment in runs:
+                if kept.read(experiment) is None:
+                    kept.write(experiment, {"seed": experiment.seed, "scores": [0.5] * 3000})
+        finally:
+            kept.clean(runs)
+
+    def read(folder):
+        kept = RunStore(folder)
+        return {r.file_name: result for r in runs if (result := kept.read(r)) is not None}
+
+    return Job("table", nothing, run, read, 3)
+
+
+def fit() -> Job:
+    """Trains for three epochs with a checkpoint after each."""
+    import lightning as L
+    from lightning.pytorch.callbacks import ModelCheckpoint
+
+    from torch_geometric_tactile.datasets import FakeTactileDataset
+    from torch_geometric_tactile.nn.models import GraspGCN
+    from torch_geometric_tactile.training import (
+        AtomicCheckpointIO,
+        TactileClassifier,
+        TactileDataModule,
+    )
+    from torch_geometric_tactile.transforms import KNNGraph
+
+    train = FakeTactileDataset(64, "train", pre_transform=KNNGraph(2))
+    test = FakeTactileDataset(64, "test", pre_transform=KNNGraph(2))
+    L.Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)  # imports the rest
+
+    def run(folder, tell):
+        L.seed_everything(0, verbose=False)
+        saved = ModelCheckpoint(folder, "{epoch}", save_top_k=-1, enable_version_counter=False)
+        L.Trainer(
+            accelerator="cpu",
+            devices=1,
+            max_epochs=3,
+            logger=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+            plugins=[AtomicCheckpointIO()],
+            callbacks=[saved],
+        ).fit(
+            TactileClassifier(GraspGCN()), datamodule=TactileDataModule(train, test, batch_size=16)
+        )
+
+    def read(folder):
+        return {
+            path.name: sum(
+                value.double().sum().item()
+                for value in torch.load(path, weights_only=True)["state_dict"].values()
+            )
+            for path in folder.glob("*.ckpt")
+        }
+
+    return Job("fit", nothing, run, read, 2)
+
+
+def report() -> Job:
+    """Writes the pages of a report as the demo does, without its training."""
+    from torch_geometric_tactile import Predictor
+    from torch_geometric_tactile.nn import TactileFNN
+    from torch_geometric_tactile.reports.html import write_report
+    from torch_geometric_tactile.sensors import grid
+    from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+
+    torch.manual_seed(0)
+    model = TactileFNN(4, 2, widths=(64,), pools=(1,))
+    predictor = Predictor(model, grid(2, 2, pitch=0.01), None, ("a", "b"), num_channels=3)
+
+    def run(folder, tell):
+        for i in range(4):
+            figure = new_figure(2.0, 2.0)
+            figure.add_subplot().plot(range(i + 3))
+            save_figure(figure, folder / f"{i}.png")
+            predictor.save(folder / f"{i}.predictor")
+            write_report(
+                folder / f"{i}.html",
+                title="x" * 10000,
+                notice="generated",
+                facts=[],
+                tables=[],
+                pictures=[],
+            )
+
+    def read(folder):
+        names = ("*.png", "*.html", "*.predictor")
+        return {path.name: path.read_bytes() for name in names for path in folder.glob(name)}
+
+    return Job("report", nothing, run, read, 2)
+
+
+def demo() -> Job:
+    """Runs the whole demo: generated data, one seed, one epoch."""
+    from torch_geometric_tactile.commands import demo as verb
+    from torch_geometric_tactile.experiments import grasp_table
+
+    grasp_table._GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
+    given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+
+    def run(folder, tell):
+        assert verb.run(parser.parse_args([*given, "--out", str(folder / "report")])) == 0
+
+    def read(folder):
+        made = {}
+        for path in folder.glob("report/runs/*.json"):
+            content = json.loads(path.read_text(encoding="utf-8"))
+            made[path.name] = content["result"]["predictions"]
+        for path in folder.glob("report/metrics.json"):
+            made[path.name] = json.loads(path.read_text(encoding="utf-8"))["results"]
+        for path in folder.glob("report/*.ckpt"):
+            weights = torch.load(path, weights_only=True)["state_dict"].values()
+            made[path.name] = sum(value.double().sum().item() for value in weights)
+        made |= {path.name: path.read_bytes() for path in folder.glob("report/*.png")}
+        return made
+
+    return Job("demo", nothing, run, read, 1)
+
+
+def simulation() -> Job:
+    """Simulates one grasp of each of two objects."""
+    import h5py  # noqa: F401
+    import mujoco  # noqa: F401
+
+    from torch_geometric_tactile.io import read_hdf5
+    from torch_geometric_tactile.sim import OBJECT_SETS, paper8, simulate
+
+    OBJECT_SETS["two"] = lambda: paper8()[:2]
+
+    def run(folder, tell):
+        assert len([*simulate(folder, "two", 1, preset="ci")]) == 2
+
+    def read(folder):
+        return {path.name: read_hdf5(path).tactile.tolist() for path in folder.glob("*.h5")}
+
+    return Job("simulate", nothing, run, read, 1)
+
+
+def simulated_bigs() -> Job:
+    """Simulates three grasps in the form of the BiGS data set."""
+    import h5py  # noqa: F401
+    import mujoco  # noqa: F401
+
+    from torch_geometric_tactile.io import read_hdf5
+    from torch_geometric_tactile.sim import simulate_bigs
+
+    def run(folder, tell):
+        assert len([*simulate_bigs(folder, 3)]) == 3
+
+    def read(folder):
+        found = {}
+        for path in folder.glob("*.h5"):
+            recording = read_hdf5(path)
+            found[path.name] = recording.tactile.tolist(), recording.extra["pac"].tolist()
+        for path in folder.glob("*.json"):
+            found[path.name] = json.loads(path.read_text(encoding="utf-8"))["objects"]
+        return found
+
+    return Job("simulate-bigs", nothing, run, read, 1)
