@@ -142,6 +142,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
             "num_samples": plan.facts.num_samples,
             "num_trials": plan.facts.num_trials,
             "num_groups": plan.facts.num_groups,
+            "num_frames": plan.facts.num_frames,
             "class_names": list(plan.facts.class_names),
         },
         "protocol": protocol.protocol.describe(),

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments.compared_windows import FrameCut
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.typing import PathLike
 
@@ -21,6 +22,7 @@ def data_source(
     grid: str | None = None,
     task: str | None = None,
     arguments: Mapping[str, Any] | None = None,
+    cut: FrameCut | None = None,
 ) -> DataSource:
     r"""Returns the data set that a text stands for.
 
@@ -35,11 +37,24 @@ def data_source(
         task (str, optional): What the labels of a file are: :obj:`"multiclass"` or
             :obj:`"regression"`.
         arguments (Mapping, optional): Further arguments of the data set.
+        cut (FrameCut, optional): How windows of frames or whole trials are cut from its samples,
+            which must be frames; each frame is a sample if left out.
 
     Raises:
         FileNotFoundError: If there is no such file, folder or class.
         ValueError: If an argument does not go with the data.
     """
+    frames = _frames(data, layout, grid, task, arguments)
+    return frames if cut is None else cut.cut(frames)
+
+
+def _frames(
+    data: PathLike,
+    layout: str | None,
+    grid: str | None,
+    task: str | None,
+    arguments: Mapping[str, Any] | None,
+) -> DataSource:
     text, path = str(data), Path(data)
     given = dict(arguments or {})
     if path.is_file() or path.suffix == ".npz":

@@ -8,15 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile.experiments.building import find_class
 from torch_geometric_tactile.experiments.compared_data import predicts_numbers
 from torch_geometric_tactile.experiments.compared_models import (
     FLOOR,
     ComparedModel,
-    Task,
     check_names,
     chosen_models,
     model_of,
 )
+from torch_geometric_tactile.experiments.compared_task import Task
+from torch_geometric_tactile.experiments.compared_windows import check_cut, without_rest
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.held_out import balanced_protocol, check_units
@@ -52,7 +55,8 @@ class ComparisonSettings:
         members (int): How many networks of a kind are trained on each training part; what they say
             is averaged.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
-            as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest.
+            as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest. Of windows,
+            the frames are tared before these are cut.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
 
@@ -215,7 +219,17 @@ def comparison_plan(
         ValueError: If the samples cannot be split so, or a model has no place in the data.
     """
     settings = settings or ComparisonSettings()
-    source, _ = source.resolve()
+    tare = None if settings.tare is None else dict(settings.tare)
+    if _is_cut(source):
+        # A stride chooses the frames that windows are cut from: with it, there are other windows.
+        source, selection = source.with_arguments(selection or {}), None
+        source, tare = (source if tare is None else without_rest(source, tare)), None
+    source, facts = source.resolve()
+    if facts.num_frames is not None and tare is not None:
+        raise ValueError(
+            "'tare' must be left out for samples of several frames: subtract rest readings before "
+            f"they are cut (got {tare})"
+        )
     dataset = source.load()
     numbers = predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
@@ -226,7 +240,6 @@ def comparison_plan(
     by = settings.by or _default_unit(dataset)
     protocol = _protocol(dataset, by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
-    tare = None if settings.tare is None else dict(settings.tare)
     task = Task.of(
         dataset, metric, part, epochs=settings.epochs, tare=tare, members=settings.members
     )
@@ -317,6 +330,11 @@ def summarize(run: PlanRun) -> Comparison:
     return Comparison(run, metric, results, best_plain)
 
 
+def _is_cut(source: DataSource) -> bool:
+    found = find_class(source.class_path)
+    return isinstance(found, type) and issubclass(found, FrameView)
+
+
 def _judgement(result: dict[str, Any]) -> Judgement:
     return Judgement.from_dict(result["predictions"])
 
@@ -348,6 +366,8 @@ def _protocol(dataset: StaticDataset, by: str, folds: int) -> Protocol:
     if by == "given":
         protocol = Protocol("given")
         protocol.split(dataset)  # tells that there are no parts
+        check_cut(dataset, by)
         return protocol
     check_units(dataset, by)
+    check_cut(dataset, by)
     return balanced_protocol(dataset, by, folds)

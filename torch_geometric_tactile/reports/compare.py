@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.experiments.advice import NAMES, advice, shown_number, to_dict
+from torch_geometric_tactile.experiments.compared_windows import describe_cut
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
@@ -114,7 +115,8 @@ def _facts(comparison: Comparison) -> list[str]:
     (protocol,) = plan.protocols
     num_splits = len({(e.seed, e.fold) for e in plan.experiments})
     facts = plan.facts
-    held = f", {facts.num_trials:,} trials" if facts.num_trials else ""
+    held = f" of {facts.num_frames} frames" if facts.num_frames else ""
+    held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
@@ -123,6 +125,7 @@ def _facts(comparison: Comparison) -> list[str]:
         f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
         f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
         "twice the larger of both.",
+        *filter(None, [describe_cut(plan.data)]),
     ]
 
 
