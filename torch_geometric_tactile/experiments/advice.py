@@ -32,7 +32,8 @@ def shown_number(metric: str, value: float) -> str:
     """
     if math.isnan(value):
         return "?"
-    return f"{100 * value:.1f}" if metric in _PERCENT else f"{value:.3g}"
+    text = f"{100 * value:.1f}" if metric in _PERCENT else f"{value:.3g}"
+    return text.removeprefix("-") if not float(text) else text  # not "-0.0"
 
 
 def advice(comparison: Comparison) -> str:

@@ -196,8 +196,8 @@ def describe_cut(source: DataSource) -> str:
     """
     given = source.arguments
     if source.class_path == _WINDOWS:
-        length, hop = given["length"], given.get("hop", 1)
-        label = f"the frame {given['horizon']} after it" if given.get("horizon") else "its last"
+        length, hop, ahead = given["length"], given.get("hop", 1), given.get("horizon")
+        label = f"the frame {ahead} after its last" if ahead else "its last frame"
         every = "one after the other" if hop == length else f"one every {hop}"
         text = f"A sample is a window of {length} frames, {every}, with the label of {label}"
     elif source.class_path == _TRIALS:

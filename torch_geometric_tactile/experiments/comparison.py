@@ -246,7 +246,7 @@ def comparison_plan(
     models = chosen_models(settings.models, task)
     table = Table(
         name=name,
-        title=f"Models compared on {name}",
+        title=f"Models compared on {name}" + _of_frames(facts.num_frames),
         data=source,
         protocols=(TableProtocol(f"by {by}" if by != "given" else by, protocol),),
         cells=tuple(model.to_cell(task) for model in models),
@@ -328,6 +328,10 @@ def summarize(run: PlanRun) -> Comparison:
         if name in whole
     )
     return Comparison(run, metric, results, best_plain)
+
+
+def _of_frames(num_frames: int | None) -> str:
+    return "" if num_frames is None else f", {num_frames} frames a sample"
 
 
 def _is_cut(source: DataSource) -> bool:

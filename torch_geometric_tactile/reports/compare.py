@@ -25,6 +25,11 @@ _COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
     *("difference", "over_splits", "over_trials", "parameters", "seconds"),
 )
+_WHO_SEES_TIME = (
+    "Of the models, temporal and lstm go through the frames in their order, and svm_signal sees "
+    "statistics of each signal; to all others the frames of a taxel are so many channels."
+)
+_SIMULATED = "The samples are simulated: what holds for them need not hold for a real hand."
 _SERIES = {False: "plain models", True: "graph models"}
 
 
@@ -118,6 +123,8 @@ def _facts(comparison: Comparison) -> list[str]:
     held = f" of {facts.num_frames} frames" if facts.num_frames else ""
     held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
+    more = [describe_cut(plan.data), _WHO_SEES_TIME if facts.num_frames else ""]
+    more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
         f"{num_splits} splits. Mean ± standard deviation over the splits. Settings were "
@@ -125,7 +132,7 @@ def _facts(comparison: Comparison) -> list[str]:
         f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
         f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
         "twice the larger of both.",
-        *filter(None, [describe_cut(plan.data)]),
+        *filter(None, more),
     ]
 
 
