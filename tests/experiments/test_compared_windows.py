@@ -307,3 +307,16 @@ def test_page_says_what_a_sample_is(tmp_path, cut, text):
     assert text in page
     assert ("temporal and lstm go through the frames" in page) == (cut is not None)
     assert to_dict(comparison)["data"]["num_frames"] == (cut and (cut.get("trials") or 9))
+
+
+def test_what_is_left_out_is_said_once_and_on_the_page(tmp_path, caplog):
+    content = motions(tmp_path / "a.npz")
+    kept = (content["trial"] != 5) | (np.arange(len(content["y"])) % 40 < 9)
+    shorter = {key: value[kept] for key, value in content.items()}
+    with caplog.at_level(logging.WARNING):
+        found = plan(tmp_path, FrameCut(window=20, horizon=15), **shorter)
+    assert caplog.text.count("1 of 12 trials are left out") == 1
+    comparison = summarize(PlanRun(found, [], 0, {}, len(found.experiments)))
+    assert (
+        "Left out: trials shorter than a window: 1; windows whose label is beyond their trial: 11."
+    ) in comparison_markdown(comparison)

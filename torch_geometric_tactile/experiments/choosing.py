@@ -19,6 +19,7 @@ from torch_geometric_tactile.experiments.choice import laid_over
 from torch_geometric_tactile.experiments.estimators import (
     estimator_input,
     num_numbers,
+    samples_of,
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
@@ -154,7 +155,8 @@ def _fit_estimator(
 ) -> Fitted:
     assert experiment.choice is not None
     transform = build(experiment.transform)
-    seen, held_out = fit_transform(transform, train), fit_transform(transform, other, adapt=True)
+    seen = fit_transform(transform, samples_of(train))
+    held_out = fit_transform(transform, samples_of(other), adapt=True)
     estimator = seeded_estimator(model, train.layout, experiment.seed)
     start = time.perf_counter()
     estimator.fit(estimator_input(estimator, seen), seen.y.numpy())

@@ -1,7 +1,9 @@
 r"""The data of a comparison: a file of samples, a folder of recordings, or a class."""
 
+import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -119,3 +121,21 @@ def predicts_numbers(dataset: StaticDataset) -> bool:
             "labels): choose one of them, or another target"
         )
     return True
+
+
+@contextmanager
+def said_before() -> Iterator[None]:
+    r"""Silences the warnings of data that was loaded before, which need not say again what they
+    leave out, as long as the context lasts.
+    """
+    loggers = [
+        logging.getLogger(f"torch_geometric_tactile.{room}") for room in ("data", "datasets")
+    ]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.ERROR)
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

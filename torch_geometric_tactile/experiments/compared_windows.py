@@ -11,6 +11,7 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import StaticDataset, Windows
 from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile.experiments.building import find_class
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.transforms import Tare
 
@@ -93,6 +94,28 @@ class FrameCut:
         return replace(
             frames, class_path=path, arguments=arguments, selection={}, caption="", fingerprint=""
         )
+
+
+def of_frames(
+    source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
+) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
+    r"""Returns a source, and what is left to be tared and selected of its samples: of samples that
+    are cut from frames nothing, since both is done to the frames. A stride makes other windows.
+
+    Args:
+        source (DataSource): The samples.
+        tare (Mapping, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
+        selection (Mapping, optional): Arguments that only choose among the frames.
+
+    Raises:
+        ValueError: If rest readings are of something else than trials, or it is not known how the
+            source cuts its samples.
+    """
+    found = find_class(source.class_path)
+    if not isinstance(found, type) or not issubclass(found, FrameView):
+        return source, None if tare is None else dict(tare), selection
+    source = source.with_arguments(selection or {})
+    return source if tare is None else without_rest(source, tare), None, None
 
 
 def without_rest(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
@@ -181,6 +204,20 @@ def _check_one_part(frames: StaticDataset, key: str) -> None:
             f"'{key}' must be the same in all frames of a trial where samples have several frames "
             f"(got two in trial {number})"
         )
+
+
+def describe_left_out(dataset: StaticDataset) -> str:
+    r"""Returns in words what was left out when samples were cut; an empty text if nothing was.
+
+    Args:
+        dataset (StaticDataset): The samples.
+    """
+    parts = []
+    if isinstance(dataset, FrameView) and dataset.too_short:
+        parts.append(f"trials shorter than a window: {len(dataset.too_short)}")
+    if isinstance(dataset, Windows) and dataset.num_beyond:
+        parts.append(f"windows whose label is beyond their trial: {dataset.num_beyond}")
+    return f"Left out: {'; '.join(parts)}." if parts else ""
 
 
 def describe_cut(source: DataSource) -> str:

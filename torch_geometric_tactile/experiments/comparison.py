@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
-from torch_geometric_tactile.data.frame_view import FrameView
-from torch_geometric_tactile.experiments.building import find_class
-from torch_geometric_tactile.experiments.compared_data import predicts_numbers
+from torch_geometric_tactile.experiments.compared_data import predicts_numbers, said_before
 from torch_geometric_tactile.experiments.compared_models import (
     FLOOR,
     ComparedModel,
@@ -19,8 +17,8 @@ from torch_geometric_tactile.experiments.compared_models import (
     model_of,
 )
 from torch_geometric_tactile.experiments.compared_task import Task
-from torch_geometric_tactile.experiments.compared_windows import check_cut, without_rest
-from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
+from torch_geometric_tactile.experiments.data_source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.held_out import balanced_protocol, check_units
 from torch_geometric_tactile.experiments.judgement import Judgement
@@ -219,17 +217,25 @@ def comparison_plan(
         ValueError: If the samples cannot be split so, or a model has no place in the data.
     """
     settings = settings or ComparisonSettings()
-    tare = None if settings.tare is None else dict(settings.tare)
-    if _is_cut(source):
-        # A stride chooses the frames that windows are cut from: with it, there are other windows.
-        source, selection = source.with_arguments(selection or {}), None
-        source, tare = (source if tare is None else without_rest(source, tare)), None
+    source, tare, selection = of_frames(source, settings.tare, selection)
     source, facts = source.resolve()
     if facts.num_frames is not None and tare is not None:
         raise ValueError(
             "'tare' must be left out for samples of several frames: subtract rest readings before "
             f"they are cut (got {tare})"
         )
+    with said_before():
+        return _plan_of(source, facts, settings, tare, name, selection)
+
+
+def _plan_of(
+    source: DataSource,
+    facts: DataFacts,
+    settings: ComparisonSettings,
+    tare: dict[str, Any] | None,
+    name: str,
+    selection: Mapping[str, Any] | None,
+) -> Plan:
     dataset = source.load()
     numbers = predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
@@ -246,7 +252,7 @@ def comparison_plan(
     models = chosen_models(settings.models, task)
     table = Table(
         name=name,
-        title=f"Models compared on {name}" + _of_frames(facts.num_frames),
+        title=f"Models compared on {name}" + _frames_in_words(facts.num_frames),
         data=source,
         protocols=(TableProtocol(f"by {by}" if by != "given" else by, protocol),),
         cells=tuple(model.to_cell(task) for model in models),
@@ -330,13 +336,8 @@ def summarize(run: PlanRun) -> Comparison:
     return Comparison(run, metric, results, best_plain)
 
 
-def _of_frames(num_frames: int | None) -> str:
+def _frames_in_words(num_frames: int | None) -> str:
     return "" if num_frames is None else f", {num_frames} frames a sample"
-
-
-def _is_cut(source: DataSource) -> bool:
-    found = find_class(source.class_path)
-    return isinstance(found, type) and issubclass(found, FrameView)
 
 
 def _judgement(result: dict[str, Any]) -> Judgement:

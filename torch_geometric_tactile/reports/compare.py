@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.experiments.advice import NAMES, advice, shown_number, to_dict
-from torch_geometric_tactile.experiments.compared_windows import describe_cut
+from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
@@ -123,7 +123,9 @@ def _facts(comparison: Comparison) -> list[str]:
     held = f" of {facts.num_frames} frames" if facts.num_frames else ""
     held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
-    more = [describe_cut(plan.data), _WHO_SEES_TIME if facts.num_frames else ""]
+    more = [describe_cut(plan.data)]
+    if facts.num_frames is not None:
+        more += [describe_left_out(plan.data.load()), _WHO_SEES_TIME]
     more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
