@@ -140,6 +140,17 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     assert "all runs are finished" in capsys.readouterr().out
 
 
+def test_windows_of_a_hand_are_strided_before_they_are_cut(grasps, tmp_path, capsys):
+    options = ["--init", f"root={grasps}", "split=null", "task=object", "--stride", "5"]
+    options += ["--window", "2", "--models", "temporal,svm_signal,constant", "--by", "trial"]
+    options += ["--folds", "2", "--epochs", "1", "--members", "1", "--out", str(tmp_path)]
+    assert main(["compare", "AllegroUSkin", *options]) == 0
+    found = json.loads((tmp_path / "AllegroUSkin.json").read_text())
+    assert [model["name"] for model in found["models"]] == ["temporal", "svm_signal", "constant"]
+    assert found["data"]["num_frames"] == 2
+    assert found["data"]["class_names"]
+
+
 def test_numbers_are_predicted_from_whole_trials(tmp_path, capsys):
     y = np.linspace(0.1, 1.0, 12).repeat(40)
     motions(tmp_path / "a.npz", y=y)

@@ -194,6 +194,8 @@ def test_arguments_reach_the_frames(tmp_path):
     source = data_source(tmp_path, grid="3x4", arguments={"stride": 8}, cut=cut)
     assert source.load().data.x[0, 0].tolist() == [0, 8, 16, 24, 32]
     assert source.with_arguments({"stride": 2}).load().data.x[0, 0].tolist() == [0, 2, 4, 6, 8]
+    chosen = data_source(tmp_path, grid="3x4").with_arguments({}, {"stride": 4})
+    assert cut.cut(chosen).load().data.x[0, 0].tolist() == [0, 4, 8, 12, 16]
 
 
 @pytest.mark.parametrize(
