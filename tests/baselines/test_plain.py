@@ -4,7 +4,7 @@ import torch
 from sklearn.base import clone
 
 from torch_geometric_tactile import baselines
-from torch_geometric_tactile.baselines import FlatReadings, constant, flat_forest, rbf_svm
+from torch_geometric_tactile.baselines import FlatReadings, GraspSVM, constant, flat_forest, rbf_svm
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import grid
 
@@ -13,7 +13,15 @@ DRAW = np.random.default_rng(0)
 Y = np.arange(60) % 2
 X = DRAW.normal(size=(60, 6, 2)) + 4 * (np.arange(6) == 2)[:, None] * Y[:, None, None]
 NUMBERS = np.stack([X[:, 0, 0], 1000 * X[:, 1, 1]], axis=1)
-NAMES = ["flat_forest", "posed_forest", "posed_ridge", "linear_svm", "rbf_svm", "constant"]
+NAMES = [
+    "flat_forest",
+    "posed_forest",
+    "posed_ridge",
+    "linear_svm",
+    "rbf_svm",
+    "signal_svm",
+    "constant",
+]
 
 
 def model(name, task="multiclass", **more):
@@ -79,3 +87,13 @@ def test_rare_classes_may_weigh_as_much():
 def test_unknown_task_is_refused(make):
     with pytest.raises(ValueError, match=r"'task' must be one of \['multiclass', 'regression'\]"):
         make("multilabel")
+
+
+def test_signal_svm_is_that_of_the_grasp_paper():
+    x = DRAW.normal(size=(60, 6, 3 * 20)) * np.where(Y, 3.0, 1.0)[:, None, None]
+    paper = GraspSVM(num_fingers=3, C=2.0).fit(x[:40], Y[:40])
+    ours = baselines.signal_svm(num_channels=3, C=2.0).fit(x[:40], Y[:40])
+    assert np.allclose(ours.decision_function(x[40:]), paper.decision_function(x[40:]))
+    assert (ours.predict(x[40:]) == Y[40:]).mean() > 0.9
+    with pytest.raises(ValueError, match="7 fingers x frames"):
+        baselines.signal_svm(num_channels=7).fit(x, Y)

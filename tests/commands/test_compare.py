@@ -15,6 +15,7 @@ for extra in ("lightning", "sklearn", "matplotlib"):
     pytest.importorskip(extra, reason="needs the extras 'train' and 'viz'")
 
 from compared import touches
+from moving import motions
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import compare
@@ -22,6 +23,7 @@ from torch_geometric_tactile.experiments import compared_models
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
+OF_FRAMES = {"temporal", "grasp_gcn", "lstm", "svm_signal"}
 LONG = [*THREE, "--epochs", "100"]  # seconds from the first finished run to the last
 
 
@@ -101,7 +103,7 @@ def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
     assert run(tmp_path, "--folds", "2", "--epochs", "1", "--rest", "1", "--members", "1") == 0
     found = json.loads((tmp_path / "out" / "a.json").read_text())
     assert found["data"]["class_names"] == ["ball", "box", "mug"]
-    expected = [name for name in compare.MODELS if name != "posed_taxel_net"]
+    expected = [name for name in compare.MODELS if name not in {"posed_taxel_net", *OF_FRAMES}]
     assert [model["name"] for model in found["models"]] == expected
 
 
@@ -114,6 +116,50 @@ def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
     models = [model["name"] for model in found["models"]]
     assert models == ["posed_taxel_net", "posed_forest", "posed_ridge"]
     assert found["data"]["num_trials"] > 1
+
+
+def test_all_models_run_on_windows(tmp_path, capsys):
+    content = motions(tmp_path / "a.npz", num_trials=18)
+    x = content["x"].copy()
+    x[::7, 1, 1] = np.nan
+    motions(tmp_path / "a.npz", num_trials=18, x=x)
+    cut = ["--window", "10", "--hop", "5", "--rest", "3", "--folds", "2"]
+    assert run(tmp_path, *cut, "--epochs", "6") == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("126 samples of 10 frames, 18 trials; 2 folds by trial")
+    assert not said.err
+    found = json.loads((tmp_path / "out" / "a.json").read_text())
+    scores = {model["name"]: model["scores"]["accuracy"]["mean"] for model in found["models"]}
+    posed = {"posed_taxel_net", "posed_forest", "posed_ridge"}
+    assert list(scores) == [name for name in compare.MODELS if name not in posed]
+    assert scores["temporal"] > scores["constant"] + 0.2
+    assert found["data"]["num_frames"] == 10
+    page = (tmp_path / "out" / "a.md").read_text()
+    assert "A sample is a window of 10 frames, one every 5, with the label of its last" in page
+    assert run(tmp_path, *cut, "--epochs", "6") == 0
+    assert "all runs are finished" in capsys.readouterr().out
+
+
+def test_windows_of_a_hand_are_strided_before_they_are_cut(grasps, tmp_path, capsys):
+    options = ["--init", f"root={grasps}", "split=null", "task=object", "--stride", "5"]
+    options += ["--window", "2", "--models", "temporal,svm_signal,constant", "--by", "trial"]
+    options += ["--folds", "2", "--epochs", "1", "--members", "1", "--out", str(tmp_path)]
+    assert main(["compare", "AllegroUSkin", *options]) == 0
+    found = json.loads((tmp_path / "AllegroUSkin.json").read_text())
+    assert [model["name"] for model in found["models"]] == ["temporal", "svm_signal", "constant"]
+    assert found["data"]["num_frames"] == 2
+    assert found["data"]["class_names"]
+
+
+def test_numbers_are_predicted_from_whole_trials(tmp_path, capsys):
+    y = np.linspace(0.1, 1.0, 12).repeat(40)
+    motions(tmp_path / "a.npz", y=y)
+    names = "temporal,grasp_gcn,lstm,svm_signal,constant"
+    assert run(tmp_path, "--trials", "8", "--models", names) == 0
+    found = json.loads((tmp_path / "out" / "a.json").read_text())
+    assert found["metric"] == "mae"
+    assert [model["name"] for model in found["models"]] == names.split(",")
+    assert "12 samples of 8 frames, 12 trials" in capsys.readouterr().out
 
 
 def command(folder):
@@ -158,7 +204,7 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        (["--models", "svm"], "'models' must be some of taxel_net, posed_taxel_net, gcn, fnn"),
+        (["--models", "svm"], "'models' must be some of taxel_net, posed_taxel_net, temporal, gcn"),
         (["--models", ","], "'models' must be some of"),
         (["--by", "group"], "'dataset' must have 'group'"),
         (["--metric", "mae"], "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
@@ -168,6 +214,18 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
         (["--layout", "biotac"], "only one of 'layout' and 'grid'"),
         (["--grid", "8x8"], "'x' must have shape (num_samples, 64, ...)"),
         (["--stride", "2"], "'stride' must be an argument of SamplesFile"),
+        (
+            ["--window", "5"],
+            "'length' must be at most that of the longest trial, 4 frames",
+        ),
+        (["--window", "3", "--horizon", "2"], "'horizon' must leave a window its label"),
+        (["--window", "3", "--trials", "9"], "only one of 'window' and 'trials' may be given"),
+        (["--hop", "3"], "'hop' must come with 'window'"),
+        (["--window", "2", "--hop", "1", "--by", "frame"], "'by' must be 'trial' or 'group'"),
+        (["--window", "2", "--stride", "2"], "'stride' must be an argument of SamplesFile"),
+        (["--window", "2", "--init", "no=1"], "'no' must be an argument of SamplesFile"),
+        (["--models", "lstm"], "got 'lstm', but the samples are single frames: cut windows"),
+        (["--window", "2", "--models", "posed_ridge"], "got 'posed_ridge', but it is for single"),
         (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
         (["--task", "regression", "--metric", "accuracy"], "'metric' must be 'mae' for numbers"),
     ],
@@ -187,4 +245,5 @@ def test_help_has_examples(capsys):
     assert end.value.code == 0
     out = capsys.readouterr().out
     assert "tactile compare touches.npz --grid 28x50" in out
+    assert "tactile compare BiGS --init root=DIR --trials 60" in out
     assert all(name in out for name in compare.MODELS)

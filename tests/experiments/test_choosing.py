@@ -8,6 +8,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import numpy as np
 import torch
 from compared import GIVEN, SCALED, SVM, experiment, touches
+from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
@@ -199,3 +200,20 @@ def test_scaled_targets_come_back(tmp_path):
     data = scale(dataset.data)
     assert data.y[:2].tolist() == [[-1.0, 0.0], [1.0, 0.0]]
     assert scale.back(data.y).tolist() == y.tolist()
+
+
+class Zeros(BaseTransform):
+    supports_static = True
+
+    def forward(self, data):
+        data.x = torch.zeros_like(data.x)
+        return data
+
+
+def test_estimators_see_the_transform_of_the_data_set(tmp_path):
+    touches(tmp_path / "a.npz")
+    changes = {"transform": {"class_path": f"{__name__}.Zeros"}}
+    source = experiment(tmp_path / "a.npz").data.with_arguments(changes)
+    result = run_experiment(experiment(tmp_path / "a.npz", data=source.resolve()[0]))
+    prediction = Judgement.from_dict(result["predictions"]).prediction
+    assert len(set(prediction.tolist())) == 1  # nothing is left to tell samples apart

@@ -12,7 +12,8 @@ from compared import GIVEN, touches
 
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_data import data_source
-from torch_geometric_tactile.experiments.compared_models import MODELS, Task, chosen_models
+from torch_geometric_tactile.experiments.compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments.compared_task import Task
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
     comparison_plan,

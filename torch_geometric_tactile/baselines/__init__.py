@@ -10,6 +10,7 @@ from torch_geometric_tactile.baselines.plain import (
     posed_forest,
     posed_ridge,
     rbf_svm,
+    signal_svm,
 )
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary, posed_summary
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
@@ -27,5 +28,6 @@ __all__ = [
     "posed_ridge",
     "posed_summary",
     "rbf_svm",
+    "signal_svm",
     "statistical_features",
 ]

@@ -12,7 +12,8 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
 
-from torch_geometric_tactile.baselines.flat_readings import FlatReadings
+from torch_geometric_tactile.baselines.flat_readings import FlatReadings, readings
+from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
@@ -137,6 +138,32 @@ def rbf_svm(
     return make_pipeline(FlatReadings(), model)
 
 
+def signal_svm(
+    task: Task = "multiclass",
+    *,
+    num_channels: int = 1,
+    C: float = 1.0,  # noqa: N803 - scikit-learn's name
+    class_weight: Weight = None,
+    most_samples: int | None = None,
+) -> Pipeline:
+    r"""Returns a support vector machine with a radial kernel on the 12 statistical features of each
+    signal of windows of frames, as :class:`~torch_geometric_tactile.baselines.GraspSVM`, also for
+    numbers, which are scaled here.
+
+    Args:
+        task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+        num_channels (int): Number of channels of a taxel, whose frames stand side by side.
+        C (float): Penalty of an error.
+        class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+        most_samples (int, optional): As of :func:`rbf_svm`.
+    """
+    if _is_classes(task):
+        model: Any = _FewerSVC(C=C, most=most_samples, class_weight=class_weight)
+    else:
+        model = _scaled(_FewerSVR(C=C, most=most_samples))
+    return make_pipeline(_WindowFeatures(num_channels), StandardScaler(), model)
+
+
 def constant(task: Task = "multiclass") -> Pipeline:
     r"""Returns what anything must beat: the most frequent class, or the mean.
 
@@ -165,6 +192,15 @@ def _forest(task: Task, num_trees: int, min_samples_leaf: int, class_weight: Wei
 
 def _scaled(model: Any) -> TransformedTargetRegressor:
     return TransformedTargetRegressor(_EachNumber(model), transformer=StandardScaler())
+
+
+class _WindowFeatures(FlatReadings):
+    def __init__(self, num_channels: int = 1) -> None:
+        self.num_channels = num_channels
+
+    def transform(self, x: Any) -> np.ndarray:
+        values = np.nan_to_num(readings(x), nan=0.0)
+        return GraspSVM(num_fingers=self.num_channels).features(values)
 
 
 class _EachNumber(MultiOutputRegressor):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from torch_geometric_tactile.commands.arguments import add_workers, few, positive
 
 if TYPE_CHECKING:
+    from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
     from torch_geometric_tactile.experiments.plan import Plan
 
@@ -17,11 +18,15 @@ if TYPE_CHECKING:
 MODELS = {
     "taxel_net": "TaxelNet, the default graph model",
     "posed_taxel_net": "PosedTaxelNet, where joint angles place the taxels of an Allegro hand",
+    "temporal": "TemporalTaxelNet, the default for windows of frames *",
     "gcn": "TactileGCN, a plain GCN",
+    "grasp_gcn": "GraspGCN, a graph convolution on all frames of a taxel *",
     "fnn": "TactileFNN, fully connected",
     "cnn": "SmallCNN, where the layout has an image map (as a grid has)",
+    "lstm": "GraspLSTM, recurrent, on the readings of each frame *",
     "svm_rbf": "support vector machine, radial kernel",
     "svm_linear": "support vector machine, linear",
+    "svm_signal": "support vector machine on 12 statistical features of each signal *",
     "forest": "random forest on the readings",
     "posed_forest": "random forest on force, centre, normal and count of each patch",
     "posed_ridge": "ridge on the same",
@@ -44,6 +49,8 @@ data:
 
 models:
 {chr(10).join(f"  {name:16} {title}" for name, title in MODELS.items())}
+  * for samples of several frames only (--window, --trials); the three 'posed' ones are for single
+    frames only
 """
 EXAMPLES = """\
 examples:
@@ -53,6 +60,10 @@ examples:
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
   tactile compare my_glove.Gloves --init root=DIR --json > comparison.json
   tactile compare touches.npz --grid 8x8 --rest 10       each trial begins with 10 frames of rest
+  tactile compare slips.npz --layout biotac --window 50  windows of 50 frames, never in two trials
+  tactile compare slips.npz --layout biotac --window 50 --hop 10 --horizon 20
+                                                         what will be 20 frames after the window
+  tactile compare BiGS --init root=DIR --trials 60       each grasp, resampled to 60 frames
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
@@ -118,10 +129,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="networks of a kind that are averaged (default: 3)",
     )
     parser.add_argument(
-        "--stride", metavar="N", type=positive, help="every N-th frame of a folder of recordings"
+        "--window",
+        metavar="LENGTH",
+        type=positive,
+        help="cut windows of LENGTH frames, which follow each other in a trial; the label is that "
+        "of the last frame",
     )
     parser.add_argument(
-        "--rest", metavar="N", type=positive, help="how many frames each trial begins at rest"
+        "--hop",
+        metavar="N",
+        type=positive,
+        help="frames from the start of a window to that of the next (default: LENGTH, no overlap)",
+    )
+    parser.add_argument(
+        "--horizon",
+        metavar="N",
+        type=positive,
+        help="the label of a window is that of the frame N frames after its last",
+    )
+    parser.add_argument(
+        "--trials",
+        metavar="NUM",
+        type=positive,
+        help="in place of windows: each trial is one sample, resampled to NUM frames",
+    )
+    parser.add_argument(
+        "--stride",
+        metavar="N",
+        type=positive,
+        help="every N-th frame of a folder of recordings (windows are cut from these)",
+    )
+    parser.add_argument(
+        "--rest",
+        metavar="N",
+        type=positive,
+        help="how many frames each trial begins at rest: their mean is subtracted from its frames",
     )
     parser.add_argument(
         "--out", metavar="DIR", default="comparison", help="folder (default: comparison)"
@@ -172,6 +214,7 @@ def run(arguments: argparse.Namespace) -> int:
         grid=arguments.grid,
         task=arguments.task,
         arguments=_init(arguments.init),
+        cut=_cut(arguments),
     )
     selection = {} if arguments.stride is None else {"stride": arguments.stride}
     plan = comparison_plan(source, settings, name=_name(arguments.data), selection=selection)
@@ -187,6 +230,13 @@ def run(arguments: argparse.Namespace) -> int:
     for name, reason in finished.failed.items():
         print(f"tactile: error: {_plain(name)}: {_plain(reason)}", file=sys.stderr)
     return 1 if finished.failed else 0
+
+
+def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
+    from torch_geometric_tactile.experiments.compared_windows import FrameCut
+
+    given = {name: getattr(arguments, name) for name in ("window", "hop", "horizon", "trials")}
+    return None if set(given.values()) == {None} else FrameCut(**given)
 
 
 def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
@@ -216,6 +266,7 @@ def _intention(plan: "Plan", arguments: argparse.Namespace) -> str:
     splits = len({(e.seed, e.fold) for e in plan.experiments})
     text = (
         f"{facts.num_samples:,} samples"
+        + (f" of {facts.num_frames} frames" if facts.num_frames else "")
         + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
         + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
     )

@@ -142,8 +142,8 @@ class FrameView(StaticDataset):
             frames, order=order, series=self.series, transform=self.dataset.transform, **chosen
         )
         names = dict(self.dataset._names)
-        if self.target != "y":
-            names["class"] = list(names.get(self.target, ()))
+        of_y = self.dataset.class_names  # which may have another name than "class" there
+        names["class"] = list(of_y if self.target == "y" else names.get(self.target, ()))
         if self.pre_transform is None:
             return windows, names
         return _transformed(windows, self.pre_transform), names

@@ -32,7 +32,8 @@ def shown_number(metric: str, value: float) -> str:
     """
     if math.isnan(value):
         return "?"
-    return f"{100 * value:.1f}" if metric in _PERCENT else f"{value:.3g}"
+    text = f"{100 * value:.1f}" if metric in _PERCENT else f"{value:.3g}"
+    return text.removeprefix("-") if not float(text) else text  # not "-0.0"
 
 
 def advice(comparison: Comparison) -> str:
@@ -142,6 +143,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
             "num_samples": plan.facts.num_samples,
             "num_trials": plan.facts.num_trials,
             "num_groups": plan.facts.num_groups,
+            "num_frames": plan.facts.num_frames,
             "class_names": list(plan.facts.class_names),
         },
         "protocol": protocol.protocol.describe(),

@@ -19,6 +19,7 @@ from torch_geometric_tactile.experiments.choice import laid_over
 from torch_geometric_tactile.experiments.estimators import (
     estimator_input,
     num_numbers,
+    samples_of,
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
@@ -81,7 +82,7 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
     choosing = time.perf_counter() - start
     model = _model(experiment, best)
     fitted = fit_and_predict(experiment, model, parts.train, parts.test)
-    y = parts.test.data.y.numpy()
+    y = _labels(parts.test).numpy()
     return {
         "metrics": _finite(prediction_scores(y, fitted.prediction, experiment.choice.of_numbers)),
         "label_names": None,
@@ -154,7 +155,8 @@ def _fit_estimator(
 ) -> Fitted:
     assert experiment.choice is not None
     transform = build(experiment.transform)
-    seen, held_out = fit_transform(transform, train), fit_transform(transform, other, adapt=True)
+    seen = fit_transform(transform, samples_of(train))
+    held_out = fit_transform(transform, samples_of(other), adapt=True)
     estimator = seeded_estimator(model, train.layout, experiment.seed)
     start = time.perf_counter()
     estimator.fit(estimator_input(estimator, seen), seen.y.numpy())
@@ -229,6 +231,12 @@ def _value(experiment: Experiment, y: np.ndarray, prediction: np.ndarray) -> flo
     return -value if metric == "mae" else value
 
 
+def _labels(part: StaticDataset) -> Tensor:
+    y = part.column("y")  # of `data`, all windows would be cut for them
+    assert y is not None
+    return y
+
+
 class TargetScale(BaseTransform):
     r"""Shifts and scales the numbers to be predicted to mean zero and standard deviation one over
     the training part.
@@ -251,7 +259,7 @@ class TargetScale(BaseTransform):
         Args:
             train (StaticDataset): The part.
         """
-        y = train.data.y.double()
+        y = _labels(train).double()
         scale = y.std(dim=0, correction=0)
         return cls(y.mean(dim=0), torch.where(scale > 0, scale, 1.0))
 

@@ -1,11 +1,14 @@
 r"""The data of a comparison: a file of samples, a folder of recordings, or a class."""
 
+import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments.compared_windows import FrameCut
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.typing import PathLike
 
@@ -21,6 +24,7 @@ def data_source(
     grid: str | None = None,
     task: str | None = None,
     arguments: Mapping[str, Any] | None = None,
+    cut: FrameCut | None = None,
 ) -> DataSource:
     r"""Returns the data set that a text stands for.
 
@@ -35,11 +39,24 @@ def data_source(
         task (str, optional): What the labels of a file are: :obj:`"multiclass"` or
             :obj:`"regression"`.
         arguments (Mapping, optional): Further arguments of the data set.
+        cut (FrameCut, optional): How windows of frames or whole trials are cut from its samples,
+            which must be frames; each frame is a sample if left out.
 
     Raises:
         FileNotFoundError: If there is no such file, folder or class.
         ValueError: If an argument does not go with the data.
     """
+    frames = _frames(data, layout, grid, task, arguments)
+    return frames if cut is None else cut.cut(frames)
+
+
+def _frames(
+    data: PathLike,
+    layout: str | None,
+    grid: str | None,
+    task: str | None,
+    arguments: Mapping[str, Any] | None,
+) -> DataSource:
     text, path = str(data), Path(data)
     given = dict(arguments or {})
     if path.is_file() or path.suffix == ".npz":
@@ -104,3 +121,21 @@ def predicts_numbers(dataset: StaticDataset) -> bool:
             "labels): choose one of them, or another target"
         )
     return True
+
+
+@contextmanager
+def said_before() -> Iterator[None]:
+    r"""Silences the warnings of data that was loaded before, which need not say again what they
+    leave out, as long as the context lasts.
+    """
+    loggers = [
+        logging.getLogger(f"torch_geometric_tactile.{room}") for room in ("data", "datasets")
+    ]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.ERROR)
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,101 +1,17 @@
 r"""The models of a comparison: what each is, what is tried, and where it has no place."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments.choice import Choice
+from torch_geometric_tactile.experiments.compared_task import Settings, Task
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.nn.models.training_recipe import TrainingRecipe, training_recipe
-from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
-_TRANSFORMS = "torch_geometric_tactile.transforms."
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
-
-Settings = Sequence[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class Task:
-    r"""What the models of a comparison have to do.
-
-    Args:
-        layout (TaxelLayout): The taxels.
-        metric (str): What is compared: see :class:`Choice`.
-        num_train (int): Number of samples that a model is trained on, about.
-        posed (bool): Whether the taxels can be placed by joint angles.
-        epochs (int, optional): Epochs of a network; by the number of samples if left out.
-        tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, if
-            the samples have readings at rest.
-        members (int): How many networks are averaged: see :class:`Choice`.
-    """
-
-    layout: TaxelLayout
-    metric: str
-    num_train: int
-    posed: bool = False
-    epochs: int | None = None
-    tare: dict[str, Any] | None = None
-    members: int = 1
-
-    @classmethod
-    def of(cls, dataset: StaticDataset, metric: str, part: float, **more: Any) -> "Task":
-        r"""Returns the task of a data set.
-
-        Args:
-            dataset (StaticDataset): The samples.
-            metric (str): What is compared.
-            part (float): Which part of the samples is trained on.
-            **more: Further arguments.
-        """
-        num_train = max(1, round(part * len(dataset)))
-        return cls(dataset.layout, metric, num_train, _can_be_posed(dataset), **more)
-
-    @property
-    def numbers(self) -> bool:
-        r"""Whether numbers are predicted, not classes."""
-        return self.metric == "mae"
-
-    @property
-    def recipe(self) -> TrainingRecipe:
-        r"""How networks are trained."""
-        recipe = training_recipe(self.num_train)
-        return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
-
-    def choice(self, settings: Settings = ({},)) -> Choice:
-        r"""Returns what is chosen for a model.
-
-        Args:
-            settings (sequence of dict): The settings that are tried.
-        """
-        return Choice(settings, self.metric, self.members)
-
-    def transform(
-        self, *, scaled: bool, posed: bool = False, filled: bool = True
-    ) -> dict[str, Any]:
-        r"""Returns what every batch goes through, as plain data.
-
-        Args:
-            scaled (bool): Whether taxels are centred and channels scaled; what is posed keeps its
-                directions.
-            posed (bool): Whether taxels are placed by joint angles.
-            filled (bool): Whether missing readings become zero.
-        """
-        steps = [] if self.tare is None else [_step("Tare", self.tare)]
-        if scaled:
-            steps.append(_step("ZScore", {"scale_per": "channel"}))
-        if filled:
-            steps.append(_step("FillMissing"))
-        if posed:
-            steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
-        return {
-            "class_path": "torch_geometric.transforms.Compose",
-            "init_args": {"transforms": steps},
-        }
 
 
 @dataclass(frozen=True)
@@ -123,22 +39,6 @@ class ComparedModel:
             task (Task): What it has to do.
         """
         return Cell(row=self.name, column="", experiment=self.name, **self.cell(task))
-
-
-def _can_be_posed(dataset: StaticDataset) -> bool:
-    joint, layout = dataset.column("joint"), dataset.layout
-    hand = HandKinematics.allegro()
-    try:
-        is_stock = stock_layout(layout.name).matches(layout)
-    except ValueError:
-        return False
-    if joint is None or joint.dim() != 2 or joint.size(1) != hand.num_joints or not is_stock:
-        return False
-    return len(layout.link_names) > 1 and set(layout.link_names) <= set(hand.link_names)
-
-
-def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
-    return {"class_path": f"{_TRANSFORMS}{name}", "init_args": arguments or {}}
 
 
 def _network(
@@ -208,6 +108,31 @@ _RADIAL = [
 _RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT = [{}, _decay(0.1, dropout=0.5)]
 _LESS_DROPOUT = [{}, {"model": {"init_args": {"dropout": 0.3}}}]
+_MORE_DECAY = [{}, _decay(0.5)]
+_FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
+_SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
+
+
+def _num_blocks(num_frames: int) -> int:
+    # Of TemporalTaxelNet, so that its answer rests on all frames, which may be more than 64.
+    return max(2, math.ceil(math.log2(num_frames / 16)))
+
+
+def _lacks_frames(task: Task) -> str:
+    if task.num_frames is not None:
+        return ""
+    return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
+
+
+def _lacks_a_frame(task: Task) -> str:
+    return "" if task.num_frames is None else "it is for single frames, and the samples have more"
+
+
+def _lacks_a_pose(task: Task) -> str:
+    return _lacks_a_frame(task) or (
+        "" if task.posed else "the taxels are not placed by joint angles"
+    )
+
 
 MODELS: tuple[ComparedModel, ...] = (
     ComparedModel(
@@ -221,7 +146,19 @@ MODELS: tuple[ComparedModel, ...] = (
         "PosedTaxelNet, on taxels placed by the joint angles",
         True,
         lambda task: _network(task, "PosedTaxelNet", _DROPOUT, scaled=False),
-        lambda task: "" if task.posed else "the taxels are not placed by joint angles",
+        _lacks_a_pose,
+    ),
+    ComparedModel(
+        "temporal",
+        "TemporalTaxelNet, the default for windows of frames",
+        True,
+        lambda task: _network(
+            task,
+            "TemporalTaxelNet",
+            _LESS_DROPOUT,
+            num_blocks=_num_blocks(task.num_frames or 1),
+        ),
+        _lacks_frames,
     ),
     ComparedModel(
         "gcn",
@@ -230,7 +167,7 @@ MODELS: tuple[ComparedModel, ...] = (
         lambda task: _network(
             task,
             "TactileGCN",
-            [{}, _decay(0.5)],
+            _MORE_DECAY,
             lr=1e-3,
             widths=[32, 32],
             pools=[1, 1],
@@ -239,11 +176,23 @@ MODELS: tuple[ComparedModel, ...] = (
         ),
     ),
     ComparedModel(
+        "grasp_gcn",
+        "GraspGCN, a graph convolution on all frames of a taxel",
+        True,
+        lambda task: _network(
+            task,
+            "GraspGCN",
+            [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
+            lr=1e-3,
+        ),
+        _lacks_frames,
+    ),
+    ComparedModel(
         "fnn",
         "TactileFNN, fully connected",
         False,
         lambda task: _network(
-            task, "TactileFNN", [{}, _decay(0.5)], lr=1e-3, widths=[256, 64], pools=[1, 1]
+            task, "TactileFNN", _MORE_DECAY, lr=1e-3, widths=[256, 64], pools=[1, 1]
         ),
     ),
     ComparedModel(
@@ -252,6 +201,13 @@ MODELS: tuple[ComparedModel, ...] = (
         False,
         lambda task: _network(task, "SmallCNN", _DROPOUT),
         lambda task: "" if task.layout.image_map is not None else "the layout has no image_map",
+    ),
+    ComparedModel(
+        "lstm",
+        "GraspLSTM, recurrent, on the readings of each frame",
+        False,
+        lambda task: _network(task, "GraspLSTM", _MORE_DECAY, lr=1e-3),
+        _lacks_frames,
     ),
     ComparedModel(
         "svm_rbf",
@@ -266,6 +222,19 @@ MODELS: tuple[ComparedModel, ...] = (
         lambda task: _estimator(task, "linear_svm", _LINEAR),
     ),
     ComparedModel(
+        "svm_signal",
+        "support vector machine on 12 statistical features of each signal",
+        False,
+        lambda task: _estimator(
+            task,
+            "signal_svm",
+            _SIGNALS,
+            num_channels=task.num_channels,
+            most_samples=_MOST_SVM_SAMPLES,
+        ),
+        _lacks_frames,
+    ),
+    ComparedModel(
         "forest",
         "random forest on the readings",
         False,
@@ -276,12 +245,14 @@ MODELS: tuple[ComparedModel, ...] = (
         "random forest on sums of each patch",
         False,
         lambda task: _estimator(task, "posed_forest", _LEAVES, posed=task.posed),
+        _lacks_a_frame,
     ),
     ComparedModel(
         "posed_ridge",
         "ridge on sums of each patch",
         False,
         lambda task: _estimator(task, "posed_ridge", _RIDGE, posed=task.posed),
+        _lacks_a_frame,
     ),
     ComparedModel(
         "constant",

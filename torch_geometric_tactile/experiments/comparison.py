@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
-from torch_geometric_tactile.experiments.compared_data import predicts_numbers
+from torch_geometric_tactile.experiments.compared_data import predicts_numbers, said_before
 from torch_geometric_tactile.experiments.compared_models import (
     FLOOR,
     ComparedModel,
-    Task,
     check_names,
     chosen_models,
     model_of,
 )
-from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments.compared_task import Task
+from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
+from torch_geometric_tactile.experiments.data_source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
 from torch_geometric_tactile.experiments.held_out import balanced_protocol, check_units
 from torch_geometric_tactile.experiments.judgement import Judgement
@@ -52,7 +53,8 @@ class ComparisonSettings:
         members (int): How many networks of a kind are trained on each training part; what they say
             is averaged.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
-            as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest.
+            as :obj:`{"key": "trial", "first": 10}`, where each trial begins at rest. Of windows,
+            the frames are tared before these are cut.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
 
@@ -215,7 +217,25 @@ def comparison_plan(
         ValueError: If the samples cannot be split so, or a model has no place in the data.
     """
     settings = settings or ComparisonSettings()
-    source, _ = source.resolve()
+    source, tare, selection = of_frames(source, settings.tare, selection)
+    source, facts = source.resolve()
+    if facts.num_frames is not None and tare is not None:
+        raise ValueError(
+            "'tare' must be left out for samples of several frames: subtract rest readings before "
+            f"they are cut (got {tare})"
+        )
+    with said_before():
+        return _plan_of(source, facts, settings, tare, name, selection)
+
+
+def _plan_of(
+    source: DataSource,
+    facts: DataFacts,
+    settings: ComparisonSettings,
+    tare: dict[str, Any] | None,
+    name: str,
+    selection: Mapping[str, Any] | None,
+) -> Plan:
     dataset = source.load()
     numbers = predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
@@ -226,14 +246,13 @@ def comparison_plan(
     by = settings.by or _default_unit(dataset)
     protocol = _protocol(dataset, by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
-    tare = None if settings.tare is None else dict(settings.tare)
     task = Task.of(
         dataset, metric, part, epochs=settings.epochs, tare=tare, members=settings.members
     )
     models = chosen_models(settings.models, task)
     table = Table(
         name=name,
-        title=f"Models compared on {name}",
+        title=f"Models compared on {name}" + _frames_in_words(facts.num_frames),
         data=source,
         protocols=(TableProtocol(f"by {by}" if by != "given" else by, protocol),),
         cells=tuple(model.to_cell(task) for model in models),
@@ -317,6 +336,10 @@ def summarize(run: PlanRun) -> Comparison:
     return Comparison(run, metric, results, best_plain)
 
 
+def _frames_in_words(num_frames: int | None) -> str:
+    return "" if num_frames is None else f", {num_frames} frames a sample"
+
+
 def _judgement(result: dict[str, Any]) -> Judgement:
     return Judgement.from_dict(result["predictions"])
 
@@ -348,6 +371,8 @@ def _protocol(dataset: StaticDataset, by: str, folds: int) -> Protocol:
     if by == "given":
         protocol = Protocol("given")
         protocol.split(dataset)  # tells that there are no parts
+        check_cut(dataset, by)
         return protocol
     check_units(dataset, by)
+    check_cut(dataset, by)
     return balanced_protocol(dataset, by, folds)

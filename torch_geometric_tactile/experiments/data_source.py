@@ -151,6 +151,8 @@ class DataFacts:
         num_classes (int): Number of classes or labels.
         class_names (tuple of str): Their names, where the data set has them.
         session_names (tuple of str): Names of the recording sessions.
+        num_frames (int, optional): Number of frames of a sample, if samples are windows of frames
+            or whole trials; :obj:`None` for single frames.
     """
 
     num_samples: int
@@ -159,6 +161,7 @@ class DataFacts:
     num_classes: int
     class_names: tuple[str, ...] = ()
     session_names: tuple[str, ...] = ()
+    num_frames: int | None = None
 
     @classmethod
     def of(cls, dataset: StaticDataset, used: StaticDataset | None = None) -> Self:
@@ -176,7 +179,18 @@ class DataFacts:
             num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
+            num_frames=num_frames_of(dataset),
         )
+
+
+def num_frames_of(dataset: StaticDataset) -> int | None:
+    r"""Returns the number of frames that each sample says it has, or :obj:`None` of single frames.
+
+    Args:
+        dataset (StaticDataset): The samples.
+    """
+    number = dataset.column("num_frames")
+    return None if number is None else int(torch.as_tensor(number).view(-1)[0])
 
 
 def _laid_over(

@@ -19,7 +19,7 @@ from torch_geometric_tactile.typing import PathLike
 
 _PROBE = 256  # samples
 _EPOCHS = 3
-_SQUARE = "rbf_svm"
+_SQUARE = ("rbf_svm", "signal_svm")
 
 
 def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:

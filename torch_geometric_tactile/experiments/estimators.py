@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from sklearn.utils import get_tags
 
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.experiments.building import build, find_class
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -32,6 +32,17 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
         if name.rpartition("__")[2] == "random_state" and value is None
     ]
     return estimator.set_params(**dict.fromkeys(open_states, seed))
+
+
+def samples_of(part: StaticDataset) -> StaticData:
+    r"""Returns all samples of a part in memory, behind the :obj:`transform` of their data set, as
+    networks see them.
+
+    Args:
+        part (StaticDataset): The part.
+    """
+    data: StaticData = part.data
+    return data if part.transform is None else apply_transform(part.transform, data)
 
 
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.experiments.advice import NAMES, advice, shown_number, to_dict
+from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
@@ -24,6 +25,11 @@ _COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
     *("difference", "over_splits", "over_trials", "parameters", "seconds"),
 )
+_WHO_SEES_TIME = (
+    "Of the models, temporal and lstm go through the frames in their order, and svm_signal sees "
+    "statistics of each signal; to all others the frames of a taxel are so many channels."
+)
+_SIMULATED = "The samples are simulated: what holds for them need not hold for a real hand."
 _SERIES = {False: "plain models", True: "graph models"}
 
 
@@ -114,8 +120,13 @@ def _facts(comparison: Comparison) -> list[str]:
     (protocol,) = plan.protocols
     num_splits = len({(e.seed, e.fold) for e in plan.experiments})
     facts = plan.facts
-    held = f", {facts.num_trials:,} trials" if facts.num_trials else ""
+    held = f" of {facts.num_frames} frames" if facts.num_frames else ""
+    held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
+    more = [describe_cut(plan.data)]
+    if facts.num_frames is not None:
+        more += [describe_left_out(plan.data.load()), _WHO_SEES_TIME]
+    more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
         f"{num_splits} splits. Mean ± standard deviation over the splits. Settings were "
@@ -123,6 +134,7 @@ def _facts(comparison: Comparison) -> list[str]:
         f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
         f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
         "twice the larger of both.",
+        *filter(None, more),
     ]
 
 
