@@ -210,10 +210,12 @@ class Zeros(BaseTransform):
         return data
 
 
-def test_estimators_see_the_transform_of_the_data_set(tmp_path):
+@pytest.mark.parametrize("chosen", [True, False])
+def test_estimators_see_the_transform_of_the_data_set(tmp_path, chosen):
     touches(tmp_path / "a.npz")
     changes = {"transform": {"class_path": f"{__name__}.Zeros"}}
     source = experiment(tmp_path / "a.npz").data.with_arguments(changes)
-    result = run_experiment(experiment(tmp_path / "a.npz", data=source.resolve()[0]))
+    choice = {} if chosen else {"choice": None}
+    result = run_experiment(experiment(tmp_path / "a.npz", data=source.resolve()[0], **choice))
     prediction = Judgement.from_dict(result["predictions"]).prediction
     assert len(set(prediction.tolist())) == 1  # nothing is left to tell samples apart

@@ -19,6 +19,7 @@ from torch_geometric_tactile.experiments.estimators import (
     class_scores,
     estimator_input,
     positive_score,
+    samples_of,
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
@@ -166,7 +167,8 @@ def _run_estimator(
     experiment: Experiment, train: StaticDataset, val: StaticDataset, test: StaticDataset
 ) -> dict[str, Any]:
     transform = build(experiment.transform)
-    seen, held_out = fit_transform(transform, train), fit_transform(transform, test, adapt=True)
+    seen = fit_transform(transform, samples_of(train))
+    held_out = fit_transform(transform, samples_of(test), adapt=True)
     estimator = seeded_estimator(experiment.model, train.layout, experiment.seed)
     x, x_test = (estimator_input(estimator, part) for part in (seen, held_out))
     start = time.perf_counter()
@@ -175,7 +177,7 @@ def _run_estimator(
     score = class_scores(estimator, x_test, train.num_classes)
     prediction, threshold = estimator.predict(x_test), None
     if experiment.threshold is not None:
-        other = fit_transform(transform, val, adapt=True)
+        other = fit_transform(transform, samples_of(val), adapt=True)
         seen_score = class_scores(estimator, estimator_input(estimator, other), train.num_classes)
         threshold = choose_threshold(
             positive_score(seen_score),
