@@ -8,8 +8,12 @@ import sys
 import warnings
 from pathlib import Path
 
-import lightning as L
+import pytest
 import torch
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import lightning as L
 
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
 from torch_geometric_tactile.loader import StaticLoader
