@@ -141,7 +141,7 @@ def test_picture_along_an_axis(root, tmp_path):
 @pytest.mark.parametrize(
     "name", ["grasp_time_gcn_df", "grasp_time_lstm", "grasp_time_temporal", "p3_k/ff_k3"]
 )
-def test_configuration_trains_and_predicts(name, root, tmp_path, monkeypatch):
+def test_configuration_trains_and_predicts(name, root, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     short = ["--trainer.max_epochs=1", "--trainer.accelerator=cpu"]
     short += ["--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
@@ -154,7 +154,9 @@ def test_configuration_trains_and_predicts(name, root, tmp_path, monkeypatch):
     assert predictor.class_names == ("failure", "success")
 
     files = sorted((root / "raw").glob("*.h5"))
+    capsys.readouterr()
     assert main(["predict", str(checkpoint), *map(str, files), "--out", "all.csv"]) == 0
+    assert capsys.readouterr().out.startswith(f"all.csv: {len(files)} windows: ")
     with open("all.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["recording"] for row in rows] == list(map(str, files))

@@ -34,6 +34,13 @@ def test_points_stand_where_the_numbers_are():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["published", "ours"]
 
 
+def test_points_of_rows_with_one_kind_each_stand_in_the_middle():
+    rows = {"svm": {"plain": (80.0, 1.0)}, "net": {"graph": (81.0, 1.0)}}
+    (ax,) = plot_comparison([ComparisonPanel("", "%", rows)], ["plain", "graph"], "A").axes
+    points = [line.get_xydata()[0] for line in ax.lines if line.get_marker() in ("D", "o")]
+    assert [y for _, y in points] == [0.0, 1.0]
+
+
 def test_panels_two_by_two_share_names_and_axes():
     panels = [ComparisonPanel(str(i), "%", ROWS) for i in range(2)]
     panels += [ComparisonPanel(str(i), "MB", ROWS, from_zero=True) for i in range(2)]

@@ -9,7 +9,8 @@ DESCRIPTION = """\
 Predicts each frame of some recordings (.h5, .hdf5, .npz, .csv, XELA logs and messages), or,
 without recordings, each sample of the test part of the data that a checkpoint was trained
 with, and writes a CSV table: a row for each frame with the predicted class or labels and
-all probabilities. MODEL is a checkpoint of 'tactile fit' or a file that --save wrote.
+all probabilities; a model of windows or whole trials has a row for each of these, with its
+last frame. MODEL is a checkpoint of 'tactile fit' or a file that --save wrote.
 """
 EXAMPLES = """\
 examples:
@@ -97,5 +98,6 @@ def run(arguments: argparse.Namespace) -> int:
         )
         samples = run_data.test_part(data, predictor)
         count = predictions.write_samples(predictor, samples, arguments.out)
-    print(printable(predictions.describe_counts(count, arguments.out)))
+    of_windows = predictor.window is not None
+    print(printable(predictions.describe_counts(count, arguments.out, of_windows)))
     return 0

@@ -126,15 +126,17 @@ def _cell(text: str) -> str:
     return text if re.fullmatch(r"[+-]?[0-9.]+", text) else safe_cell(text)
 
 
-def describe_counts(count: Counter[str], out: PathLike) -> str:
+def describe_counts(count: Counter[str], out: PathLike, of_windows: bool = False) -> str:
     r"""Returns what was written, in words.
 
     Args:
         count (Counter): How often each prediction was made.
         out (str or PathLike): The file.
+        of_windows (bool): Whether windows of frames were predicted, not single frames.
     """
     total = sum(count.values())
     parts: Iterable[str] = (f"{name or 'none'} {n}" for name, n in count.most_common(8))
     more = ", ..." if len(count) > 8 else ""
     told = "" if set(count) == {""} else f": {', '.join(parts)}{more}"
-    return f"{Path(out)}: {total} frame{'s' if total > 1 else ''}{told}"
+    unit = "window" if of_windows else "frame"
+    return f"{Path(out)}: {total} {unit}{'s' if total > 1 else ''}{told}"

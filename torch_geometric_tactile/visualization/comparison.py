@@ -93,6 +93,7 @@ def plot_comparison(
 
 def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
     names = list(panel.rows)
+    share_rows = any(len(values) > 1 for values in panel.rows.values())
     for y, values in enumerate(panel.rows.values()):
         if y % 2 == 0:
             ax.axhspan(y - 0.5, y + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
@@ -102,7 +103,7 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
             if name not in values:
                 continue
             mean, sd = values[name]
-            offset = _HALF_ROW * (2 * (i + 0.5) / len(series) - 1)
+            offset = _HALF_ROW * (2 * (i + 0.5) / len(series) - 1) if share_rows else 0.0
             ax.errorbar(
                 mean,
                 y + offset,
