@@ -8,6 +8,7 @@ from torch_geometric_tactile.sensors.icub import icub_fingertip, icub_hand
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
+from torch_geometric_tactile.sensors.letter_array import letter_array
 from torch_geometric_tactile.sensors.patches import expand_patches
 from torch_geometric_tactile.sensors.sector_edges import (
     SectorEdges,
@@ -37,6 +38,7 @@ __all__ = [
     "icub_fingertip",
     "icub_hand",
     "layout_sectors",
+    "letter_array",
     "sector_edges",
     "stock_layout",
     "stock_names",

@@ -1,0 +1,26 @@
+r"""The pressure array that letters are pressed on."""
+
+from dataclasses import replace
+
+from torch_geometric_tactile.sensors.grid import grid
+from torch_geometric_tactile.sensors.layout import TaxelLayout
+
+
+def letter_array() -> TaxelLayout:
+    r"""The 1024 pixels of the flexible pressure array of the "Bilinear Feature and Multi-Layer Fused
+    Convolutional Neural Network for Tactile Shape Recognition" paper: a :func:`grid` of 32 x 32
+    with 64 pixels on a square centimetre, so 1.25 mm apart.
+
+    The first row is the upper one of an image. Adjacencies are those of a grid:
+    :obj:`"original"` joins four neighbours, :obj:`"dense"` eight.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors in the plane :math:`z = 0` :math:`(1024, 3)`
+        - **image_map:** row by row, on 32 x 32 cells
+
+    Examples:
+        >>> letter_array()
+        TaxelLayout('letter_array', num_taxels=1024, patches=1, digits=1)
+    """
+    source = "32 x 32 pixels, 64 per square centimetre, as the paper says; flat"
+    return replace(grid(32, 32, pitch=1.25e-3), name="letter_array", source=source)
