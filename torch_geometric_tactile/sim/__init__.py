@@ -19,6 +19,8 @@ from torch_geometric_tactile.sim.hand_model import (
     grasp_mjcf,
     stock_bodies,
 )
+from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
+from torch_geometric_tactile.sim.letter_press import LetterPress, LetterPresses
 from torch_geometric_tactile.sim.object_sets import OBJECT_SETS, object_set
 from torch_geometric_tactile.sim.objects import (
     PROPERTIES,
@@ -35,6 +37,11 @@ from torch_geometric_tactile.sim.simulate import (
     simulate,
 )
 from torch_geometric_tactile.sim.simulate_bigs import BIGS_GRASPS, BigsReport, simulate_bigs
+from torch_geometric_tactile.sim.simulate_letters import (
+    LETTER_PRESSES,
+    LetterReport,
+    simulate_letters,
+)
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import SPREADS, GraspSpread
 
@@ -42,6 +49,8 @@ __all__ = [
     "BIGS_GRASPS",
     "BIGS_PHASES",
     "HANDS",
+    "LETTERS",
+    "LETTER_PRESSES",
     "OBJECT_SETS",
     "PHASES",
     "PRESETS",
@@ -59,6 +68,9 @@ __all__ = [
     "GraspResult",
     "GraspSimulator",
     "GraspSpread",
+    "LetterPress",
+    "LetterPresses",
+    "LetterReport",
     "Preset",
     "SimulatedGrasps",
     "SkinModel",
@@ -67,12 +79,14 @@ __all__ = [
     "draw_grasp",
     "drawn_objects",
     "grasp_mjcf",
+    "letter_strokes",
     "object_set",
     "paper8",
     "plan_grasp",
     "simulate",
     "simulate_bigs",
     "simulate_grasps",
+    "simulate_letters",
     "slip_onset",
     "stock_bodies",
     "twenty",

@@ -18,18 +18,22 @@ from torch_geometric_tactile.parallel import run_parallel
 SUMMARY = "simulation.json"
 
 
-class TrialTask(Protocol):
-    r"""A trial to simulate: all that decides its bits, and its file."""
+class FileTask(Protocol):
+    r"""What makes a file."""
 
     @property
     def path(self) -> Path:
         r"""The file."""
 
+
+class TrialTask(FileTask, Protocol):
+    r"""A trial to simulate: all that decides its bits, and its file."""
+
     def identity(self) -> dict[str, Any]:
         r"""What decides the bits, as JSON values; the metadata of the file holds them too."""
 
 
-_Task = TypeVar("_Task", bound=TrialTask)
+_Task = TypeVar("_Task", bound=FileTask)
 _Report = TypeVar("_Report")
 
 
@@ -44,27 +48,34 @@ def require_simulator(what: str) -> None:
             raise ImportError(f"{what} needs {package}: pip install 'torch-geometric-tactile[sim]'")
 
 
+def _is_there(task: FileTask) -> bool:
+    return task.path.exists()
+
+
 def run_trials(
     tasks: Sequence[_Task],
     out: Path,
     jobs: int,
     kept: Callable[[_Task], _Report],
     simulate: Callable[..., _Report],
+    finished: Callable[[_Task], bool] = _is_there,
 ) -> Generator[_Report, None, list[_Report]]:
     r"""Yields the report of each trial, those of files that are there first, and returns all.
 
     Args:
-        tasks (sequence of TrialTask): The trials.
+        tasks (sequence of FileTask): The trials.
         out (Path): Their folder, made if missing.
         jobs (int): Processes.
         kept (callable): Reports a trial whose file is there.
         simulate (callable): Simulates a trial, writes it and reports it; called with the task and
             :obj:`parent`, the process that wants it (:func:`end_without`).
+        finished (callable): Tells whether a trial needs no simulation; if its file is there, if
+            left out.
     """
     out.mkdir(parents=True, exist_ok=True)
     reports, missing = [], []
     for task in tasks:
-        if task.path.exists():
+        if finished(task):
             reports.append(kept(task))
             yield reports[-1]
         else:

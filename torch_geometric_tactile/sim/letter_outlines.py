@@ -1,0 +1,98 @@
+r"""Capital letters as strokes: our own drawing, under the licence of this package."""
+
+import math
+from functools import cache
+
+import numpy as np
+
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+
+_STEP = 12.0  # degrees of an arc that a straight piece stands for, to 0.6 % of its radius
+
+_Points = list[tuple[float, float]]
+
+
+def letter_strokes(letter: str) -> np.ndarray:
+    r"""Returns the straight pieces of the middle lines of a capital letter without serifs, of
+    height one, around the middle of its box: :math:`x` to the right, :math:`y` downwards.
+
+    The letters are drawn for this package, not taken from a font.
+
+    Args:
+        letter (str): One of the letters A to Z.
+
+    Shapes:
+        - **output:** pieces, their two ends, :math:`x` and :math:`y` :math:`(S, 2, 2)`
+
+    Raises:
+        ValueError: If there is no such letter.
+
+    Examples:
+        >>> letter_strokes("I").tolist()
+        [[[0.0, -0.5], [0.0, 0.5]]]
+    """
+    if not isinstance(letter, str) or len(letter) != 1 or letter not in LETTERS:
+        raise ValueError(f"'letter' must be one of the capital letters A to Z (got {letter!r})")
+    return _strokes(letter).copy()
+
+
+@cache
+def _strokes(letter: str) -> np.ndarray:
+    lines = [np.array(line) for line in _LINES[letter]]
+    pieces = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    middle = (pieces.min(axis=(0, 1)) + pieces.max(axis=(0, 1))) / 2
+    centred: np.ndarray = pieces - middle
+    return centred
+
+
+def _arc(
+    middle: tuple[float, float], radii: tuple[float, float], start: float, stop: float
+) -> _Points:
+    # Degrees from the right over the bottom to the left, as y points downwards.
+    number = max(2, math.ceil(abs(stop - start) / _STEP) + 1)
+    angles = [math.radians(start + (stop - start) * i / (number - 1)) for i in range(number)]
+    (x, y), (rx, ry) = middle, radii
+    return [(x + rx * math.cos(angle), y + ry * math.sin(angle)) for angle in angles]
+
+
+_STEM: _Points = [(0, 0), (0, 1)]
+_P_BOWL: _Points = [(0, 0), *_arc((0.36, 0.27), (0.27, 0.27), 270, 450), (0, 0.54)]
+_RING: _Points = _arc((0.44, 0.5), (0.44, 0.5), 0, 360)
+
+_LINES: dict[str, list[_Points]] = {
+    "A": [[(0, 1), (0.4, 0), (0.8, 1)], [(0.14, 0.65), (0.66, 0.65)]],
+    "B": [
+        _STEM,
+        [(0, 0), *_arc((0.36, 0.24), (0.24, 0.24), 270, 450), (0, 0.48)],
+        [(0, 0.48), *_arc((0.4, 0.74), (0.26, 0.26), 270, 450), (0, 1)],
+    ],
+    "C": [_arc((0.42, 0.5), (0.42, 0.5), 316, 44)],
+    "D": [_STEM, [(0, 0), *_arc((0.28, 0.5), (0.46, 0.5), 270, 450), (0, 1)]],
+    "E": [[(0.6, 0), (0, 0), (0, 1), (0.6, 1)], [(0, 0.5), (0.52, 0.5)]],
+    "F": [[(0.6, 0), (0, 0), (0, 1)], [(0, 0.5), (0.5, 0.5)]],
+    "G": [[*_arc((0.42, 0.5), (0.42, 0.5), 316, 31), (0.78, 0.54), (0.46, 0.54)]],
+    "H": [_STEM, [(0.74, 0), (0.74, 1)], [(0, 0.5), (0.74, 0.5)]],
+    "I": [_STEM],
+    "J": [[(0.5, 0), *_arc((0.25, 0.72), (0.25, 0.28), 0, 155)]],
+    "K": [_STEM, [(0.66, 0), (0, 0.6)], [(0.24, 0.382), (0.7, 1)]],
+    "L": [[(0, 0), (0, 1), (0.58, 1)]],
+    "M": [[(0, 1), (0, 0), (0.45, 0.75), (0.9, 0), (0.9, 1)]],
+    "N": [[(0, 1), (0, 0), (0.74, 1), (0.74, 0)]],
+    "O": [_RING],
+    "P": [_STEM, _P_BOWL],
+    "Q": [_RING, [(0.54, 0.66), (0.88, 1)]],
+    "R": [_STEM, _P_BOWL, [(0.34, 0.54), (0.66, 1)]],
+    "S": [
+        [
+            *_arc((0.33, 0.25), (0.31, 0.25), 335, 90),
+            *_arc((0.33, 0.75), (0.33, 0.25), 270, 510)[1:],
+        ]
+    ],
+    "T": [[(0, 0), (0.74, 0)], [(0.37, 0), (0.37, 1)]],
+    "U": [[(0, 0), *_arc((0.36, 0.64), (0.36, 0.36), 180, 0), (0.72, 0)]],
+    "V": [[(0, 0), (0.4, 1), (0.8, 0)]],
+    "W": [[(0, 0), (0.26, 1), (0.52, 0.1), (0.78, 1), (1.04, 0)]],
+    "X": [[(0, 0), (0.74, 1)], [(0.74, 0), (0, 1)]],
+    "Y": [[(0, 0), (0.38, 0.5), (0.76, 0)], [(0.38, 0.5), (0.38, 1)]],
+    "Z": [[(0, 0), (0.7, 0), (0, 1), (0.7, 1)]],
+}

@@ -1,0 +1,230 @@
+r"""Simulated presses of letters on a pressure array, as a folder for each letter."""
+
+import json
+from collections.abc import Generator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.sensors import TaxelLayout, letter_array
+from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
+from torch_geometric_tactile.sim.letter_press import LetterPress
+from torch_geometric_tactile.sim.trial_files import SUMMARY, end_without, run_trials, write_summary
+from torch_geometric_tactile.texts import read_json
+from torch_geometric_tactile.typing import PathLike
+
+LETTER_PRESSES = 500
+_BLOCK = 100  # presses in a file
+_GENERATOR = "letters"
+_VERSION = 1  # of the generator: another one makes other bits
+_LAYOUT = "layout.json"
+
+
+class LetterReport(NamedTuple):
+    r"""A finished file: its letter, its first press and their number. :obj:`kept` tells whether it
+    was there already.
+    """
+
+    letter: str
+    first: int
+    presses: int
+    path: Path
+    kept: bool
+
+
+@dataclass(frozen=True)
+class _Task:
+    # All that decides the bits of a block, and where it goes.
+    out: str
+    letter: str
+    first: int
+    presses: int
+    seed: int
+    press: LetterPress
+    layout: TaxelLayout | None
+
+    @property
+    def path(self) -> Path:
+        return Path(self.out) / self.letter / f"{self.letter}_{self.first:04d}.npy"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (32, 32) if self.layout is None else (self.layout.num_taxels,)
+
+
+def simulate_letters(
+    out: PathLike,
+    presses: int = LETTER_PRESSES,
+    seed: int = 0,
+    jobs: int = 1,
+    *,
+    press: LetterPress | None = None,
+    letters: Sequence[str] = LETTERS,
+    layout: TaxelLayout | None = None,
+) -> Generator[LetterReport, None, None]:
+    r"""Simulates presses of letters and writes them to a folder for each letter, which
+    :class:`~torch_geometric_tactile.datasets.LetterShape` reads. Yields a report for each file when
+    it is finished.
+
+    A file, such as :obj:`A/A_0100.npy`, holds up to 100 presses in kPa, 32-bit floats
+    :math:`(P, 32, 32)`. Of a :obj:`layout` other than :func:`letter_array` they are
+    :math:`(P, N)`, and :obj:`layout.json` lies beside the folders. :obj:`simulation.json` tells how
+    they were made.
+
+    A press is a function of seed, letter and number, bit for bit whatever :obj:`jobs` and
+    :obj:`presses` are (another processor or release of NumPy may round another way). Finished files
+    are kept, so that a run that was stopped or killed goes on where it was, and a larger one adds
+    to a smaller.
+
+    Args:
+        out (str or PathLike): Folder of the letters.
+        presses (int): Number of presses of each letter.
+        seed (int): Seed, not negative.
+        jobs (int): Processes.
+        press (LetterPress, optional): The model.
+        letters (sequence of str): The letters, all by default.
+        layout (TaxelLayout, optional): The pixels.
+
+    Raises:
+        ValueError: If a number is too small, there is no such letter, the letters do not fit on the
+            layout, or the folder holds presses that were made with other arguments.
+    """
+    for name, number in (("presses", presses), ("jobs", jobs)):
+        if number < 1:
+            raise ValueError(f"'{name}' must be at least 1 (got {number})")
+    if seed < 0:
+        raise ValueError(f"'seed' must not be negative (got {seed})")
+    if press is not None and not isinstance(press, LetterPress):
+        raise ValueError(f"'press' must be a LetterPress (got {press!r})")
+    if len(letters) == 0 or len(set(letters)) != len(letters):
+        raise ValueError(f"'letters' must be one or more, each once (got {letters!r})")
+    for letter in letters:
+        letter_strokes(letter)
+    press = press or LetterPress()
+    press.check_layout(letter_array() if layout is None else layout)
+    if layout is not None and _is_letter_array(layout):
+        layout = None
+    tasks = [
+        _Task(str(out), letter, first, min(_BLOCK, presses - first), seed, press, layout)
+        for letter in letters
+        for first in range(0, presses, _BLOCK)
+    ]
+    return _run(tasks, Path(out), jobs)
+
+
+def _is_letter_array(layout: TaxelLayout) -> bool:
+    wanted = letter_array()
+    return torch.equal(layout.pos, wanted.pos) and _equal(layout.image_map, wanted.image_map)
+
+
+def _equal(first: torch.Tensor | None, second: torch.Tensor | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return torch.equal(first, second)
+
+
+def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
+    _prepare(tasks, out)
+    yield from run_trials(tasks, out, jobs, _kept, _simulate_block, _is_finished)
+
+
+def _prepare(tasks: list[_Task], out: Path) -> None:
+    # Before the first press, such that no file is ever without what tells how it was made.
+    settings = _settings(tasks[0])
+    if (out / SUMMARY).exists():
+        _check_settings(out / SUMMARY, settings)
+    else:
+        strays = sorted(path for task in tasks if (path := task.path).exists())
+        if strays:
+            raise ValueError(
+                f"'{strays[0]}' lies in a folder without '{SUMMARY}', which tells how it was made; "
+                "choose another folder"
+            )
+    layout = tasks[0].layout
+    if layout is not None and (out / _LAYOUT).exists():
+        _check_layout(out / _LAYOUT, layout)
+    elif layout is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        layout.save(out / _LAYOUT)
+    for task in tasks:
+        if task.path.exists():
+            _presses_in(task)
+    write_summary(out, settings)
+
+
+def _settings(task: _Task) -> dict[str, Any]:
+    return {
+        "synthetic": True,
+        "note": "Simulated. Letters, spread, tilt and crosstalk are plausible, not measured.",
+        "generator": _GENERATOR,
+        "generator_version": _VERSION,
+        "unit": "kPa",
+        "seed": task.seed,
+        "layout": "letter_array" if task.layout is None else task.layout.name,
+        "press": json.loads(json.dumps(asdict(task.press))),
+    }
+
+
+def _check_settings(path: Path, settings: dict[str, Any]) -> None:
+    found = read_json(path)
+    for key, wanted in settings.items():
+        got = found.get(key) if isinstance(found, dict) else None
+        if got != wanted and key != "note":
+            if key == "press" and isinstance(got, dict):
+                key = next(name for name in wanted if got.get(name) != wanted[name])
+                got, wanted = got.get(key), wanted[key]
+            raise ValueError(
+                f"'{path}': its presses were made with another '{key}' ({got}, not {wanted}); "
+                "choose another folder or delete it"
+            )
+
+
+def _check_layout(path: Path, layout: TaxelLayout) -> None:
+    found = TaxelLayout.load(path)
+    if not torch.equal(found.pos, layout.pos) or not _equal(found.image_map, layout.image_map):
+        raise ValueError(
+            f"'{path}' must be 'layout' (got {found!r} with other taxels); choose another folder"
+        )
+
+
+def _presses_in(task: _Task) -> int:
+    try:
+        block = np.load(task.path, mmap_mode="r", allow_pickle=False)
+        shape, kind = block.shape, block.dtype
+    except (ValueError, EOFError) as error:
+        raise ValueError(
+            f"'{task.path}' is damaged ({error}); delete it to simulate it again"
+        ) from error
+    if kind != np.float32 or shape[1:] != task.shape or not 0 < shape[0] <= _BLOCK:
+        raise ValueError(
+            f"'{task.path}' must hold float32 of shape {('P', *task.shape)} (got {kind} of shape "
+            f"{shape}); delete it to simulate it again"
+        )
+    return int(shape[0])
+
+
+def _is_finished(task: _Task) -> bool:
+    return task.path.exists() and _presses_in(task) >= task.presses
+
+
+def _kept(task: _Task) -> LetterReport:
+    return LetterReport(task.letter, task.first, _presses_in(task), task.path, kept=True)
+
+
+def _simulate_block(task: _Task, parent: int) -> LetterReport:
+    end_without(parent)
+    number = LETTERS.index(task.letter)
+    readings = [
+        task.press.press(
+            task.letter, 1, np.random.default_rng([task.seed, number, i]), task.layout
+        ).readings
+        for i in range(task.first, task.first + task.presses)
+    ]
+    block = np.concatenate(readings).reshape(-1, *task.shape)
+    with atomic_path(task.path) as temporary, temporary.open("wb") as file:
+        np.save(file, block)
+    return LetterReport(task.letter, task.first, task.presses, task.path, kept=False)
