@@ -1,4 +1,4 @@
-r"""``tactile simulate``: grasps of a simulated hand."""
+r"""``tactile simulate``: grasps of a simulated hand, and presses of letters."""
 
 import argparse
 import sys
@@ -8,11 +8,12 @@ from torch_geometric_tactile.commands.arguments import few, not_negative, second
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
 _BIGS = "bigs"
+_LETTERS = "letters"
 _HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
 _SPREADS = ("careful", "wide")
 
-# What only the Allegro hand has, and with --objects bigs has to stay as it is.
+# What only the Allegro hand has, and with other --objects has to stay as it is.
 _OF_THE_HAND = {
     "num_objects": None,
     "hand": None,
@@ -23,15 +24,21 @@ _OF_THE_HAND = {
     "max_attempts": 10,
 }
 
+# What the number of other objects is called.
+_NUMBERS = {_BIGS: "grasps", _LETTERS: "presses"}
+
 HELP = (
-    "simulate grasps with an Allegro hand of 384 taxels or three fingertips, and write recordings"
+    "simulate grasps with an Allegro hand of 384 taxels or three fingertips, or letters pressed on "
+    "an array"
 )
 DESCRIPTION = """\
 Simulates an Allegro hand covered with 384 magnetic taxels that grasps, lifts and holds
 objects of different mass, softness and friction, and writes one HDF5 recording a trial:
 readings, joint angles, the object's properties and, apart, the true forces and poses.
 With --objects bigs, three BioTac-like fingertips grasp, lift and shake a cylinder, a box or
-a ball instead, and failed grasps are kept, as in the BiGS set. Needs the extra 'sim'.
+a ball instead, and failed grasps are kept, as in the BiGS set. Both need the extra 'sim'.
+With --objects letters, stamps of the letters A to Z are pressed on an array of 32 x 32 pixels,
+and each letter gets a folder of .npy files in kPa, which the data set LetterShape reads.
 """
 EXAMPLES = """\
 examples:
@@ -44,10 +51,15 @@ examples:
                                                          375 MB, ten minutes on two cores
   tactile simulate --out few --objects bigs --grasps 40 --preview
                                                          the first 40 of them, and a picture
+  tactile simulate --out letters --objects letters --preview
+                                                         13000 presses, 500 of each letter: 53 MB,
+                                                         a minute on two cores, and a picture
+  tactile simulate --out some --objects letters --presses 20 --seed 1
+                                                         520 others
 
 Finished trials are kept: the same command goes on where a run was stopped, and with
 --preview draws the pictures of a finished one. The same seed gives the same recordings,
-whatever --jobs is. Masses, frictions and the skin are plausible, not measured.
+whatever --jobs is. Masses, frictions, the skin and the array are plausible, not measured.
 """
 
 
@@ -62,13 +74,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--objects",
-        choices=(*_OBJECT_SETS, _BIGS),
+        choices=(*_OBJECT_SETS, _BIGS, _LETTERS),
         default="paper8",
         help="which objects: eight of different shapes, every combination of light or heavy, hard "
         "or soft, slippery or not (paper8, the default); the same combinations in one shape and "
         "size (control8); five shapes in four sizes (twenty); spheres, cylinders, boxes and "
         "ellipsoids with drawn sizes, masses and frictions (shapes); a cylinder, a box and a ball "
-        "for three fingertips (bigs)",
+        "for three fingertips (bigs); letters pressed on an array (letters)",
     )
     parser.add_argument(
         "--num-objects",
@@ -94,6 +106,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=few,
         help="grasps of bigs in all, half of them of the cylinder, a quarter each of box and ball "
         "(default: 2000); more of them begin with the same",
+    )
+    parser.add_argument(
+        "--presses",
+        metavar="N",
+        type=few,
+        help="presses of each of the letters (default: 500); more of them begin with the same",
     )
     parser.add_argument(
         "--seed", type=not_negative, default=0, help="decides all randomness (default: 0)"
@@ -132,7 +150,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preview",
         action="store_true",
         help="draw the first trial of the first object to DIR/preview: preview_film.png and "
-        "preview_forces.png; of bigs a success and a failure: preview_grasps.png",
+        "preview_forces.png; of bigs a success and a failure: preview_grasps.png; of letters the "
+        "first press of each, to DIR/preview_letters.png",
     )
 
 
@@ -142,13 +161,17 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    if arguments.objects == _BIGS:
-        return _run_bigs(arguments)
-    if arguments.grasps is not None:
-        raise ValueError(
-            f"'grasps' must be left out for objects other than '{_BIGS}' (got {arguments.grasps}); "
-            "'trials' is their number"
-        )
+    number = _NUMBERS.get(arguments.objects, "trials")
+    for objects, name in _NUMBERS.items():
+        value = getattr(arguments, name)
+        if value is not None and arguments.objects != objects:
+            raise ValueError(
+                f"'{name}' must be left out for objects other than '{objects}' (got {value}); "
+                f"'{number}' is their number"
+            )
+    if arguments.objects in _NUMBERS:
+        _check_left_out(arguments)
+        return _run_bigs(arguments) if arguments.objects == _BIGS else _run_letters(arguments)
     from torch_geometric_tactile.reports import simulation
     from torch_geometric_tactile.texts import printable
 
@@ -176,15 +199,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if finished.given_up else 0
 
 
+def _check_left_out(arguments: argparse.Namespace) -> None:
+    objects = arguments.objects
+    for name, default in _OF_THE_HAND.items():
+        if (value := getattr(arguments, name)) != default:
+            instead = f"; '{_NUMBERS[objects]}' is their number" if name == "trials" else ""
+            raise ValueError(f"'{name}' must be left out for '{objects}' (got {value}){instead}")
+
+
 def _run_bigs(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports import simulated_bigs
     from torch_geometric_tactile.reports.simulation import check_preview
     from torch_geometric_tactile.texts import printable
 
-    for name, default in _OF_THE_HAND.items():
-        if (value := getattr(arguments, name)) != default:
-            instead = "; 'grasps' is their number" if name == "trials" else ""
-            raise ValueError(f"'{name}' must be left out for '{_BIGS}' (got {value}){instead}")
     if arguments.preview:
         check_preview()
     finished = simulated_bigs.run_bigs(
@@ -193,4 +220,20 @@ def _run_bigs(arguments: argparse.Namespace) -> int:
     print(printable(finished.describe()), flush=True)
     if arguments.preview:
         print(printable(f"drew {simulated_bigs.draw_bigs_preview(finished)}"))
+    return 0
+
+
+def _run_letters(arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile.reports import simulated_letters
+    from torch_geometric_tactile.reports.simulation import check_preview
+    from torch_geometric_tactile.texts import printable
+
+    if arguments.preview:
+        check_preview()
+    finished = simulated_letters.run_letters(
+        arguments.out, presses=arguments.presses, seed=arguments.seed, jobs=arguments.jobs
+    )
+    print(printable(finished.describe()), flush=True)
+    if arguments.preview:
+        print(printable(f"drew {simulated_letters.draw_letters_preview(finished)}"))
     return 0

@@ -17,6 +17,7 @@ def run_with_progress(
     out: PathLike,
     unit: str,
     told: Callable[[_Report], str],
+    files: str = "*.h5",
 ) -> list[_Report]:
     r"""Runs a simulation with a progress bar on the terminal, and returns its reports.
 
@@ -26,6 +27,7 @@ def run_with_progress(
         out (str or PathLike): Folder of the recordings.
         unit (str): What a trial is called.
         told (callable): What the bar says behind the number, from the last report.
+        files (str): Pattern of the files of finished trials, below :obj:`out`.
 
     Raises:
         KeyboardInterrupt: On Ctrl-C; the message tells how many trials are finished.
@@ -45,7 +47,7 @@ def run_with_progress(
                 bar.set_postfix_str(told(report), refresh=False)
                 bar.update()
     except KeyboardInterrupt:
-        finished = len(list(Path(out).glob("*.h5")))
+        finished = len(list(Path(out).glob(files)))
         raise KeyboardInterrupt(f"stopped; {finished} finished {unit}s are kept") from None
     except BrokenProcessPool as error:
         raise OSError(

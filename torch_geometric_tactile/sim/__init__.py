@@ -40,6 +40,7 @@ from torch_geometric_tactile.sim.simulate_bigs import BIGS_GRASPS, BigsReport, s
 from torch_geometric_tactile.sim.simulate_letters import (
     LETTER_PRESSES,
     LetterReport,
+    num_letter_files,
     simulate_letters,
 )
 from torch_geometric_tactile.sim.skin import SkinModel
@@ -80,6 +81,7 @@ __all__ = [
     "drawn_objects",
     "grasp_mjcf",
     "letter_strokes",
+    "num_letter_files",
     "object_set",
     "paper8",
     "plan_grasp",

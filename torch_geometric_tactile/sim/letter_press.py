@@ -64,8 +64,8 @@ class LetterPress:
     Args:
         size (tuple of float): Least and largest height of a letter in metres.
         stroke (float): Width of its strokes in metres.
-        angle (float): Largest turn to either side in radians, 20 degrees by default. From a quarter
-            turn on, N and Z are one letter; with full turns, M and W nearly so.
+        angle (float): Largest turn to either side in radians, 20 degrees by default. From 45
+            degrees on, a turned N can be a turned Z; with all turns, M and W are hardly told apart.
         margin (float): Least distance of a letter from the edge of the array in metres; the edge is
             the box around the middles of the pixels.
         pressure (tuple of float): Least and largest pressure in kPa.
@@ -101,9 +101,9 @@ class LetterPress:
     margin: float = 0.00125
     pressure: tuple[float, float] = (30.0, 75.0)
     tilt: float = 0.3
-    blur_length: float = 0.0007
+    blur_length: float = 0.001
     spread: float = 0.3
-    spread_length: float = 0.0025
+    spread_length: float = 0.003
     sensel: float = 0.0007
     repeatability: tuple[float, float] = (-0.02, 0.06)
     crosstalk: float = 0.05
@@ -115,7 +115,7 @@ class LetterPress:
     def __post_init__(self) -> None:
         for name in _PAIRS:
             pair = getattr(self, name)
-            if len(pair) != 2 or not -1 < pair[0] <= pair[1] < math.inf:
+            if np.shape(pair) != (2,) or not -1 < pair[0] <= pair[1] < math.inf:
                 raise ValueError(f"'{name}' must be two numbers that do not fall (got {pair})")
             object.__setattr__(self, name, tuple(map(float, pair)))
         for name in (*_POSITIVE, *_NOT_NEGATIVE):
@@ -172,10 +172,10 @@ class LetterPress:
             (self.blur_length, self.spread_length),
             (1 - self.spread, self.spread),
         )
-        draws, readings = [], np.empty((count, layout.num_taxels), dtype=np.float32)
-        for i in range(count):
-            draw = self._draw(strokes, sampling, rng)
-            draws.append(draw)
+        # All presses before any reading: they do not depend on the number of pixels.
+        draws = [self._draw(strokes, sampling, rng) for _ in range(count)]
+        readings = np.empty((count, layout.num_taxels), dtype=np.float32)
+        for i, draw in enumerate(draws):
             readings[i] = self._read(self._at_pixels(draw, sampling), layout, rng)
         return LetterPresses(
             readings,

@@ -1,6 +1,7 @@
 r"""Simulated presses of letters on a pressure array, as a folder for each letter."""
 
 import json
+import math
 from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ _BLOCK = 100  # presses in a file
 _GENERATOR = "letters"
 _VERSION = 1  # of the generator: another one makes other bits
 _LAYOUT = "layout.json"
+_NOTE = "Simulated. Letters, spread, tilt and crosstalk are plausible, not measured."
 
 
 class LetterReport(NamedTuple):
@@ -116,6 +118,20 @@ def simulate_letters(
     return _run(tasks, Path(out), jobs)
 
 
+def num_letter_files(presses: int, letters: Sequence[str] = LETTERS) -> int:
+    r"""Returns how many files :func:`simulate_letters` writes.
+
+    Args:
+        presses (int): Number of presses of each letter.
+        letters (sequence of str): The letters.
+
+    Examples:
+        >>> num_letter_files(500)
+        130
+    """
+    return len(letters) * math.ceil(presses / _BLOCK)
+
+
 def _is_letter_array(layout: TaxelLayout) -> bool:
     wanted = letter_array()
     return torch.equal(layout.pos, wanted.pos) and _equal(layout.image_map, wanted.image_map)
@@ -144,33 +160,57 @@ def _prepare(tasks: list[_Task], out: Path) -> None:
                 f"'{strays[0]}' lies in a folder without '{SUMMARY}', which tells how it was made; "
                 "choose another folder"
             )
-    layout = tasks[0].layout
-    if layout is not None and (out / _LAYOUT).exists():
-        _check_layout(out / _LAYOUT, layout)
-    elif layout is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        layout.save(out / _LAYOUT)
-    for task in tasks:
-        if task.path.exists():
-            _presses_in(task)
+    _prepare_layout(out / _LAYOUT, tasks[0].layout)
+    _check_blocks(tasks)
     write_summary(out, settings)
+
+
+def _prepare_layout(path: Path, layout: TaxelLayout | None) -> None:
+    if path.exists():
+        found = TaxelLayout.load(path)
+        if (
+            layout is None
+            or not torch.equal(found.pos, layout.pos)
+            or not _equal(found.image_map, layout.image_map)
+        ):
+            raise ValueError(
+                f"'{path}' must have the taxels of 'layout', as the presses beside it (got "
+                f"{found!r}); choose another folder"
+            )
+    elif layout is not None:
+        layout.save(path)
+
+
+def _check_blocks(tasks: list[_Task]) -> None:
+    wanted = {task.path: task for task in tasks}
+    for folder in dict.fromkeys(path.parent for path in wanted):
+        for path in sorted(folder.glob("*.npy")):
+            if path not in wanted or _presses_in(wanted[path]) > wanted[path].presses:
+                raise ValueError(
+                    f"'{path}' holds presses beyond the number that 'presses' asks for; ask for as "
+                    "many as before or more, or choose another folder"
+                )
 
 
 def _settings(task: _Task) -> dict[str, Any]:
     return {
         "synthetic": True,
-        "note": "Simulated. Letters, spread, tilt and crosstalk are plausible, not measured.",
+        "note": _NOTE,
         "generator": _GENERATOR,
         "generator_version": _VERSION,
         "unit": "kPa",
         "seed": task.seed,
-        "layout": "letter_array" if task.layout is None else task.layout.name,
+        "layout": (task.layout or letter_array()).name,
+        "num_taxels": (task.layout or letter_array()).num_taxels,
         "press": json.loads(json.dumps(asdict(task.press))),
     }
 
 
 def _check_settings(path: Path, settings: dict[str, Any]) -> None:
-    found = read_json(path)
+    try:
+        found = read_json(path)
+    except ValueError as error:
+        raise ValueError(f"'{path}' is damaged ({error}); choose another folder") from error
     for key, wanted in settings.items():
         got = found.get(key) if isinstance(found, dict) else None
         if got != wanted and key != "note":
@@ -179,16 +219,8 @@ def _check_settings(path: Path, settings: dict[str, Any]) -> None:
                 got, wanted = got.get(key), wanted[key]
             raise ValueError(
                 f"'{path}': its presses were made with another '{key}' ({got}, not {wanted}); "
-                "choose another folder or delete it"
+                "choose another folder"
             )
-
-
-def _check_layout(path: Path, layout: TaxelLayout) -> None:
-    found = TaxelLayout.load(path)
-    if not torch.equal(found.pos, layout.pos) or not _equal(found.image_map, layout.image_map):
-        raise ValueError(
-            f"'{path}' must be 'layout' (got {found!r} with other taxels); choose another folder"
-        )
 
 
 def _presses_in(task: _Task) -> int:

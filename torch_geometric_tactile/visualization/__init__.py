@@ -16,6 +16,7 @@ from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
 from torch_geometric_tactile.visualization.hand_panels import plot_hand_panels
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
+from torch_geometric_tactile.visualization.letters import plot_presses
 from torch_geometric_tactile.visualization.metrics import (
     plot_confusion,
     plot_label_confusions,
@@ -43,6 +44,7 @@ __all__ = [
     "plot_hand_panels",
     "plot_label_confusions",
     "plot_layout",
+    "plot_presses",
     "plot_protocols",
     "plot_recording",
     "plot_roc",

@@ -1,0 +1,106 @@
+r"""Pictures of presses on an array."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile.sensors import TaxelLayout, letter_array
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.taxel_map import draw_taxels, value_colors, value_scale
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_INCHES = 1.15  # of a panel
+
+
+def plot_presses(
+    readings: np.ndarray,
+    titles: Sequence[str],
+    layout: TaxelLayout | None = None,
+    *,
+    columns: int = 7,
+    limits: tuple[float, float] | None = None,
+    cmap: str = "gray",
+    label: str = "kPa",
+    title: str | None = None,
+) -> "Figure":
+    r"""Draws presses on a flat array beside each other, each as an image if the layout has an image
+    map, and else as circles; :math:`y` points downwards, as the rows of an image do.
+
+    Args:
+        readings (numpy.ndarray): The presses :math:`(P, N)`, or images of them
+            :math:`(P, H, W)` with :math:`H \\cdot W = N`.
+        titles (sequence of str): What is written above each.
+        layout (TaxelLayout, optional): The pixels; :func:`letter_array` if left out.
+        columns (int): Number of presses in a row.
+        limits (tuple of float, optional): Readings at the ends of the colour scale; zero and the
+            largest reading if left out.
+        cmap (str): Name of matplotlib's colour map.
+        label (str): Label of the colour bar.
+        title (str, optional): Title of the picture.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there are no presses, they do not fit the layout, they have another number
+            of titles, or :obj:`columns` is below one.
+    """
+    layout = letter_array() if layout is None else layout
+    presses = _checked(readings, titles, layout)
+    if columns < 1:
+        raise ValueError(f"'columns' must be at least 1 (got {columns})")
+    if limits is None:
+        limits = (0.0, max(float(np.nanmax(presses, initial=0.0)), 1e-6))
+    scale = value_scale(None, limits, cmap)
+    rows = math.ceil(len(presses) / columns)
+    figure = new_figure(_INCHES * columns + 0.7, (_INCHES + 0.2) * rows + (0.3 if title else 0.0))
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for ax in axes.flat:
+        ax.set_axis_off()
+    for ax, press, text in zip(axes.flat, presses, titles, strict=False):
+        _draw(ax, press, layout, scale)
+        ax.set_title(plain_text(text), fontsize=9, pad=2)
+    bar = figure.colorbar(scale, ax=axes, aspect=40, pad=0.01)
+    bar.set_label(plain_text(label), fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    if title is not None:
+        figure.suptitle(plain_text(title), fontsize=10)
+    return figure
+
+
+def _checked(readings: np.ndarray, titles: Sequence[str], layout: TaxelLayout) -> np.ndarray:
+    presses = np.asarray(readings, dtype=np.float64)
+    if presses.ndim not in (2, 3) or len(presses) == 0:
+        raise ValueError(
+            f"'readings' must be presses of shape (P, N) or (P, H, W) (got {presses.shape})"
+        )
+    presses = presses.reshape(len(presses), -1)
+    if presses.shape[1] != layout.num_taxels:
+        raise ValueError(
+            f"'readings' must have one number for each of {layout.num_taxels} taxels (got "
+            f"{presses.shape[1]})"
+        )
+    if len(titles) != len(presses):
+        raise ValueError(f"'titles' must be one a press, {len(presses)} (got {len(titles)})")
+    return presses
+
+
+def _draw(ax: Any, press: np.ndarray, layout: TaxelLayout, scale: Any) -> None:
+    if layout.image_map is not None:
+        row, column = layout.image_map.numpy().T
+        image = np.full((row.max() + 1, column.max() + 1), np.nan)
+        image[row, column] = press
+        ax.imshow(image, cmap=scale.cmap, norm=scale.norm, interpolation="nearest")
+        return
+    plane = layout.pos.double()[:, :2] * 1e3
+    nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min() if len(plane) > 1 else 1.0
+    colors = value_colors(torch.from_numpy(press), scale)
+    draw_taxels(ax, plane, float(nearest), colors, [False] * len(press), "none", 0.0)
+    (left, top), (right, bottom) = plane.amin(dim=0).tolist(), plane.amax(dim=0).tolist()
+    edge = float(nearest) / 2
+    ax.set_xlim(left - edge, right + edge)
+    ax.set_ylim(bottom + edge, top - edge)
+    ax.set_aspect("equal")
