@@ -6,7 +6,7 @@ import sys
 from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
 
 # The names in `experiments`, which is too heavy to import for them.
-TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "bts3")
+TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p5", "bts3")
 _OF_TABLE = object()  # what the table says
 _HEADERS = {"accuracy": "accuracy (%)", "spread": "±", "auc": "ROC", "memory": "memory (MB)"}
 
@@ -24,6 +24,7 @@ tables:
   p2-table4   memory that training these 18 takes
   p3          grasp stability over time: SVM, LSTM and GCN on one or three fingers, beside ours
   p3-k        the GCNs of three fingers by the number of neighbours in their graph
+  p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT and SURF, beside ours
   bts3        grasp stability on real grasps: what 'tactile demo' reports
   FILE.yaml   your own, on any data set (see the page on experiments in the documentation)
 """
