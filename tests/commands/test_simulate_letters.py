@@ -43,7 +43,7 @@ def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
 
     asked = []
     monkeypatch.setattr(
-        simulated_letters, "simulate_letters", lambda *args: asked.append(args) or iter(())
+        simulated_letters, "simulate_letters", lambda *args: asked.append(args) or (x for x in ())
     )
     assert simulate(tmp_path) == 0
     assert asked == [(str(tmp_path), 500, 0, 1)]
@@ -74,7 +74,7 @@ def test_ctrl_c_tells_what_is_kept(tmp_path, capsys, monkeypatch):
         (["--num-objects", "3"], "'num_objects' must be left out for 'letters' (got 3)"),
         (
             ["--grasps", "3"],
-            "'grasps' must be left out for objects other than 'bigs' (got 3); 'pre",
+            "'grasps' must be left out for objects other than 'bigs' (got 3); ",
         ),
     ],
 )
