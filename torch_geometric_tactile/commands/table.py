@@ -215,7 +215,7 @@ def _listed(name: str) -> str:
     ]
     headers = ["experiment", "model", "inputs", "", *(_HEADERS[key] for key in keys)]
     published = (
-        f"; published numbers ({table.place}), of a real hand with private recordings"
+        f"; published numbers ({table.place}), of a {table.measured_on} with private recordings"
         if table.is_published
         else ""
     )

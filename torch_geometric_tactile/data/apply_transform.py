@@ -185,7 +185,7 @@ def _blank(data: StaticData) -> StaticData:
         for key, value in data.to_dict().items()
     }
     arguments: dict[str, Any] = values | data.schema
-    return StaticData(**arguments)
+    return type(data)(**arguments)
 
 
 def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
@@ -211,4 +211,4 @@ def stack_like(
     """
     added = Schema.of(rule.node, rule.edge, rule.shared)
     schema = Schema.of(**like.schema).update(added).to_dict()
-    return StaticData.from_data_list(samples, **schema)
+    return type(like).from_data_list(samples, **schema)

@@ -130,7 +130,7 @@ def joined(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticDat
             raise ValueError(f"all batches must have the same '{key}', which their samples share")
         else:
             values[key] = _joined_rows([_rows(batch, key) for batch in batches], places, key)
-    return StaticData(**(values | first.schema))
+    return type(first)(**(values | first.schema))
 
 
 def _rows(batch: StaticData, key: str) -> Tensor:

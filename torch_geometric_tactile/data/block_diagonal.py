@@ -1,6 +1,7 @@
 r"""From one topology and many samples to PyG's block-diagonal batch."""
 
 import copy
+import functools
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
@@ -14,8 +15,10 @@ _NUM_CACHED = 4
 _BYTES_CACHED = 2**26  # of all cached edges together
 
 
-# A batch of Data, of which copies are made: PyG builds a class for every batch.
-_EMPTY = Batch(_base_cls=Data)
+@functools.cache
+def _empty_batch(kind: type[Data]) -> Batch:
+    # A batch of which copies are made: PyG builds a class for every batch.
+    return Batch(_base_cls=kind)
 
 
 def to_batch(data: "StaticData") -> Batch:
@@ -28,7 +31,7 @@ def to_batch(data: "StaticData") -> Batch:
     num_samples = data.num_samples
     numbers = torch.arange(num_samples + 1)
     sample = data.sample(0) if num_samples else _empty_sample(data)
-    out = copy.copy(_EMPTY)
+    out = copy.copy(_empty_batch(data.sample_type))
     joined = out._store._mapping  # as fast as a dictionary
     # PyG takes a batch apart by these: where the values of each sample begin, and what was added.
     slices: dict[str, Any] = {}
@@ -62,7 +65,7 @@ def to_batch(data: "StaticData") -> Batch:
 
 
 def _empty_sample(data: "StaticData") -> Data:
-    out = Data()
+    out = data.sample_type()
     for key, value in data._store.items():
         if data.is_shared(key):
             out[key] = value

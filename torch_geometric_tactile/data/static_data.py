@@ -73,6 +73,9 @@ class StaticData(LeveledData):
         DataBatch(x=[20, 3], edge_index=[2, 10], mask=[20], batch=[20], ptr=[6])
     """
 
+    #: The class of a sample.
+    sample_type: type[Data] = Data
+
     def __init__(
         self,
         x: Tensor | None = None,
@@ -143,7 +146,7 @@ class StaticData(LeveledData):
             raise IndexError(f"'i' must be below {num_samples} (got {i})")
         i %= num_samples
         schema: Schema = self._schema
-        out = Data()
+        out = self.sample_type()
         sample = out._store._mapping  # a third of the time of out[key] = ...
         for key, value in self._store._mapping.items():
             if schema.is_shared(key, value):

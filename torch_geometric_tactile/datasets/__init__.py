@@ -6,6 +6,7 @@ from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.biotac_sp_dos import BioTacSPDoS
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
+from torch_geometric_tactile.datasets.letter_shape import LetterShape, letter_augmentation
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.datasets.samples_file import SamplesFile
@@ -17,7 +18,9 @@ __all__ = [
     "BioTacSPDoS",
     "FakeTactileDataset",
     "ICubGrasp",
+    "LetterShape",
     "RecordingFrames",
     "SamplesFile",
     "default_root",
+    "letter_augmentation",
 ]

@@ -46,6 +46,8 @@ class Experiment:
             class 1 is predicted is chosen on a validation part, a fifth of the training part (see
             :func:`~torch_geometric_tactile.training.threshold.choose_threshold`); one half if left
             out.
+        studies (list of dict): What else is looked at in the model, each as :obj:`{"class_path",
+            "init_args"}` of a :class:`~torch_geometric_tactile.experiments.studies.Study`.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Experiment:
     measure_memory: bool = False
     choice: Choice | None = None
     threshold: ThresholdMetric | None = None
+    studies: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def is_estimator(self) -> bool:
@@ -78,6 +81,8 @@ class Experiment:
         chosen: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
         if self.threshold is not None:
             chosen["threshold"] = self.threshold
+        if self.studies:
+            chosen["studies"] = self.studies
         return {
             **chosen,
             "config": _sha256(config),

@@ -138,7 +138,12 @@ def make_plan(
     }
     _check_parts(table, protocols, drafts)
     experiments = tuple(
-        replace(drafts[cell.experiment, protocol.name], seed=seed, fold=fold)
+        replace(
+            drafts[cell.experiment, protocol.name],
+            seed=seed,
+            fold=fold,
+            studies=[] if seed or fold else cell.studies,
+        )
         for seed in range(seeds)
         for protocol in protocols
         for fold in range(folds[protocol.name])

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments.building import build
@@ -27,6 +27,12 @@ from torch_geometric_tactile.experiments.fitting import Clock, fit_classifier, w
 from torch_geometric_tactile.experiments.held_out import choice_parts, column_of
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.memory import PeakMemory
+from torch_geometric_tactile.experiments.studies import (
+    Study,
+    Trained,
+    build_studies,
+    run_studies,
+)
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, predicted_classes
 from torch_geometric_tactile.training.predictions import collect_predictions
@@ -52,7 +58,8 @@ def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -
         model those of :class:`Judgement`), :obj:`predictions` (of :meth:`Judgement.to_dict`),
         :obj:`label_names`, :obj:`num_train` and :obj:`num_test` (samples),
         :obj:`frames_per_second` of training, :obj:`peak_memory_mb` and what it :obj:`measures`,
-        :obj:`num_parameters`, :obj:`train_seconds` and :obj:`seconds` in all, and :obj:`machine`.
+        :obj:`num_parameters`, :obj:`train_seconds` and :obj:`seconds` in all, :obj:`machine`, and
+        what its :obj:`studies` found.
         What was not measured is :obj:`None`.
 
     Raises:
@@ -79,6 +86,8 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
     if checkpoint is not None and (experiment.is_estimator or experiment.choice is not None):
         raise ValueError(f"'checkpoint' must be None for {kind} (got '{checkpoint}')")
     if experiment.choice is not None:
+        if experiment.studies:
+            raise ValueError("'studies' must be empty for an experiment with a choice")
         return run_choosing(experiment)
     if experiment.threshold is not None:
         parts = choice_parts(experiment)
@@ -115,8 +124,10 @@ def _run_classifier(
     clock = Clock()
     settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
     settings |= experiment.trainer
+    studies = build_studies(experiment.studies)
+    watching = [found for study in studies if (found := study.callback(data)) is not None]
     classifier = fit_classifier(
-        experiment.model, data, experiment.seed, settings, experiment.epochs, clock
+        experiment.model, data, experiment.seed, settings, experiment.epochs, clock, *watching
     )
     peak = memory.stop() if experiment.measure_memory else math.nan
     device = classifier.trainer.strategy.root_device
@@ -142,6 +153,7 @@ def _run_classifier(
     return {
         "metrics": _finite(metrics),
         **({} if threshold is None else {"threshold": threshold}),
+        **_network_studies(experiment, studies, classifier.model.eval().cpu(), data),
         "label_names": data.class_names if multilabel else None,
         "frames_per_second": len(train) * experiment.epochs / clock.seconds,
         "peak_memory_mb": peak if math.isfinite(peak) else None,
@@ -150,6 +162,23 @@ def _run_classifier(
         "train_seconds": clock.seconds,
         "predictions": judgement.to_dict(),
     }
+
+
+def _network_studies(
+    experiment: Experiment, studies: list[Study], model: nn.Module, data: TactileDataModule
+) -> dict[str, Any]:
+    if not studies:
+        return {}
+    train, test = (data.part("train"), data.part("test"))
+    trained = Trained(
+        model,
+        data.peek(train, len(train)),
+        data.peek(test, len(test)),
+        data.class_names,
+        data.layout,
+        experiment.seed,
+    )
+    return {"studies": run_studies(studies, trained)}
 
 
 def _predicted(probability: Tensor, multilabel: bool, threshold: float | None) -> Tensor:
@@ -193,9 +222,15 @@ def _run_estimator(
         session=held_out.session.numpy() if "session" in held_out else None,
         trial=_trials(test),
     )
+    found = {}
+    if experiment.studies:
+        names = train.class_names
+        trained = Trained(estimator, seen, held_out, names, train.layout, experiment.seed)
+        found = {"studies": run_studies(build_studies(experiment.studies), trained)}
     return {
         "metrics": _finite(judgement.metrics()),
         **({} if threshold is None else {"threshold": threshold}),
+        **found,
         "label_names": None,
         "frames_per_second": len(train) / seconds,
         "peak_memory_mb": None,

@@ -25,7 +25,7 @@ from torch_geometric_tactile.training.threshold import THRESHOLD_METRICS
 from torch_geometric_tactile.typing import ThresholdMetric
 
 _SHOWS = ("accuracy", "memory")
-_PUBLISHED = ("accuracy", "spread", "f1", "auc", "memory")
+_PUBLISHED = ("accuracy", "spread", "f1", "auc", "memory", "milliseconds")
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,13 @@ class Cell:
         choice (Choice, optional): What is chosen on a validation part before the test; nothing if
             left out.
         published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`,
-            :obj:`f1` of class 1 in percent, :obj:`auc`, and :obj:`memory` in MB, where it does.
+            :obj:`f1` of class 1 in percent, :obj:`auc`, :obj:`memory` in MB, and the
+            :obj:`milliseconds` of a frame, where it does.
         threshold (str, optional): As of
             :class:`~torch_geometric_tactile.experiments.experiment.Experiment`.
+        layers (dict): The accuracy in percent of single layers that the paper prints.
+        studies (list of dict): What else is looked at in the model of the first seed and fold, as
+            of :class:`~torch_geometric_tactile.experiments.experiment.Experiment`.
     """
 
     row: str
@@ -63,6 +67,8 @@ class Cell:
     published: dict[str, float] = field(default_factory=dict)
     choice: Choice | None = None
     threshold: ThresholdMetric | None = None
+    layers: dict[str, float] = field(default_factory=dict)
+    studies: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if (self.config is None) == (self.estimator is None):
@@ -138,6 +144,7 @@ class Table:
         axis (str): What the columns are if they are numbers: the picture has a line for each row
             along them.
         orderings (tuple of Ordering): What is looked for in the numbers.
+        measured_on (str): What the published numbers were measured on.
         see_also (str): Where there is more of the kind, as a sentence; may be empty.
 
     Raises:
@@ -161,6 +168,7 @@ class Table:
     positive: str = ""
     axis: str = ""
     orderings: tuple[Ordering, ...] = ()
+    measured_on: str = "real hand"
     see_also: str = ""
 
     def __post_init__(self) -> None:

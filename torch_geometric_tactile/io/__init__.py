@@ -5,6 +5,9 @@ from torch_geometric_tactile.io.bigs_grasp import read_bigs
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
 from torch_geometric_tactile.io.biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from torch_geometric_tactile.io.icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
+from torch_geometric_tactile.io.matrix_csv import read_matrix_csv
+from torch_geometric_tactile.io.matrix_files import read_matrices
+from torch_geometric_tactile.io.matrix_npy import read_matrix_npy
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_files import (
     read_recording,
@@ -42,6 +45,9 @@ __all__ = [
     "read_hdf5",
     "read_hdf5_head",
     "read_icub_grasp_txt",
+    "read_matrices",
+    "read_matrix_csv",
+    "read_matrix_npy",
     "read_named_csv",
     "read_npz",
     "read_recording",

@@ -24,7 +24,29 @@ _END = b"PK\x05\x06"
 _LONGEST_END = 22 + 2**16  # with a comment
 
 
-class _Header(NamedTuple):
+# What numpy's header parser and zipfile raise for damaged or strange files.
+UNREADABLE = (
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    OverflowError,
+    RecursionError,
+    RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+class ArrayHeader(NamedTuple):
+    r"""What the header of an array says: :obj:`num_bytes` is the size of its numbers."""
+
     shape: tuple[int, ...]
     fortran_order: bool
     dtype: np.dtype
@@ -73,10 +95,10 @@ class NpzArrays:
         r"""The shapes of the arrays by their names."""
         return {name: header.shape for name, header in self._headers.items()}
 
-    def _header(self, name: str) -> _Header:
+    def _header(self, name: str) -> ArrayHeader:
         entry = self._entries[name]
         with self._archive.open(entry) as file:
-            header, start = _read_header(file, name)
+            header, start = read_array_header(file, name)
         if start + header.num_bytes != entry.file_size:
             raise ValueError(
                 f"its array '{name}' must take {start + header.num_bytes} bytes for the shape "
@@ -98,7 +120,7 @@ class NpzArrays:
         memory = numbers.view(np.uint8)
         done = 0
         with self._archive.open(self._entries[name]) as file:
-            _read_header(file, name)
+            read_array_header(file, name)
             while block := file.read(_BLOCK):  # to the end, where the checksum is compared
                 memory[done : done + len(block)] = np.frombuffer(block, dtype=np.uint8)
                 done += len(block)
@@ -119,7 +141,17 @@ def _num_entries(path: Path) -> int:
     return int.from_bytes(tail[tail.rindex(_END) + 10 :][:2], "little")
 
 
-def _read_header(file: IO[bytes], name: str) -> tuple[_Header, int]:
+def read_array_header(file: IO[bytes], name: str) -> tuple[ArrayHeader, int]:
+    r"""Returns the header of an array in numpy's format, and where its numbers begin.
+
+    Args:
+        file (IO): The file, at its beginning.
+        name (str): The name of the array, for messages.
+
+    Raises:
+        ValueError: If it is an array of anything else than numbers and texts, or of a newer version
+            of the format. A damaged header raises any of :obj:`UNREADABLE`.
+    """
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
@@ -134,7 +166,7 @@ def _read_header(file: IO[bytes], name: str) -> tuple[_Header, int]:
     if any(size < 0 for size in shape):
         raise ValueError(f"its array '{name}' has the shape {shape}")
     num_bytes = math.prod(shape) * dtype.itemsize
-    return _Header(shape, fortran_order, dtype, num_bytes), file.tell()
+    return ArrayHeader(shape, fortran_order, dtype, num_bytes), file.tell()
 
 
 @contextmanager
@@ -156,23 +188,7 @@ def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
             yield NpzArrays(path, archive, allow_large)
     except PermissionError:
         raise
-    except (
-        AttributeError,  # what numpy's header parser raises for damaged or strange headers
-        EOFError,
-        LookupError,
-        MemoryError,
-        OSError,
-        OverflowError,
-        RecursionError,
-        RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
-        SyntaxError,
-        TypeError,
-        ValueError,
-        struct.error,
-        tokenize.TokenError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    except UNREADABLE as error:
         reason = str(error) or type(error).__name__
         raise ValueError(
             f"'{path}' cannot be read as npz: {reason}; copy or write it again"

@@ -15,6 +15,7 @@ from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
 from torch_geometric_tactile.reports.table_caption import NOTHING, caption, cost_note
 from torch_geometric_tactile.reports.table_orderings import ordering_lines, positive_note
+from torch_geometric_tactile.reports.table_studies import study_lines, study_pictures
 from torch_geometric_tactile.texts import markdown_text, printable
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import (
@@ -27,7 +28,6 @@ from torch_geometric_tactile.visualization import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PUBLISHED = "published, real hand, private data"
 _DIGITS = {"auroc": 3, "peak_memory_mb": 0, "frames_per_second": 0, "num_parameters": 0}
 _PUBLISHED_AS = {
     "auroc": "auc",
@@ -42,7 +42,8 @@ _Series = tuple[str, str, str]
 
 
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv` and :obj:`NAME.png`, and returns their paths.
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png` and the pictures of studies,
+    :obj:`NAME-*.png`, and returns their paths.
 
     Args:
         run (PlanRun): What :func:`run_plan` returned.
@@ -56,6 +57,9 @@ def write_table(run: PlanRun, out: PathLike) -> list[Path]:
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     save_figure(_picture(run), paths[-1])
+    for suffix, figure in study_pictures(run).items():
+        paths.append(Path(out) / f"{run.plan.table.name}-{suffix}.png")
+        save_figure(figure, paths[-1])
     return paths
 
 
@@ -74,7 +78,7 @@ def _curves(run: PlanRun) -> dict[str, list[tuple[float, float, float]]]:
         for cell in run.plan.table.cells:
             number = index.get((cell.experiment, source, "accuracy"))
             if number is not None:
-                name = PUBLISHED if source == OF_PAPER else f"{run.plan.data.kind}, {source}"
+                name = _of_paper(run) if source == OF_PAPER else f"{run.plan.data.kind}, {source}"
                 point = (float(cell.column), number.mean, number.spread)
                 curves.setdefault(f"{cell.row} ({name})", []).append(point)
     return {name: sorted(points) for name, points in curves.items()}
@@ -100,7 +104,7 @@ def csv_text(run: PlanRun) -> str:
             [
                 *map(safe_cell, (cell.section, cell.row, cell.column, cell.experiment)),
                 safe_cell(number.source),
-                "real hand, private" if published else run.plan.data.kind,
+                f"{run.plan.table.measured_on}, private" if published else run.plan.data.kind,
                 safe_cell(number.metric),
                 f"{number.mean:.6g}" if published else repr(number.mean),
                 "" if math.isnan(number.spread) else f"{number.spread:.6g}",
@@ -142,6 +146,7 @@ def markdown(run: PlanRun) -> str:
                 ],
             )
     lines += ordering_lines(run)
+    lines += study_lines(run)
     lines += ["## What a model costs", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
     lines += _table_lines(
@@ -262,10 +267,14 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
     return groups
 
 
+def _of_paper(run: PlanRun) -> str:
+    return f"published, {run.plan.table.measured_on}, private data"
+
+
 def _published(run: PlanRun, metric: str) -> list[_Series]:
     key = _PUBLISHED_AS.get(metric, metric)
     printed = any(key in cell.published for cell in run.plan.table.cells)
-    return [(OF_PAPER, metric, PUBLISHED)] if printed else []
+    return [(OF_PAPER, metric, _of_paper(run))] if printed else []
 
 
 def _memory_name(run: PlanRun) -> str:

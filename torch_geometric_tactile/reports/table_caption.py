@@ -21,8 +21,8 @@ def caption(run: PlanRun) -> str:
     parts = []
     if table.is_published:
         parts.append(
-            f"Published: {table.place} of *{table.paper}*, measured on a real hand; its recordings "
-            "are private."
+            f"Published: {table.place} of *{table.paper}*, measured on a {table.measured_on}; its "
+            "recordings are private."
         )
     parts += [
         f"Beside it, a line apart: {plan.data.caption}" if parts else plan.data.caption,

@@ -11,7 +11,9 @@ from torch_geometric_tactile.transforms.fitting import fit_parts, fit_transform,
 from torch_geometric_tactile.transforms.geometric_edge_attr import GeometricEdgeAttr
 from torch_geometric_tactile.transforms.knn_graph import KNNGraph
 from torch_geometric_tactile.transforms.normalize import Normalize
+from torch_geometric_tactile.transforms.random_contrast import RandomContrast
 from torch_geometric_tactile.transforms.random_gain import RandomGain
+from torch_geometric_tactile.transforms.random_inversion import RandomInversion
 from torch_geometric_tactile.transforms.random_mirror import RandomMirror
 from torch_geometric_tactile.transforms.random_noise import RandomNoise
 from torch_geometric_tactile.transforms.random_offset import RandomOffset
@@ -39,7 +41,9 @@ __all__ = [
     "GeometricEdgeAttr",
     "KNNGraph",
     "Normalize",
+    "RandomContrast",
     "RandomGain",
+    "RandomInversion",
     "RandomMirror",
     "RandomNoise",
     "RandomOffset",

@@ -7,6 +7,10 @@ from torch_geometric_tactile.visualization.comparison import ComparisonPanel, pl
 from torch_geometric_tactile.visualization.curves import plot_curves
 from torch_geometric_tactile.visualization.early_slip import AlarmCurves, plot_early_slip
 from torch_geometric_tactile.visualization.embedding import plot_embedding
+from torch_geometric_tactile.visualization.feature_maps import (
+    plot_feature_maps,
+    plot_sample_embeddings,
+)
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
@@ -20,10 +24,12 @@ from torch_geometric_tactile.visualization.metrics import (
     plot_roc,
 )
 from torch_geometric_tactile.visualization.recording import plot_recording
+from torch_geometric_tactile.visualization.training_history import LearningCurves, plot_training
 
 __all__ = [
     "AlarmCurves",
     "ComparisonPanel",
+    "LearningCurves",
     "layout_plane",
     "open_hand",
     "plot_bigs_grasps",
@@ -32,6 +38,7 @@ __all__ = [
     "plot_curves",
     "plot_early_slip",
     "plot_embedding",
+    "plot_feature_maps",
     "plot_grasps",
     "plot_hand",
     "plot_hand_panels",
@@ -41,5 +48,7 @@ __all__ = [
     "plot_protocols",
     "plot_recording",
     "plot_roc",
+    "plot_sample_embeddings",
+    "plot_training",
     "save_figure",
 ]

@@ -20,10 +20,12 @@ _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#0
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _DASHES = ("-", "--", "-.")
 _LOWEST = 0.4
+_MOST_COUNTED = 12  # classes of a matrix with counts
 
 
 def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) -> "Figure":
-    r"""Draws a confusion matrix with counts and the percentages of each row.
+    r"""Draws a confusion matrix with counts and the percentages of each row; of more than 12
+    classes, the percentages only.
 
     Args:
         matrix (array): Counts, with the true class along the rows and the predicted class along
@@ -47,10 +49,11 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
             f"(got {counts.shape})"
         )
     _check_counts("matrix", counts)
-    side = max(3.2, 1.0 * num_classes + 0.6)
+    is_large = num_classes > _MOST_COUNTED
+    side = max(3.2, (0.36 if is_large else 1.0) * num_classes + 0.6)
     figure = new_figure(side + 1.0, side + 0.8)
     ax = figure.add_subplot()
-    _draw_counts(ax, counts)
+    (_draw_percentages if is_large else _draw_counts)(ax, counts)
     names = [_wrapped(name.replace("_", " "), 12) for name in class_names]
     ax.set_xticks(range(num_classes), names, fontsize=10)
     ax.set_yticks(range(num_classes), names, fontsize=10)
@@ -58,6 +61,23 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
     ax.set_ylabel("true class", fontsize=10)
     ax.set_title(_wrapped(title, int(side * 11)), fontsize=11)
     return figure
+
+
+def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
+    percent = 100 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    ax.imshow(percent, cmap="Blues", vmin=0.0, vmax=100.0)
+    for (row, column), value in np.ndenumerate(percent):
+        if value > 0:
+            ax.text(
+                column,
+                row,
+                f"{value:.0f}" if value >= 99.95 else f"{value:.1f}",
+                ha="center",
+                va="center",
+                fontsize=6,
+                color="white" if value > 55 else "black",
+            )
+    ax.tick_params(length=0)
 
 
 def _check_counts(name: str, counts: np.ndarray) -> None:

@@ -1,5 +1,6 @@
 r"""The models of the papers, and those to begin with."""
 
+from torch_geometric_tactile.nn.models.bmf_cnn import BMFCNN
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.grasp_gcn import GraspGCN
@@ -19,6 +20,7 @@ from torch_geometric_tactile.nn.models.temporal_taxel_net import TemporalTaxelNe
 from torch_geometric_tactile.nn.models.thread import Thread
 
 __all__ = [
+    "BMFCNN",
     "MTCNN",
     "MTGCN",
     "CNNThread",

@@ -8,8 +8,8 @@ from torch.nn import functional as F
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.hand_cnn import checked_map
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models.taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
 
 _MOST_HALVINGS = 8
@@ -51,8 +51,6 @@ class SmallCNN(Module, TactileHubMixin):
         torch.Size([2, 10])
     """
 
-    cell: Tensor
-
     def __init__(
         self,
         layout: LayoutLike = "allegro_uskin",
@@ -74,14 +72,12 @@ class SmallCNN(Module, TactileHubMixin):
             raise ValueError(
                 f"'widths' must be 1 to {_MOST_HALVINGS} positive numbers (got {widths})"
             )
-        image_map = checked_map(layout, ())
+        self.image = TaxelImage(layout)
         self.num_nodes = layout.num_taxels
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.widths = widths
-        self.size = tuple((image_map.amax(dim=0) + 1).tolist())
-        cell = image_map[:, 0] * self.size[1] + image_map[:, 1]
-        self.register_buffer("cell", cell, persistent=False)
+        self.size = self.image.size
         ins = (in_channels, *widths[:-1])
         self.convs = ModuleList(
             Conv2d(a, b, 3, padding=1, bias=False) for a, b in zip(ins, widths, strict=True)
@@ -132,10 +128,7 @@ class SmallCNN(Module, TactileHubMixin):
                 f"{tuple(x.shape)})"
             )
         x = x.reshape(-1, self.num_nodes, self.in_channels)
-        rows, cols = self.size
-        image = x.new_zeros(x.size(0), rows * cols, self.in_channels)
-        image = image.index_copy(1, self.cell, x).transpose(1, 2)
-        h = image.reshape(-1, self.in_channels, rows, cols)
+        h = self.image(x)
         for conv, norm in zip(self.convs, self.norms, strict=True):
             h = F.max_pool2d(norm(conv(h)).relu(), 2, ceil_mode=True)
         h = self.dropout(h.flatten(1))

@@ -1,0 +1,67 @@
+r"""Samples whose readings are an image of 32 x 32 pixels."""
+
+from torch import Tensor
+from torch_geometric.data import Data
+
+from torch_geometric_tactile.data.static_data import StaticData
+
+ROWS = COLUMNS = 32
+
+
+def image_of(x: Tensor) -> Tensor:
+    r"""Returns the images that the readings of a 32 x 32 grid are, such as those of
+    :func:`~torch_geometric_tactile.sensors.letter_array`, without a copy.
+
+    Args:
+        x (torch.Tensor): The readings, row by row.
+
+    Shapes:
+        - **input:** readings :math:`(1024, F)`, :math:`(B, 1024, F)` or of a PyG batch :math:`(B
+          \cdot 1024, F)`
+        - **output:** a view of them :math:`(B, F, 32, 32)`, with :math:`B = 1` for a single sample
+
+    Raises:
+        ValueError: If the readings are of another number of taxels.
+
+    Examples:
+        >>> import torch
+        >>> x = torch.zeros(5, 1024, 1)
+        >>> image_of(x).shape, image_of(x).data_ptr() == x.data_ptr()
+        (torch.Size([5, 1, 32, 32]), True)
+    """
+    taxels = ROWS * COLUMNS
+    count = x.size(-2) if x.dim() > 1 else 0
+    if x.dim() not in (2, 3) or count % taxels or (x.dim() == 3 and count != taxels):
+        raise ValueError(f"'x' must hold {taxels} taxels a sample (got shape {tuple(x.shape)})")
+    shape = (-1, ROWS, COLUMNS) if x.dim() == 2 else (ROWS, COLUMNS)
+    return x.unflatten(-2, shape).movedim(-1, 1)
+
+
+class _HasImage:
+    x: Tensor
+
+    @property
+    def image(self) -> Tensor:
+        r"""The readings as images :math:`(B, F, 32, 32)`: a view of :obj:`x`, see
+        :func:`image_of`.
+        """
+        return image_of(self.x)
+
+
+class ImageData(_HasImage, Data):
+    r"""A sample, or a PyG batch of samples, with :obj:`image`, a view of :obj:`x`."""
+
+
+class StaticImages(_HasImage, StaticData):
+    r"""Many samples on one topology, with :obj:`image`, a view of :obj:`x`. Its samples are
+    :class:`ImageData`. The image is no attribute of its own: it follows :obj:`x` through all
+    transforms and selections, and takes no place in files or batches.
+
+    Examples:
+        >>> import torch
+        >>> data = StaticImages(x=torch.zeros(5, 1024, 1))
+        >>> data.image.shape, data[0].image.shape, data.to_batch().image.shape
+        (torch.Size([5, 1, 32, 32]), torch.Size([1, 1, 32, 32]), torch.Size([5, 1, 32, 32]))
+    """
+
+    sample_type = ImageData

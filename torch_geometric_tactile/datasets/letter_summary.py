@@ -1,0 +1,88 @@
+r"""What there is of each letter."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import torch
+from torch_geometric.data.summary import Stats, Summary
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.datasets.letter_shape import LetterShape
+
+
+@dataclass(repr=False)
+class LetterSummary(Summary):
+    r"""PyG's summary of a data set, which knows letters and presses as well.
+
+    Args:
+        num_presses (int): The number of presses.
+        copies (int): How often each is stored.
+        num_samples_per_letter (dict): The number of samples of each letter.
+        num_presses_per_letter (dict): The number of presses of each letter.
+        left_out (list of str): The files and matrices that were left out, each with its fault.
+        synthetic (bool): Whether a simulator made the presses.
+    """
+
+    num_presses: int = 0
+    copies: int = 1
+    num_samples_per_letter: dict[str, int] = field(default_factory=dict)
+    num_presses_per_letter: dict[str, int] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    synthetic: bool = False
+
+    @classmethod
+    def from_letters(cls, dataset: "LetterShape") -> Self:
+        r"""Collects the summary of a selection, without a look at every sample: all have one
+        topology.
+
+        Args:
+            dataset (LetterShape): The data set.
+        """
+        y, trial = dataset.column("y"), dataset.column("trial")
+        assert y is not None
+        assert trial is not None
+        presses = torch.stack([trial, y]).unique(dim=1)
+        count = len(dataset.class_names)
+        edges = 0 if dataset._data.edge_index is None else dataset._data.edge_index.size(1)
+        return cls(
+            name=type(dataset).__name__,
+            num_graphs=len(dataset),
+            num_nodes=_same(dataset.layout.num_taxels),
+            num_edges=_same(edges),
+            num_presses=presses.size(1),
+            copies=dataset.copies,
+            num_samples_per_letter=_counts(y.bincount(minlength=count), dataset.class_names),
+            num_presses_per_letter=_counts(
+                presses[1].bincount(minlength=count), dataset.class_names
+            ),
+            left_out=dataset.left_out,
+            synthetic=dataset.synthetic,
+        )
+
+    def format(self, fmt: str = "psql") -> str:
+        r"""Formats the summary as lines of text.
+
+        Args:
+            fmt (str): Not used: there is no table.
+        """
+        made = "simulated" if self.synthetic else "recorded"
+        letters = ", ".join(
+            f"{name} {count} ({self.num_presses_per_letter[name]})"
+            for name, count in self.num_samples_per_letter.items()
+        )
+        return (
+            f"{self.name} (#graphs={self.num_graphs}): {self.num_presses} {made} presses, stored "
+            f"{self.copies} times\n"
+            f"#nodes={self.num_nodes.mean:.0f}, #edges={self.num_edges.mean:.0f}\n"
+            f"samples (presses) of each letter: {letters}\n"
+            f"files or matrices left out: {len(self.left_out)}"
+        )
+
+
+def _counts(counts: Any, names: list[str]) -> dict[str, int]:
+    return dict(zip(names, counts.tolist(), strict=True))
+
+
+def _same(value: int) -> Stats:
+    number = float(value)
+    return Stats(number, 0.0, number, number, number, number, number)

@@ -1,0 +1,59 @@
+r"""Matrices of readings in npy files, as :func:`numpy.save` writes them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from torch_geometric_tactile.io.npz_arrays import UNREADABLE, read_array_header
+from torch_geometric_tactile.typing import PathLike
+
+
+def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
+    r"""Reads a matrix, or a stack of matrices of one size. The size is checked before memory is
+    taken, and nothing is unpickled.
+
+    The format has no checksum: a number that was changed on the way is not noticed.
+
+    Args:
+        path (str or PathLike): The file.
+        size (sequence of int): The size of a matrix, such as rows and columns; one number for rows
+            of readings.
+
+    Returns:
+        numpy.ndarray: The numbers as they are stored :math:`(n, \ldots)`, with :math:`n = 1` for a
+        single matrix.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is no npy file, cut or damaged, holds anything else than real
+            numbers, or an array of another size. The message names the file.
+    """
+    path, size = Path(path), tuple(size)
+    if not path.is_file():
+        raise FileNotFoundError(f"'{path}' does not exist; give the path of an npy file")
+    with path.open("rb") as file:
+        try:
+            header, start = read_array_header(file, path.stem)
+        except UNREADABLE as error:
+            reason = str(error) or type(error).__name__
+            raise ValueError(
+                f"'{path}' cannot be read as npy: {reason}; copy or write it again"
+            ) from error
+        if header.dtype.kind not in "biuf":
+            raise ValueError(f"'{path}' must hold numbers (got type {header.dtype})")
+        shape = header.shape
+        if shape != size and (shape[1:] != size or shape[0] == 0):
+            wanted = " x ".join(map(str, size))
+            raise ValueError(
+                f"'{path}' must hold a matrix of {wanted} numbers or a stack of them (got shape "
+                f"{shape})"
+            )
+        if start + header.num_bytes != path.stat().st_size:
+            raise ValueError(
+                f"'{path}' must have {start + header.num_bytes} bytes for the shape {shape} (got "
+                f"{path.stat().st_size}): is it cut? Copy or write it again"
+            )
+        numbers = np.fromfile(file, dtype=header.dtype)
+    numbers = numbers.astype(header.dtype.newbyteorder("="), copy=False)
+    return numbers.reshape(shape, order="F" if header.fortran_order else "C").reshape(-1, *size)

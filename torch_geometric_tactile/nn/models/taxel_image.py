@@ -1,0 +1,51 @@
+r"""Readings as images."""
+
+import torch
+from torch import Tensor
+from torch.nn import Module
+
+from torch_geometric_tactile.nn.models.hand_cnn import checked_map
+from torch_geometric_tactile.sensors import TaxelLayout
+
+
+class TaxelImage(Module):
+    r"""Puts the readings of the taxels into the cells of the map of their layout. Cells without a
+    taxel are zero.
+
+    Args:
+        layout (TaxelLayout): The layout.
+
+    Shapes:
+        - **input:** readings :math:`(B, N, F)`
+        - **output:** images :math:`(B, F, H, W)`; a view of readings of one channel if the
+          taxels fill all cells row by row
+
+    Raises:
+        ValueError: If the layout has no map.
+    """
+
+    cell: Tensor
+
+    def __init__(self, layout: TaxelLayout) -> None:
+        super().__init__()
+        image_map = checked_map(layout, ())
+        rows, columns = (image_map.amax(dim=0) + 1).tolist()
+        cell = image_map[:, 0] * columns + image_map[:, 1]
+        self.size = (rows, columns)
+        self.is_full = torch.equal(cell, torch.arange(rows * columns))
+        self.register_buffer("cell", cell, persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        r"""Returns the images.
+
+        Args:
+            x (torch.Tensor): Readings.
+        """
+        rows, columns = self.size
+        image = x
+        if not self.is_full:
+            image = x.new_zeros(x.size(0), rows * columns, x.size(2)).index_copy(1, self.cell, x)
+        return image.transpose(1, 2).reshape(-1, x.size(2), rows, columns)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self.cell)}, size={self.size})"

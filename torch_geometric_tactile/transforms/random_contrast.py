@@ -1,0 +1,92 @@
+r"""Grey images of another contrast."""
+
+import math
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._random import uniform
+from torch_geometric_tactile.transforms._segments import Segments
+
+
+@functional_transform("random_contrast")
+class RandomContrast(BaseTransform):
+    r"""Stretches the grey values of each sample about a centre by a random factor (functional name:
+    :obj:`random_contrast`), as an augmentation: a :obj:`train_transform`.
+
+    .. math::
+        x'_i = \min(\max(c + g \, (x_i - c), 0), 1), \qquad g \sim \mathcal{U}(low, high)
+
+    The grey values are parts of full scale, 0 to 1, and stay within them. The paper of the
+    letters' array names contrast enhancement without a formula: this one is ours.
+
+    Args:
+        low (float): The smallest factor :math:`g`.
+        high (float): The largest factor; factors above one enhance the contrast.
+        center (float, optional): The grey value :math:`c` that stays; the mean of each sample and
+            channel if left out, where the dark ground of a small contact stays dark.
+        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            out.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same shape. Missing readings (NaN) stay missing, and out of the mean.
+
+    Raises:
+        ValueError: If the factors are negative, not finite or in the wrong order, :obj:`center` is
+            not finite, or there are no readings.
+
+    Examples:
+        >>> transform = RandomContrast(2.0, 2.0)
+        >>> transform(Data(x=torch.tensor([[0.0], [0.25], [0.5]]))).x.view(-1)
+        tensor([0.0000, 0.2500, 0.7500])
+    """
+
+    supports_static = True
+
+    def __init__(
+        self,
+        low: float = 1.0,
+        high: float = 1.5,
+        center: float | None = None,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        if not 0 <= low <= high < math.inf:
+            raise ValueError(
+                f"'low' must be at least 0 and at most 'high', both finite (got {low} and {high})"
+            )
+        if center is not None and not math.isfinite(center):
+            raise ValueError(f"'center' must be a grey value or None (got {center})")
+        self.low = float(low)
+        self.high = float(high)
+        self.center = None if center is None else float(center)
+        self.generator = generator
+        self._samples = Segments(None, None)
+
+    def forward(self, data: Data) -> Data:
+        r"""Stretches the readings."""
+        x = require_x(self, data)
+        x = x if x.is_floating_point() else x.float()  # counts may be integers
+        sample, count = self._samples.of_rows(data, x)
+        factor = self.low + (self.high - self.low) * uniform(count, x, self.generator)
+        rows = x.reshape(-1, x.size(-1))
+        center = self._means(rows, sample, count)[sample] if self.center is None else self.center
+        stretched = center + factor.to(x)[sample].unsqueeze(1) * (rows - center)
+        data.x = stretched.to(x).clamp(0, 1).reshape(x.shape)
+        return data
+
+    def _means(self, rows: Tensor, sample: Tensor, count: int) -> Tensor:
+        rows = rows.double()
+        valid = ~rows.isnan()
+        shape = count, rows.size(1)
+        total = rows.new_zeros(shape).index_add_(0, sample, torch.where(valid, rows, 0.0))
+        num_valid = rows.new_zeros(shape).index_add_(0, sample, valid.double())
+        return total / num_valid.clamp(min=1)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(low={self.low}, high={self.high}, center={self.center})"

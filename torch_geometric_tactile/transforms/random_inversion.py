@@ -1,0 +1,77 @@
+r"""Inverted grey images."""
+
+import math
+
+import torch
+from torch_geometric.data import Data
+from torch_geometric.data.datapipes import functional_transform
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._random import check_probability, uniform
+from torch_geometric_tactile.transforms._segments import Segments
+
+
+@functional_transform("random_inversion")
+class RandomInversion(BaseTransform):
+    r"""Inverts the grey values of some samples (functional name: :obj:`random_inversion`), as an
+    augmentation: a :obj:`train_transform`. What was black becomes white.
+
+    .. math::
+        x'_i = low + high - x_i
+
+    It is our reading of the "random inversion" of the "bilinear feature and multi-layer fused
+    convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822), which does not define
+    it; :class:`RandomMirror` is another one. A sensor at rest then reads the full scale, which none
+    does.
+
+    Args:
+        p (float): Probability with which each sample is inverted, all of its channels at once.
+        low (float): The lowest grey value.
+        high (float): The highest grey value.
+        generator (torch.Generator, optional): The source of random numbers; PyTorch's own if left
+            out.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or a PyG batch :math:`(B \cdot N,
+          F)`
+        - **output:** the same shape. Missing readings (NaN) stay missing.
+
+    Raises:
+        ValueError: If :obj:`p` is no probability, :obj:`low` is not below :obj:`high`, or there are
+            no readings.
+
+    Examples:
+        >>> RandomInversion(p=1.0)(Data(x=torch.tensor([[0.0], [0.25]]))).x.view(-1)
+        tensor([1.0000, 0.7500])
+    """
+
+    supports_static = True
+
+    def __init__(
+        self,
+        p: float = 0.5,
+        low: float = 0.0,
+        high: float = 1.0,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        if not -math.inf < low < high < math.inf:
+            raise ValueError(f"'low' must be below 'high', both finite (got {low} and {high})")
+        self.p = check_probability(p)
+        self.low = float(low)
+        self.high = float(high)
+        self.generator = generator
+        self._samples = Segments(None, None)
+
+    def forward(self, data: Data) -> Data:
+        r"""Inverts the readings."""
+        x = require_x(self, data)
+        x = x if x.is_floating_point() else x.float()  # counts may be integers
+        sample, count = self._samples.of_rows(data, x)
+        chosen = (uniform(count, x, self.generator) < self.p)[sample]
+        inverted = self.low + self.high - x
+        data.x = torch.where(chosen.view(*x.shape[:-1], 1), inverted, x)
+        return data
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(p={self.p}, low={self.low}, high={self.high})"

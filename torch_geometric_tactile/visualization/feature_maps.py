@@ -1,0 +1,118 @@
+r"""Pictures of feature maps, and of samples laid out by their features."""
+
+from collections.abc import Mapping, Sequence
+from math import ceil
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.metrics import _COLORS, _MARKERS, _wrapped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def plot_feature_maps(
+    image: ArrayLike, maps: Mapping[str, ArrayLike], title: str, columns: int = 9
+) -> "Figure":
+    r"""Draws an image and feature maps of it, a row for each kind. All maps of a kind share one
+    scale of grey, from the smallest to the largest number.
+
+    Args:
+        image (array): The image.
+        maps (Mapping): The maps of each kind, by its name.
+        title (str): Title of the picture.
+        columns (int): Maps side by side at most.
+
+    Shapes:
+        - **image:** :math:`(H, W)`
+        - **maps:** :math:`(K, H', W')` each
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no map, or one has another shape.
+    """
+    kinds = {name: np.asarray(values, dtype=np.float64) for name, values in maps.items()}
+    if not kinds or any(kind.ndim != 3 or kind.size == 0 for kind in kinds.values()):
+        raise ValueError("'maps' must hold maps of shape (number, height, width), at least one")
+    rows = {name: ceil(len(kind) / columns) for name, kind in kinds.items()}
+    total = sum(rows.values())
+    figure = new_figure(1.15 * (columns + 1.4), 1.25 * total + 0.9)
+    grid = figure.add_gridspec(total, columns + 1, width_ratios=[1.5, *[1] * columns])
+    ax = figure.add_subplot(grid[:, 0])
+    _draw(ax, np.asarray(image), 0.0, None)
+    ax.set_title("input", fontsize=9)
+    first = 0
+    for name, kind in kinds.items():
+        for i, values in enumerate(kind):
+            ax = figure.add_subplot(grid[first + i // columns, 1 + i % columns])
+            _draw(ax, values, float(kind.min()), float(kind.max()))
+            if i == 0:
+                ax.set_title(plain_text(name), fontsize=9, loc="left")
+        first += rows[name]
+    figure.suptitle(_wrapped(title, 100), fontsize=11)
+    return figure
+
+
+def _draw(ax: "Axes", values: np.ndarray, low: float, high: float | None) -> None:
+    ax.imshow(values, cmap="gray", vmin=low, vmax=high, interpolation="nearest")
+    ax.set_xticks(())
+    ax.set_yticks(())
+
+
+def plot_sample_embeddings(
+    panels: Mapping[str, tuple[ArrayLike, Sequence[str]]], title: str, columns: int = 4
+) -> "Figure":
+    r"""Draws samples at the places of their features, coloured by class, a panel for each model.
+    The axes have no numbers: neither the scale nor the direction of an embedding means anything.
+
+    Args:
+        panels (Mapping): Places and class names of the samples, by the name of the model.
+        title (str): Title of the picture.
+        columns (int): Panels side by side at most.
+
+    Shapes:
+        - **places:** :math:`(S, 2)`
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no panel, or places and names differ in number.
+    """
+    if not panels:
+        raise ValueError("'panels' must hold at least one model (got none)")
+    names = list(dict.fromkeys(name for _, labels in panels.values() for name in labels))
+    columns = min(columns, len(panels))
+    rows = ceil(len(panels) / columns)
+    figure = new_figure(3.0 * columns, 3.1 * rows + 0.8)
+    axes = figure.subplots(rows, columns, squeeze=False).flat
+    for ax, (model, (given, labels)) in zip(axes, panels.items(), strict=False):
+        places = np.asarray(given, dtype=np.float64)
+        if places.shape != (len(labels), 2):
+            raise ValueError(
+                f"'places' of '{model}' must have shape ({len(labels)}, 2) (got {places.shape})"
+            )
+        for i, name in enumerate(names):
+            chosen = places[[label == name for label in labels]]
+            ax.scatter(
+                *chosen.T,
+                s=18,
+                color=_COLORS[i % len(_COLORS)],
+                marker=_MARKERS[i % len(_MARKERS)],
+                linewidths=0.3,
+                edgecolors="white",
+                label=plain_text(name),
+            )
+        ax.set_title(plain_text(model), fontsize=10)
+        ax.set_xticks(())
+        ax.set_yticks(())
+    for ax in list(figure.axes)[len(panels) :]:
+        ax.set_visible(False)
+    handles, found = figure.axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles, found, loc="outside lower center", ncols=len(names), fontsize=9, frameon=False
+    )
+    figure.suptitle(_wrapped(title, 34 * columns), fontsize=11)
+    return figure
