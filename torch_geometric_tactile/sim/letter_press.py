@@ -26,6 +26,8 @@ class LetterPresses(NamedTuple):
         - **angle:** its turn in radians, from :math:`x` to :math:`y` :math:`(P,)`
         - **place:** its middle in the plane of the layout, in metres :math:`(P, 2)`
         - **pressure:** pressure below its middle in kPa :math:`(P,)`
+        - **slope:** relative change of the pressure per metre along :math:`x` and :math:`y`
+          :math:`(P, 2)`
     """
 
     readings: np.ndarray
@@ -33,6 +35,7 @@ class LetterPresses(NamedTuple):
     angle: np.ndarray
     place: np.ndarray
     pressure: np.ndarray
+    slope: np.ndarray
 
 
 class _Draw(NamedTuple):
@@ -40,7 +43,7 @@ class _Draw(NamedTuple):
     angle: float
     place: np.ndarray
     pressure: float
-    slope: np.ndarray  # relative change of the pressure per metre
+    slope: np.ndarray
     pieces: np.ndarray  # of the strokes, in the plane of the layout
 
 
@@ -116,7 +119,9 @@ class LetterPress:
         for name in _PAIRS:
             pair = getattr(self, name)
             if np.shape(pair) != (2,) or not -1 < pair[0] <= pair[1] < math.inf:
-                raise ValueError(f"'{name}' must be two numbers that do not fall (got {pair})")
+                raise ValueError(
+                    f"'{name}' must be two numbers above -1 that do not fall (got {pair})"
+                )
             object.__setattr__(self, name, tuple(map(float, pair)))
         for name in (*_POSITIVE, *_NOT_NEGATIVE):
             value = getattr(self, name)
@@ -183,6 +188,7 @@ class LetterPress:
             np.array([draw.angle for draw in draws]),
             np.array([draw.place for draw in draws]).reshape(count, 2),
             np.array([draw.pressure for draw in draws]),
+            np.array([draw.slope for draw in draws]).reshape(count, 2),
         )
 
     def check_layout(self, layout: TaxelLayout) -> None:
@@ -195,7 +201,8 @@ class LetterPress:
         if len(pos) == 0 or np.ptp(pos[:, 2]) > 1e-6:
             raise ValueError(f"'layout' must be flat, with one z for all taxels (got {layout!r})")
         room = float(np.ptp(pos[:, :2], axis=0).min()) - 2 * self.margin
-        if (needed := self._largest()) > room:
+        needed = (self.size[1] - self.stroke) * _longest_diagonal() + self.stroke
+        if needed > room:
             raise ValueError(
                 f"'layout' must have room for letters of {1000 * self.size[1]:.3g} mm, which need "
                 f"{1000 * needed:.3g} mm at any angle (got {1000 * room:.3g} mm within the margin)"
@@ -206,12 +213,6 @@ class LetterPress:
                 f"'dead_rows' must be at most the number of rows of the image map of 'layout', "
                 f"{rows} (got {self.dead_rows})"
             )
-
-    def _largest(self) -> float:
-        # The diagonal of the widest letter.
-        height = self.size[1] - self.stroke
-        widest = max(np.hypot(*np.ptp(letter_strokes(name), axis=(0, 1))) for name in LETTERS)
-        return float(height * widest + self.stroke)
 
     def _draw(
         self, strokes: np.ndarray, sampling: FieldSampling, rng: np.random.Generator
@@ -272,6 +273,12 @@ class LetterPress:
 @cache
 def _default_layout() -> TaxelLayout:
     return letter_array()
+
+
+@cache
+def _longest_diagonal() -> float:
+    # Of the box of a letter of height one.
+    return max(float(np.hypot(*np.ptp(letter_strokes(name), axis=(0, 1)))) for name in LETTERS)
 
 
 def _between(ends: tuple[float, float], part: float) -> float:

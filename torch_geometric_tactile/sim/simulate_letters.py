@@ -257,6 +257,16 @@ def _simulate_block(task: _Task, parent: int) -> LetterReport:
         for i in range(task.first, task.first + task.presses)
     ]
     block = np.concatenate(readings).reshape(-1, *task.shape)
-    with atomic_path(task.path) as temporary, temporary.open("wb") as file:
-        np.save(file, block)
+    write_block(block, task.path)
     return LetterReport(task.letter, task.first, task.presses, task.path, kept=False)
+
+
+def write_block(block: np.ndarray, path: Path) -> None:
+    r"""Writes a file of presses as a whole.
+
+    Args:
+        block (numpy.ndarray): The presses.
+        path (Path): The file.
+    """
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.save(file, block)

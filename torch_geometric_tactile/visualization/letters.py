@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INCHES = 1.15  # of a panel
+_NO_PIXEL = "#2f4b66"
+_CLOSER = 1.12  # circles cover most of the gaps between them
 
 
 def plot_presses(
@@ -93,14 +95,15 @@ def _draw(ax: Any, press: np.ndarray, layout: TaxelLayout, scale: Any) -> None:
         row, column = layout.image_map.numpy().T
         image = np.full((row.max() + 1, column.max() + 1), np.nan)
         image[row, column] = press
-        ax.imshow(image, cmap=scale.cmap, norm=scale.norm, interpolation="nearest")
+        shown = scale.cmap.with_extremes(bad=_NO_PIXEL)
+        ax.imshow(image, cmap=shown, norm=scale.norm, interpolation="nearest")
         return
     plane = layout.pos.double()[:, :2] * 1e3
     nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min() if len(plane) > 1 else 1.0
     colors = value_colors(torch.from_numpy(press), scale)
-    draw_taxels(ax, plane, float(nearest), colors, [False] * len(press), "none", 0.0)
+    draw_taxels(ax, plane, _CLOSER * float(nearest), colors, [False] * len(press), "none", 0.0)
     (left, top), (right, bottom) = plane.amin(dim=0).tolist(), plane.amax(dim=0).tolist()
-    edge = float(nearest) / 2
+    edge = _CLOSER * float(nearest) / 2
     ax.set_xlim(left - edge, right + edge)
     ax.set_ylim(bottom + edge, top - edge)
     ax.set_aspect("equal")

@@ -1,0 +1,111 @@
+import json
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.cli import build_parser, main
+
+
+def simulate(out, *flags):
+    return main(["simulate", "--out", str(out), "--objects", "letters", "--jobs", "1", *flags])
+
+
+def test_presses_and_their_picture(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+    assert simulate(tmp_path, "--presses", "2") == 0
+    output = capsys.readouterr()
+    (line,) = output.out.splitlines()
+    assert line.startswith("52 presses (0 kept from before) of 26 letters, ")
+    assert line.endswith(f" s; simulated data, not measured, in '{tmp_path}'")
+    assert output.err == ""
+    assert np.load(tmp_path / "Q" / "Q_0000.npy").shape == (2, 32, 32)
+
+    assert simulate(tmp_path, "--presses", "2", "--preview") == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("52 presses (52 kept from before)")
+    picture = tmp_path / "preview_letters.png"
+    assert second == f"drew {picture}"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    # Folders beside the letters would be other letters.
+    assert sum(path.is_dir() for path in tmp_path.iterdir()) == 26
+
+
+def test_seed_decides(tmp_path, capsys):
+    assert simulate(tmp_path, "--presses", "1", "--seed", "3") == 0
+    assert json.loads((tmp_path / "simulation.json").read_text())["seed"] == 3
+    capsys.readouterr()
+    assert simulate(tmp_path, "--presses", "1") == 1
+    assert "its presses were made with another 'seed' (3, not 0)" in capsys.readouterr().err
+
+
+def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
+    from torch_geometric_tactile.reports import simulated_letters
+
+    asked = []
+    monkeypatch.setattr(
+        simulated_letters, "simulate_letters", lambda *args: asked.append(args) or (x for x in ())
+    )
+    assert simulate(tmp_path) == 0
+    assert asked == [(str(tmp_path), 500, 0, 1)]
+
+
+def test_ctrl_c_tells_what_is_kept(tmp_path, capsys, monkeypatch):
+    from torch_geometric_tactile.reports import simulated_letters
+    from torch_geometric_tactile.sim import simulate_letters
+
+    def stopped(*args):
+        yield from simulate_letters(*args, letters="ABC")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulated_letters, "simulate_letters", stopped)
+    assert simulate(tmp_path, "--presses", "1") == 130
+    assert "stopped; 3 finished files are kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--trials", "3"], "'trials' must be left out for 'letters' (got 3); 'presses' is their"),
+        (["--preset", "ci"], "'preset' must be left out for 'letters' (got ci)"),
+        (["--hand", "allegro_uskin"], "'hand' must be left out for 'letters'"),
+        (["--seconds", "4"], "'seconds' must be left out for 'letters' (got 4.0)"),
+        (["--spread", "wide"], "'spread' must be left out for 'letters' (got wide)"),
+        (["--max-attempts", "3"], "'max_attempts' must be left out for 'letters' (got 3)"),
+        (["--num-objects", "3"], "'num_objects' must be left out for 'letters' (got 3)"),
+        (
+            ["--grasps", "3"],
+            "'grasps' must be left out for objects other than 'bigs' (got 3); ",
+        ),
+    ],
+)
+def test_what_others_have_is_refused(tmp_path, capsys, flags, message):
+    out = tmp_path / "letters"
+    assert simulate(out, *flags) == 1
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("objects", "number"), [("paper8", "trials"), ("shapes", "trials"), ("bigs", "grasps")]
+)
+def test_number_of_presses_is_that_of_letters(tmp_path, capsys, objects, number):
+    flags = ["--out", str(tmp_path / "a"), "--objects", objects, "--presses", "3"]
+    assert main(["simulate", *flags]) == 1
+    assert (
+        "'presses' must be left out for objects other than 'letters' (got 3); "
+        f"'{number}' is their number"
+    ) in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
+
+
+def test_no_presses_are_refused(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        simulate(tmp_path, "--presses", "0")
+    assert "--presses" in capsys.readouterr().err
+
+
+def test_help_has_examples(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        build_parser().parse_args(["simulate", "--help"])
+    text = capsys.readouterr().out
+    assert "tactile simulate --out letters --objects letters --preview" in text
