@@ -13,7 +13,7 @@ import numpy as np
 from torch_geometric_tactile.typing import PathLike
 
 _GZIP = b"\x1f\x8b"
-_MOST_BYTES = 2**28
+_MOST_BYTES = 2**27
 _MOST_TIMES = 200
 _MOST_DIMENSIONS = 4
 _BYTES = 0x08  # the code of unsigned bytes

@@ -26,7 +26,7 @@ _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13
 _CLASSES |= {14: "i8", 15: "u8"}
 _COMPLEX, _LOGICAL = 0x08, 0x02
 _HEAD = 2**12  # bytes in which class, size and name are found
-_MOST_BYTES = 2**28
+_MOST_BYTES = 2**26
 _MOST_TIMES = 200
 
 

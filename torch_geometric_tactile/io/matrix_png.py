@@ -47,7 +47,7 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     data = path.read_bytes()
     depth = _checked_depth(path, data, tuple(size))
     try:
-        pixels = _pixels(data)
+        pixels = _pixels(data, tuple(size))
     except (
         EOFError,
         LookupError,
@@ -65,8 +65,6 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         raise ValueError(
             f"'{path}' cannot be read as PNG: {reason}; copy or write it again"
         ) from error
-    if pixels.shape != tuple(size):  # of a second header
-        raise ValueError(f"'{path}' must hold one image of {size} pixels (got {pixels.shape})")
     return pixels.astype(np.uint8 if depth == 8 else np.uint16)[None]
 
 
@@ -88,7 +86,7 @@ def _checked_depth(path: Path, data: bytes, size: tuple[int, ...]) -> int:
     return int(depth)
 
 
-def _pixels(data: bytes) -> np.ndarray:
+def _pixels(data: bytes, size: tuple[int, ...]) -> np.ndarray:
     try:
         from PIL import Image
     except ImportError as error:
@@ -96,11 +94,16 @@ def _pixels(data: bytes) -> np.ndarray:
             'PNG images need Pillow: pip install "torch-geometric-tactile[io]"'
         ) from error
 
-    with Image.open(BytesIO(data), formats=["PNG"]) as image:
-        image.verify()  # decoding alone does not compare the checksums of the pixels
-    with Image.open(BytesIO(data), formats=["PNG"]) as image:
-        if getattr(image, "n_frames", 1) > 1:
-            raise ValueError("it must hold one image (got an animation)")
-        if image.mode not in _MODES:
-            raise ValueError(f"it must be a grey image (got mode {image.mode})")
-        return np.asarray(image)
+    try:
+        with Image.open(BytesIO(data), formats=["PNG"]) as image:
+            image.verify()  # decoding alone does not compare the checksums of the pixels
+        with Image.open(BytesIO(data), formats=["PNG"]) as image:
+            if image.size != size[::-1]:  # of a second header
+                raise ValueError(f"it must hold one size (got {image.size[::-1]}, too)")
+            if getattr(image, "n_frames", 1) > 1:
+                raise ValueError("it must hold one image (got an animation)")
+            if image.mode not in _MODES:
+                raise ValueError(f"it must be a grey image (got mode {image.mode})")
+            return np.asarray(image)
+    except Image.DecompressionBombError as error:
+        raise ValueError(str(error)) from error
