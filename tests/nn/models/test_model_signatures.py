@@ -6,6 +6,7 @@ from small_models import ALL, LAYOUT, MODELS, inputs, samples, small_model
 
 from torch_geometric_tactile import nn
 from torch_geometric_tactile.nn import (
+    BMFCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -21,6 +22,7 @@ from torch_geometric_tactile.nn import (
 from torch_geometric_tactile.sensors import stock_path
 
 CLASSES = [
+    BMFCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -127,6 +129,7 @@ def test_model_layout_bad(cls):
     with pytest.raises(ValueError, match=r"'layout' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
         cls("hand", **more)
     needs = {
+        BMFCNN: "image map",
         HandCNN: "image map",
         MTCNN: "image map",
         PosedTaxelNet: "places",
