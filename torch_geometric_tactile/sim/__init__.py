@@ -29,6 +29,7 @@ from torch_geometric_tactile.sim.objects import (
 )
 from torch_geometric_tactile.sim.simulate import (
     HANDS,
+    MOTIONS,
     PRESETS,
     Preset,
     TrialReport,
@@ -37,17 +38,20 @@ from torch_geometric_tactile.sim.simulate import (
 from torch_geometric_tactile.sim.simulate_bigs import BIGS_GRASPS, BigsReport, simulate_bigs
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import SPREADS, GraspSpread
+from torch_geometric_tactile.sim.squeeze import SQUEEZE_PHASES, SqueezePlan, plan_squeeze
 
 __all__ = [
     "BIGS_GRASPS",
     "BIGS_PHASES",
     "HANDS",
+    "MOTIONS",
     "OBJECT_SETS",
     "PHASES",
     "PRESETS",
     "PROPERTIES",
     "SHAPES",
     "SPREADS",
+    "SQUEEZE_PHASES",
     "BigsGrasp",
     "BigsPhysics",
     "BigsReport",
@@ -62,6 +66,7 @@ __all__ = [
     "Preset",
     "SimulatedGrasps",
     "SkinModel",
+    "SqueezePlan",
     "TrialReport",
     "control8",
     "draw_grasp",
@@ -70,6 +75,7 @@ __all__ = [
     "object_set",
     "paper8",
     "plan_grasp",
+    "plan_squeeze",
     "simulate",
     "simulate_bigs",
     "simulate_grasps",
