@@ -6,6 +6,7 @@ from small_models import ALL, LAYOUT, MODELS, inputs, samples, small_model
 
 from torch_geometric_tactile import nn
 from torch_geometric_tactile.nn import (
+    MSCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -21,6 +22,7 @@ from torch_geometric_tactile.nn import (
 from torch_geometric_tactile.sensors import stock_path
 
 CLASSES = [
+    MSCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -128,6 +130,7 @@ def test_model_layout_bad(cls):
         cls("hand", **more)
     needs = {
         HandCNN: "image map",
+        MSCNN: "image map",
         MTCNN: "image map",
         PosedTaxelNet: "places",
         SmallCNN: "image map",
