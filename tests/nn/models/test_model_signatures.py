@@ -7,6 +7,7 @@ from small_models import ALL, LAYOUT, MODELS, inputs, samples, small_model
 from torch_geometric_tactile import nn
 from torch_geometric_tactile.nn import (
     BMFCNN,
+    MSCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -23,6 +24,7 @@ from torch_geometric_tactile.sensors import stock_path
 
 CLASSES = [
     BMFCNN,
+    MSCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -131,6 +133,7 @@ def test_model_layout_bad(cls):
     needs = {
         BMFCNN: "image map",
         HandCNN: "image map",
+        MSCNN: "image map",
         MTCNN: "image map",
         PosedTaxelNet: "places",
         SmallCNN: "image map",

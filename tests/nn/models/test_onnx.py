@@ -4,6 +4,7 @@ import torch
 
 from torch_geometric_tactile.nn.models import (
     BMFCNN,
+    MSCNN,
     MTGCN,
     PosedTaxelNet,
     TactileGCN,
@@ -71,6 +72,13 @@ def test_onnx_tactile_gcn_of_segments(tmp_path):
     layout = allegro_uskin()
     model = TactileGCN(layout, segments="patch", widths=(4, 8), pools=(1, 4), **SMALL)
     assert_onnx_equals(model, tmp_path / "model.onnx", layout.edge_index("original"), 384)
+
+
+@pytest.mark.parametrize("shared", [False, True], ids=["different", "shared"])
+def test_onnx_ms_cnn(tmp_path, shared):
+    model = MSCNN(out_channels=3, share_weights=shared, num_joints=2, hidden_channels=5)
+    edge_index = LAYOUT.edge_index("original")
+    assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 240, joint=(2,))
 
 
 def test_onnx_taxel_net(tmp_path):
