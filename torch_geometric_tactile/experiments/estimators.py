@@ -94,7 +94,7 @@ def positive_score(score: np.ndarray) -> np.ndarray:
 
 def num_numbers(estimator: Any) -> int | None:
     r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
-    support vectors with their weights, nodes of trees; :obj:`None` for others.
+    support vectors with their weights, nodes of trees, visual words; :obj:`None` for others.
 
     Args:
         estimator (sklearn.base.BaseEstimator): The estimator, fitted.
@@ -108,6 +108,9 @@ def num_numbers(estimator: Any) -> int | None:
 
 
 def _of_one(part: Any) -> int | None:
+    if hasattr(part, "words_"):
+        machine = _of_one(part.svm_)
+        return None if machine is None else int(part.words_.size) + machine
     if hasattr(part, "tree_"):
         return int(part.tree_.node_count)
     if hasattr(part, "support_vectors_"):
