@@ -29,8 +29,6 @@ from torch_geometric_tactile.visualization import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DIGITS = {"auroc": 3, "peak_memory_mb": 0, "frames_per_second": 0, "num_parameters": 0}
-PUBLISHED = "published, real hand, private data"
 _DIGITS = {
     "auroc": 3,
     "draws_variance": 2,
@@ -281,6 +279,8 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
 
 def _of_paper(run: PlanRun) -> str:
     return f"published, {run.plan.table.measured_on}, private data"
+
+
 def _of_draws(run: PlanRun) -> tuple[str, list[_Series]]:
     assert run.plan.table.draws is not None
     kinds = {"draws_accuracy": "mean, %", "draws_variance": "variance, %²"}
