@@ -6,7 +6,10 @@ import sys
 from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
 
 # The names in `experiments`, which is too heavy to import for them.
-TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4", "p5", "bts3")
+TABLES = (
+    *("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4"),
+    *("p5", "p5-digits", "p5-arrays", "bts3"),
+)
 _OF_TABLE = object()  # what the table says
 _HEADERS = {
     "accuracy": "accuracy (%)",
@@ -34,6 +37,8 @@ tables:
   p4          twenty objects by the MS-CNN's seven patterns, with one force or three, filters shared
               or not, beside an FNN and ours
   p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT and SURF, beside ours
+  p5-digits   the same on real images of that size: the handwritten digits of scikit-learn
+  p5-arrays   letters on arrays of any layout, such as hexagonal or thinned ones: graphs beside CNNs
   bts3        grasp stability on real grasps: what 'tactile demo' reports
   FILE.yaml   your own, on any data set (see the page on experiments in the documentation)
 """
@@ -96,7 +101,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
-        "for those of P1, P2 and P4, 10 for those of P3, 1 for p5, 3 for bts3)",
+        "for those of P1, P2 and P4, 10 for those of P3, 1 for p5 and p5-digits, 2 for p5-arrays, 3 "
+        "for bts3)",
     )
     parser.add_argument(
         "--epochs",
