@@ -5,6 +5,7 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn.conv import EdgePatchEncoder
 from torch_geometric_tactile.nn.models import (
+    MSCNN,
     MTCNN,
     MTGCN,
     HandCNN,
@@ -27,6 +28,17 @@ LAYOUT = TaxelLayout(
     digit_names=("finger", "thumb"),
     adjacency={"original": torch.tensor(PAIRS).t(), "sparse": torch.tensor(PAIRS[:7]).t()},
     image_map=torch.cartesian_prod(torch.arange(3), torch.arange(5))[:11],
+)
+# Two patches of one finger and one of the thumb, each on 4 x 4 cells of which few have a taxel.
+CORNERS = torch.tensor([[0, 0], [0, 3], [3, 0], [3, 3]])
+FINGERS = TaxelLayout(
+    name="fingers",
+    pos=LAYOUT.pos,
+    patch=torch.tensor([0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2]),
+    digit=torch.tensor([0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1]),
+    patch_names=("index_tip", "index_1", "thumb_tip"),
+    digit_names=("index", "thumb"),
+    image_map=torch.cat([CORNERS, CORNERS + torch.tensor([4, 0]), CORNERS[1:] + 4]),
 )
 EDGE_INDEX = LAYOUT.adjacency["original"]
 NUM_EDGES = EDGE_INDEX.size(1)
@@ -104,8 +116,25 @@ MODELS = {
     "mt_cnn": lambda **more: MTCNN(
         LAYOUT, 3, threads={"tactile": NARROW, "absolute": NARROW}, **HEAD, **more
     ),
+    "ms_cnn": lambda **more: MSCNN(
+        FINGERS, 3, pattern="VI", num_joints=2, hidden_channels=5, **more
+    ),
+    "ms_cnn_normal": lambda **more: MSCNN(
+        FINGERS,
+        3,
+        pattern="VI",
+        share_weights=True,
+        channels=1,
+        num_joints=0,
+        hidden_channels=4,
+        **more,
+    ),
 }
-GRAPH_MODELS = [name for name in MODELS if name not in ("fnn", "cnn", "mt_cnn")]
+GRAPH_MODELS = [
+    name
+    for name in MODELS
+    if name not in ("fnn", "cnn", "mt_cnn") and not name.startswith("ms_cnn")
+]
 EDGE_MODELS = [name for name in GRAPH_MODELS if "edge" in MODELS[name]().inputs]
 
 

@@ -4,13 +4,14 @@ import sys
 import pytest
 
 from torch_geometric_tactile.cli import build_parser, main
-from torch_geometric_tactile.commands.simulate import _OBJECT_SETS, _PRESETS, _SPREADS
+from torch_geometric_tactile.commands.simulate import _MOTIONS, _OBJECT_SETS, _PRESETS, _SPREADS
 
 pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 pytest.importorskip("h5py", reason="needs the extra 'sim'")
 pytest.importorskip("joblib", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.sim import (
+    MOTIONS,
     OBJECT_SETS,
     PHASES,
     PRESETS,
@@ -63,6 +64,7 @@ def test_choices_are_those_of_the_simulation():
     assert tuple(OBJECT_SETS) == _OBJECT_SETS
     assert tuple(PRESETS) == _PRESETS
     assert tuple(SPREADS) == _SPREADS
+    assert tuple(MOTIONS) == _MOTIONS
     assert len(twenty()) == 20
 
 
@@ -107,6 +109,13 @@ def test_shapes_with_a_wide_spread(quick, capsys):
     assert summary["preset"]["duration"] == 4.0
     assert run(*chosen[:-1], 5) == 1
     assert "was made with another 'preset'" in capsys.readouterr().err
+
+
+def test_squeezes(quick, capsys):
+    out, run = quick
+    assert run("--motion", "squeeze", "--seconds", 1, "--max-attempts", 20) == 0
+    assert capsys.readouterr().out.startswith("4 trials (0 kept from before)")
+    assert json.loads((out / "simulation.json").read_text())["motion"] == "squeeze"
 
 
 def test_number_of_objects_of_a_fixed_set(quick, capsys):
@@ -233,6 +242,7 @@ def test_other_wrong_arguments_are_refused(capsys):
         (["--seed", "-1"], "argument --seed: must not be negative (got -1)"),
         (["--objects", "nine"], "argument --objects: invalid choice: 'nine'"),
         (["--preset", "slow"], "argument --preset: invalid choice: 'slow'"),
+        (["--motion", "drop"], "argument --motion: invalid choice: 'drop'"),
         (["--spread", "narrow"], "argument --spread: invalid choice: 'narrow'"),
         (["--seconds", "0.5"], "--seconds: must be a number of seconds from 1 to 3600 (got '0.5')"),
         (["--seconds", "nan"], "--seconds: must be a number of seconds from 1 to 3600 (got 'nan')"),
@@ -280,6 +290,7 @@ def test_grasps_of_three_fingertips(tmp_path, capsys):
         (["--hand", "allegro_uskin"], "'hand' must be left out for 'bigs' (got allegro_uskin)"),
         (["--seconds", "4"], "'seconds' must be left out for 'bigs' (got 4.0)"),
         (["--spread", "wide"], "'spread' must be left out for 'bigs' (got wide)"),
+        (["--motion", "squeeze"], "'motion' must be left out for 'bigs' (got squeeze)"),
         (["--max-attempts", "3"], "'max_attempts' must be left out for 'bigs' (got 3)"),
         (["--num-objects", "3"], "'num_objects' must be left out for 'bigs' (got 3)"),
     ],

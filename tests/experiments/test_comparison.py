@@ -82,6 +82,16 @@ def test_models_without_a_place_are_told():
         chosen_models(["cnnn"], task)
 
 
+def test_large_maps_have_bmf_cnn():
+    for size, has_it in (((20, 25), True), ((19, 25), False), ((25, 19), False)):
+        task = Task(grid(*size, 0.01), "accuracy", 100)
+        assert ("bmf_cnn" in [model.name for model in chosen_models(None, task)]) == has_it
+    with pytest.raises(ValueError, match=r"the layout has fewer than 20 x 20 cells"):
+        chosen_models(["bmf_cnn"], task)
+    with pytest.raises(ValueError, match=r"got 'bmf_cnn', but the layout has no image_map"):
+        chosen_models(["bmf_cnn"], Task(biotac_sp(), "accuracy", 100))
+
+
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()

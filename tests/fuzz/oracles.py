@@ -35,7 +35,7 @@ def reading(time: Any, tactile: Any, joint: Any = None, label: Any = None, **mor
     }
 
 
-def table(data: bytes) -> tuple[list[str], list[list[str]]]:
+def table(data: bytes, named: bool = True) -> tuple[list[str], list[list[str]]]:
     """The header and the other lines of a CSV file, all of one length."""
     try:
         text = data.decode("utf-8-sig")
@@ -46,7 +46,8 @@ def table(data: bytes) -> tuple[list[str], list[list[str]]]:
     # A line of commas is a frame without readings, and an empty one is none.
     need(all(len(row) > 1 or any(cell.strip() for cell in row) for row in rows))
     head = [name.strip() for name in rows[0]]
-    need(len(set(head)) == len(head) and all(len(row) == len(head) for row in rows))
+    need(not named or len(set(head)) == len(head))
+    need(all(len(row) == len(head) for row in rows))
     return head, rows[1:]
 
 
@@ -60,6 +61,16 @@ def number(cell: str) -> float:
 
 def numbers(rows: Sequence[Sequence[str]]) -> np.ndarray:
     return np.array([[number(cell) for cell in row] for row in rows])
+
+
+def matrix_csv(data: bytes) -> Any:
+    """Four lines of three numbers, without a header."""
+    head, rows = table(data, named=False)
+    need(len(rows) == 3 and len(head) == 3)
+    found = numbers([head, *rows])
+    with np.errstate(over="ignore"):
+        need(not np.isinf(found.astype(np.float32)).any())
+    return found[None]
 
 
 _TIME = re.compile("(?:time|timestamp|t)(?:_(s|ms|us|ns))?")

@@ -146,6 +146,20 @@ def any_recording(path: Path) -> Any:
     return recording(read_recording(path))
 
 
+def matrix(path: Path) -> Any:
+    from fuzz.matrix_bases import SIZE
+
+    from torch_geometric_tactile.io import read_matrices
+
+    return read_matrices(path, (32, 32) if path.suffix == ".png" else SIZE)
+
+
+def idx(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_idx
+
+    return read_idx(path)
+
+
 def layout(path: Path) -> Any:
     from torch_geometric_tactile.sensors import as_layout
 

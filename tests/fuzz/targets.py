@@ -9,7 +9,16 @@ from random import Random
 from typing import Any
 
 import yaml
-from fuzz import bases, description_bases, model_bases, oracles, readers, tree_oracles
+from fuzz import (
+    bases,
+    description_bases,
+    matrix_bases,
+    matrix_mutations,
+    model_bases,
+    oracles,
+    readers,
+    tree_oracles,
+)
 from fuzz.bytes_mutations import BYTES
 from fuzz.hdf5_mutations import mutate_fields, mutate_hdf5
 from fuzz.laws import JUDGED, REFUSED, REWRITTEN, Refused, equal
@@ -228,6 +237,11 @@ TARGETS: Sequence[Target] = (
     Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
     Target("BiGS HDF5", bases.bigs_hdf5, readers.bigs, _fields_hdf5, weight=4),
     Target("iCub Grasp text", bases.icub_txt, readers.icub_txt, _spaced, oracles.icub_txt, 4),
+    Target("matrix CSV", matrix_bases.csv, readers.matrix, _text, oracles.matrix_csv, 4),
+    Target("matrix npy", matrix_bases.npy, readers.matrix, matrix_mutations.npy, weight=4),
+    Target("matrix PNG", matrix_bases.png, readers.matrix, matrix_mutations.png, weight=4),
+    Target("matrix MAT", matrix_bases.mat, readers.matrix, matrix_mutations.mat, weight=5),
+    Target("IDX", matrix_bases.idx, readers.idx, matrix_mutations.idx, weight=3),
     Target("npz", bases.npz, readers.npz, _npz, weight=8),
     Target("samples npz", bases.samples_npz, readers.samples_npz, _samples_npz, weight=4),
     Target("HDF5", bases.hdf5, readers.hdf5, _hdf5, weight=7),

@@ -14,6 +14,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from torch_geometric_tactile import Predictor, nn, transforms
 from torch_geometric_tactile.data import StaticData, join_frames
 from torch_geometric_tactile.nn.models import (
+    BMFCNN,
     GraspGCN,
     GraspLSTM,
     PosedTaxelNet,
@@ -116,6 +117,11 @@ OURS = {
     "SectorGraph": [
         lambda: transforms.SectorGraph(LAYOUT),
         lambda: transforms.SectorGraph(LAYOUT, 4, radius=0.2, within="link"),
+    ],
+    "RandomContrast": [lambda: transforms.RandomContrast(1.0, 1.0, center=0.5)],
+    "RandomInversion": [
+        lambda: transforms.RandomInversion(p=1.0, high=2.0),
+        lambda: transforms.RandomInversion(p=0.0),
     ],
     "RandomGain": [
         lambda: transforms.RandomGain(0.0),
@@ -283,8 +289,10 @@ def test_transforms_of_ones_own_are_given_again():
 
 # Parts of models, and the base class: no model of readings.
 PARTS = {"CNNThread", "GCNThread", "PooledMLP", "SegmentedThread", "TactileModel", "Thread"}
+IMAGE = grid(20, 21, 0.01)
 MODELS = {
     **small_models.MODELS,
+    "bmf_cnn": lambda: BMFCNN(IMAGE, 3, in_channels=3, fusion="bilinear(C2)+C3", hidden_channels=5),
     "grasp": lambda: GraspGCN(11, 3, in_channels=1, hidden_channels=5, num_fingers=3),
     "lstm": lambda: GraspLSTM(11, 3, hidden_channels=5),
     "lstm_one": lambda: GraspLSTM(11, 3, finger=2, hidden_channels=4, num_layers=2),
@@ -298,6 +306,7 @@ MODELS = {
     ),
     "grasp_one": lambda: GraspGCN(11, num_fingers=3, fusion=None, finger=1, num_layers=2),
 }
+LAYOUTS = {"bmf_cnn": IMAGE}  # all others are on the small one
 OWN = {"gcn_patch"}  # with an encoder that is given as a module
 
 
@@ -310,7 +319,8 @@ def test_every_model_has_an_example():
 def test_models_are_built_again(name, tmp_path):
     torch.manual_seed(0)
     model = MODELS[name]().eval()
-    predictor = Predictor(model, small_models.LAYOUT, adjacency="original")
+    layout = LAYOUTS.get(name, small_models.LAYOUT)
+    predictor = Predictor(model, layout, adjacency="original")
     predictor.save(tmp_path / "a.predictor")
     own = None
     if name in OWN:
@@ -323,7 +333,8 @@ def test_models_are_built_again(name, tmp_path):
     assert type(again.model) is type(model)
     assert repr(again.model) == repr(model)
     assert not again.model.training
-    data = StaticData(x=torch.randn(3, 11, 3), edge_index=small_models.EDGE_INDEX)
+    x = torch.randn(3, layout.num_taxels, 3)
+    data = StaticData(x=x, edge_index=layout.edge_index("original"))
     for key in getattr(model, "modalities", ()):
         data[key] = torch.randn(3, *small_models.SIZES[key])
     with torch.no_grad():

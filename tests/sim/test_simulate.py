@@ -170,6 +170,7 @@ def test_finished_trials_are_kept(undisturbed):
         ({"skin": SkinModel(noise=0)}, "skin"),
         ({"plan": GraspSpread.wide()}, "spread"),
         ({"seconds": 4}, "preset"),
+        ({"motion": "squeeze"}, "motion"),
         ({"objects": "renamed"}, "object_set"),
     ],
 )
@@ -329,15 +330,41 @@ def test_wide_trials_are_the_same_on_two_processes_and_after_a_stop(tmp_path, sa
     assert all(same_arrays(tmp_path / "one" / name, tmp_path / "two" / name) for name in names)
 
 
-def test_folder_of_before_the_spread_had_a_name_is_kept(tmp_path, objects, hovering):
+def test_folder_of_before_spread_and_motion_had_names_is_kept(tmp_path, objects, hovering):
     name = objects("one", SPONGE)
     (report,) = simulate(tmp_path, name, trials=1, preset="ci")
     recording = read_recording(report.path)
-    meta = {key: value for key, value in recording.meta.items() if key != "spread"}
+    unnamed = ("spread", "motion")
+    meta = {key: value for key, value in recording.meta.items() if key not in unnamed}
     write_recording(replace(recording, meta=meta), report.path)
     assert [r.kept for r in simulate(tmp_path, name, trials=1, preset="ci")] == [True]
     with pytest.raises(ValueError, match="was made with another 'spread'"):
         list(simulate(tmp_path, name, trials=1, preset="ci", plan=GraspSpread.wide()))
+    with pytest.raises(ValueError, match=r"was made with another 'motion' \(lift, not squeeze\)"):
+        list(simulate(tmp_path, name, trials=1, preset="ci", motion="squeeze"))
+
+
+def test_squeezed_trials_say_so_and_hold_no_lift(tmp_path, objects):
+    tube = twenty()[17]
+    given = {"preset": "ci", "motion": "squeeze", "hand": "allegro_uskin_240"}
+    (report,) = simulate(tmp_path, objects("cartons", tube), 1, **given)
+    recording = read_recording(report.path)
+    assert recording.meta["motion"] == "squeeze"
+    assert recording.meta["phase_names"] == ["hover", "reach", "close", "squeeze"]
+    assert recording.num_frames == 250
+    assert np.ptp(recording.privileged["object_pose"][:, 2]) < 0.03
+    summary = json.loads((tmp_path / "simulation.json").read_text())
+    assert summary["motion"] == "squeeze"
+    (again,) = simulate(tmp_path, "cartons", 1, **given)
+    assert again.kept
+
+
+def test_object_that_slips_out_is_given_up(tmp_path, objects, caplog):
+    ball = replace(twenty()[9], name="wet", friction=0.001)
+    given = {"preset": "ci", "max_attempts": 1, "motion": "squeeze", "hand": "allegro_uskin_240"}
+    (report,) = simulate(tmp_path, objects("balls", ball), 1, seed=1, **given)
+    assert report == TrialReport("wet", 0, 1, None, kept=False)
+    assert "wet, trial 0: not squeezed in 1 attempts" in caplog.text
 
 
 def test_objects_of_ones_own(tmp_path, hovering):
@@ -354,6 +381,7 @@ def test_bad_arguments_are_named(tmp_path):
         ({"trials": 0}, r"'trials' must be at least 1 \(got 0\)"),
         ({"jobs": 0}, r"'jobs' must be at least 1 \(got 0\)"),
         ({"max_attempts": 0}, r"'max_attempts' must be at least 1 \(got 0\)"),
+        ({"motion": "drop"}, r"'motion' must be one of \['lift', 'squeeze'\] \(got 'drop'\)"),
         ({"hand": "glove"}, r"'hand' must be one of \['allegro_uskin', .*\] \(got 'glove'\)"),
         ({"seed": -1}, r"'seed' must not be negative \(got -1\)"),
         ({"seconds": 0.9}, r"'seconds' must be at least 1 \(got 0.9\)"),

@@ -13,10 +13,14 @@ from torch_geometric_tactile.baselines.plain import (
     signal_svm,
 )
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary, posed_summary
+from torch_geometric_tactile.baselines.sift_svm import SIFTSVM
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
+from torch_geometric_tactile.baselines.surf_svm import SURFSVM
 
 __all__ = [
     "FEATURE_NAMES",
+    "SIFTSVM",
+    "SURFSVM",
     "FlatReadings",
     "GraspSVM",
     "PosedSummary",

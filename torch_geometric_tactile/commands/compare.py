@@ -23,6 +23,7 @@ MODELS = {
     "grasp_gcn": "GraspGCN, a graph convolution on all frames of a taxel *",
     "fnn": "TactileFNN, fully connected",
     "cnn": "SmallCNN, where the layout has an image map (as a grid has)",
+    "bmf_cnn": "BMFCNN, where that map has at least 20 x 20 cells",
     "lstm": "GraspLSTM, recurrent, on the readings of each frame *",
     "svm_rbf": "support vector machine, radial kernel",
     "svm_linear": "support vector machine, linear",

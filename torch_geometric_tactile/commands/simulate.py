@@ -12,6 +12,7 @@ _LETTERS = "letters"
 _HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
 _SPREADS = ("careful", "wide")
+_MOTIONS = ("lift", "squeeze")
 
 # What only the Allegro hand has, and with other --objects has to stay as it is.
 _OF_THE_HAND = {
@@ -21,6 +22,7 @@ _OF_THE_HAND = {
     "preset": "full",
     "seconds": None,
     "spread": "careful",
+    "motion": "lift",
     "max_attempts": 10,
 }
 
@@ -33,8 +35,9 @@ HELP = (
 )
 DESCRIPTION = """\
 Simulates an Allegro hand covered with 384 magnetic taxels that grasps, lifts and holds
-objects of different mass, softness and friction, and writes one HDF5 recording a trial:
-readings, joint angles, the object's properties and, apart, the true forces and poses.
+(or, with --motion squeeze, squeezes) objects of different mass, softness and friction, and
+writes one HDF5 recording a trial: readings, joint angles, the object's properties and, apart,
+the true forces and poses.
 With --objects bigs, three BioTac-like fingertips grasp, lift and shake a cylinder, a box or
 a ball instead, and failed grasps are kept, as in the BiGS set. Both need the extra 'sim'.
 With --objects letters, stamps of the letters A to Z are pressed on an array of 32 x 32 pixels,
@@ -47,6 +50,9 @@ examples:
   tactile simulate --out control --objects control8      objects of one shape and size
   tactile simulate --out wide --objects shapes --num-objects 40 --trials 10 \\
     --spread wide --seconds 5                            400 short trials that differ widely
+  tactile simulate --out twenty --objects twenty --motion squeeze --trials 30 \\
+    --spread wide --seconds 10                           600 trials of twenty objects, squeezed
+                                                         and not lifted
   tactile simulate --out bigs --objects bigs             2000 grasps that hold or slip, 6 s each:
                                                          375 MB, ten minutes on two cores
   tactile simulate --out few --objects bigs --grasps 40 --preview
@@ -139,12 +145,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "closes (wide)",
     )
     parser.add_argument(
+        "--motion",
+        choices=_MOTIONS,
+        default="lift",
+        help="what the hand does: lift and hold the object (lift, the default), or squeeze it "
+        "three to five times where it is (squeeze)",
+    )
+    parser.add_argument(
         "--max-attempts",
         metavar="N",
         type=few,
         default=10,
-        help="grasps tried until the object is lifted and held, before a trial is given up "
-        "(default: 10)",
+        help="grasps tried until the object is lifted and held, or squeezed, before a trial is "
+        "given up (default: 10)",
     )
     parser.add_argument(
         "--preview",
@@ -189,6 +202,7 @@ def run(arguments: argparse.Namespace) -> int:
         spread=arguments.spread,
         seconds=arguments.seconds,
         num_objects=arguments.num_objects,
+        motion=arguments.motion,
     )
     print(printable(finished.describe()), flush=True)
     if finished.given_up:

@@ -1,7 +1,6 @@
 r"""From one topology and many samples to PyG's block-diagonal batch."""
 
 import copy
-import functools
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
@@ -15,10 +14,8 @@ _NUM_CACHED = 4
 _BYTES_CACHED = 2**26  # of all cached edges together
 
 
-@functools.cache
-def _empty_batch(kind: type[Data]) -> Batch:
-    # A batch of which copies are made: PyG builds a class for every batch.
-    return Batch(_base_cls=kind)
+# Batches by the class of their samples, of which copies are made: PyG builds a class for every one.
+_EMPTY: dict[type[Data], Batch] = {Data: Batch(_base_cls=Data)}
 
 
 def to_batch(data: "StaticData") -> Batch:
@@ -31,7 +28,10 @@ def to_batch(data: "StaticData") -> Batch:
     num_samples = data.num_samples
     numbers = torch.arange(num_samples + 1)
     sample = data.sample(0) if num_samples else _empty_sample(data)
-    out = copy.copy(_empty_batch(data.sample_type))
+    kind = data.sample_type
+    if kind not in _EMPTY:
+        _EMPTY[kind] = Batch(_base_cls=kind)
+    out = copy.copy(_EMPTY[kind])
     joined = out._store._mapping  # as fast as a dictionary
     # PyG takes a batch apart by these: where the values of each sample begin, and what was added.
     slices: dict[str, Any] = {}

@@ -4,6 +4,7 @@ from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
 from torch_geometric_tactile.datasets.bigs import BiGS
 from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.datasets.biotac_sp_dos import BioTacSPDoS
+from torch_geometric_tactile.datasets.digit_images import DigitImages
 from torch_geometric_tactile.datasets.fake import FakeTactileDataset
 from torch_geometric_tactile.datasets.icub_grasp import ICubGrasp
 from torch_geometric_tactile.datasets.letter_shape import LetterShape, letter_augmentation
@@ -16,6 +17,7 @@ __all__ = [
     "BiGS",
     "BioTacSP",
     "BioTacSPDoS",
+    "DigitImages",
     "FakeTactileDataset",
     "ICubGrasp",
     "LetterShape",

@@ -110,17 +110,24 @@ class AllegroUSkin(RecordingFrames):
         fractions (tuple of float): The parts for training, validation and test. With whole trials,
             each object has at least one to train and to test on, and from three trials on one for
             validation. The second paper has :obj:`(0.6, 0.1, 0.3)`.
-        split_seed (int): Which of the random splits. :obj:`phases` and :obj:`stride` move no frame
-            to another split.
+        split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
+            move no frame to another split.
         adjacency (str): Which edges of the layout.
-        layout (TaxelLayout, optional): The taxels;
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
+            that comes with the package, or a layout file;
             :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
         phases (sequence of str, optional): Only the frames in these phases of the grasp.
         stride (int): Only every :obj:`stride`-th frame of each trial.
+        rate (float, optional): Only the frames that are next in time to the ticks of a clock, so
+            many a second, that starts with the first frame of each trial.
+        samples_per_trial (int, optional): Only so many frames of each trial, drawn from those that
+            all of the above leave of it; which ones follows from :obj:`sample_seed` and the name of
+            the trial.
+        sample_seed (int): Which of them are drawn.
         tare (float or str, optional): The frames at rest of each trial, whose mean reading is
             subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
             :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
-            where :obj:`phases`, :obj:`stride` or :obj:`split` leave them out.
+            where :obj:`phases`, :obj:`stride` and the like or :obj:`split` leave them out.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved (for each
             :obj:`task` and :obj:`adjacency`).
@@ -163,9 +170,12 @@ class AllegroUSkin(RecordingFrames):
         fractions: tuple[float, float, float] = (0.7, 0.1, 0.2),
         split_seed: int = 0,
         adjacency: str = "original",
-        layout: TaxelLayout | None = None,
+        layout: TaxelLayout | PathLike | None = None,
         phases: Sequence[str] | None = None,
         stride: int = 1,
+        rate: float | None = None,
+        samples_per_trial: int | None = None,
+        sample_seed: int = 0,
         tare: float | str | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
@@ -191,6 +201,9 @@ class AllegroUSkin(RecordingFrames):
             adjacency=adjacency,
             phases=phases,
             stride=stride,
+            rate=rate,
+            samples_per_trial=samples_per_trial,
+            sample_seed=sample_seed,
             tare=tare,
             unit="count",
             transform=transform,

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import pooch
-import requests
 import torch
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.file_state import file_state
+from torch_geometric_tactile.datasets.downloads import download_files, verify_file
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.files import atomic_path, file_sha256
+from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
@@ -155,24 +154,7 @@ class BioTacSP(StaticDataset):
         """
         for folder in (Path(self.root), Path(self.root).parent):
             self.import_raw(folder, self.root)
-        for name, sha256 in _SHA256.items():
-            if (Path(self.raw_dir) / name).is_file():
-                continue
-            get = pooch.HTTPDownloader(progressbar=self.log, timeout=20)
-            try:
-                with atomic_path(Path(self.raw_dir) / name) as temporary:
-                    get(f"{self.url}/{name}", str(temporary), None)
-                    found = file_sha256(temporary)
-                    if found != sha256:
-                        raise ValueError(
-                            f"the hash of downloaded file '{name}' must be {sha256} (got {found}); "
-                            f"put the file into '{self.raw_dir}' by hand"
-                        )
-            except requests.RequestException as error:
-                raise ConnectionError(
-                    f"'{name}' is not in '{self.raw_dir}' and could not be downloaded from "
-                    f"'{self.url}'; put the file there by hand ({error})"
-                ) from error
+        download_files(self.url, Path(self.raw_dir), _SHA256, self.log)
 
     def raw_state(self) -> list[str]:
         r"""Returns the raw files with what their contents are known by, see
@@ -184,7 +166,7 @@ class BioTacSP(StaticDataset):
         r"""Reads the six files."""
         if self.checksum:
             for path in self.raw_paths:
-                self._verify(Path(path))
+                verify_file(Path(path), _SHA256[Path(path).name])
         tables = [read_biotac_sp_csv(path) for path in self.raw_paths]
         objects = sorted({name for table in tables for name in table.object_names})
         number = {name: i for i, name in enumerate(objects)}
@@ -201,15 +183,6 @@ class BioTacSP(StaticDataset):
         )
         sessions = [Path(name).stem.removeprefix("bts3v2_") for name in _SHA256]
         return data, {"class": ["stable", "slip"], "group": objects, "session": sessions}
-
-    @staticmethod
-    def _verify(path: Path) -> None:
-        found = file_sha256(path)
-        if found != _SHA256[path.name]:
-            raise ValueError(
-                f"'{path}' must have the SHA-256 checksum {_SHA256[path.name]} (got {found}); "
-                "delete it to download it again, or pass 'checksum=False' to read it as it is"
-            )
 
     @staticmethod
     def import_raw(folder: PathLike, root: PathLike) -> bool:

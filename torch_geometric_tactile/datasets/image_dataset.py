@@ -1,5 +1,6 @@
 r"""Data sets of small images."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -25,7 +26,9 @@ class ImageDataset(StaticDataset):
     folds: int
     split_seed: int
     adjacency: str | None
-    selection_args = ("fold", "split", "folds", "split_seed")
+    _indices: Any
+    _has_parts = False  # whether a split needs no fold
+    selection_args: Sequence[str] = ("fold", "split", "folds", "split_seed")
 
     def __init__(
         self,
@@ -37,7 +40,7 @@ class ImageDataset(StaticDataset):
     ) -> None:
         if self.split is not None and self.split not in _PARTS:
             raise ValueError(f"'split' must be 'train', 'test' or None (got {self.split!r})")
-        if self.split is not None and self.fold is None:
+        if self.split is not None and self.fold is None and not self._has_parts:
             raise ValueError(f"'fold' must be given with split='{self.split}' (got None)")
         self._protocol = Protocol("trial", folds=self.folds, stratify="y")
         if self.fold is not None and not 0 <= self.fold < self.folds:
@@ -51,7 +54,8 @@ class ImageDataset(StaticDataset):
             self._data.edge_index = edge_index
         self._data = self._as_images(self._data)
         if self.split is not None:
-            parts = self._protocol.split(self, self.split_seed, self.fold or 0)
+            protocol = self._protocol if self.fold is not None else Protocol("given")
+            parts = protocol.split(self, self.split_seed, self.fold or 0)
             self._indices = getattr(parts, self.split).tolist()
 
     def _stacked(self, **columns: Tensor) -> StaticData:

@@ -131,6 +131,7 @@ def read_presses(
     size: Sequence[int],
     full_scale: float,
     leave_out: Callable[[str], None],
+    variable: str | None = None,
 ) -> Iterator[Presses]:
     r"""Yields the presses of each file, in order. What cannot be used is left out.
 
@@ -140,11 +141,12 @@ def read_presses(
         size (sequence of int): The size of a matrix.
         full_scale (float): The pressure of the grey value 1.
         leave_out (callable): Called with the name and fault of each file or matrix left out.
+        variable (str, optional): Name of the variable of MAT files.
     """
     for file in letter_files(folder, letters):
         path = folder / file
         try:
-            matrices = read_matrices(path, size)
+            matrices = read_matrices(path, size, variable)
         except (ValueError, OSError) as error:
             leave_out(str(error).replace(str(path), file))
             continue

@@ -115,6 +115,7 @@ class LetterShape(ImageDataset):
         letters (sequence of str, optional): The names of the folders, if other classes are pressed.
         layout (TaxelLayout or str or PathLike, optional): The taxels, if there is no
             :obj:`layout.json`.
+        variable (str, optional): Name of the variable of MAT files that have several.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Tells whether a sample is kept.
@@ -149,6 +150,7 @@ class LetterShape(ImageDataset):
         full_scale: float = 100.0,
         letters: Sequence[str] | None = None,
         layout: TaxelLayout | PathLike | None = None,
+        variable: str | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
@@ -169,6 +171,7 @@ class LetterShape(ImageDataset):
         own = letter_augmentation(inversion, layout=self.layout)
         self.augment = own if augment is None else augment
         self.augment_seed = augment_seed
+        self.variable = variable
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
     @property
@@ -215,7 +218,11 @@ class LetterShape(ImageDataset):
         synthetic = is_synthetic(folder)
         left_out: list[str] = []
         size = (32, 32) if has_image(self.layout) else (self.layout.num_taxels,)
-        found = list(read_presses(folder, self.letters, size, self.full_scale, left_out.append))
+        found = list(
+            read_presses(
+                folder, self.letters, size, self.full_scale, left_out.append, self.variable
+            )
+        )
         _report(left_out, folder)
         counts = [0] * len(self.letters)
         for presses in found:

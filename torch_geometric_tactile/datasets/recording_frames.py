@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
+from torch_geometric_tactile.datasets.chosen_frames import check_choice
 from torch_geometric_tactile.datasets.frame_labels import frame_labels
 from torch_geometric_tactile.datasets.frame_reader import (
     FrameReader,
@@ -32,6 +33,9 @@ _SELECTION_ARGS = (
     "fold",
     "phases",
     "stride",
+    "rate",
+    "samples_per_trial",
+    "sample_seed",
     "tare",
 )
 _logger = logging.getLogger(__name__)
@@ -71,8 +75,8 @@ class RecordingFrames(TrialFolder):
             :obj:`None`.
         protocol (Protocol, optional): What is held out; if left out, whole trials, of every class
             where there are enough.
-        split_seed (int): Which of the random splits. :obj:`phases` and :obj:`stride` move no frame
-            to another split.
+        split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
+            move no frame to another split.
         fold (int): Which fold of a protocol with folds is tested on.
         adjacency (str, optional): Which edges of the layout. If left out, its only ones; without
             any, a :obj:`pre_transform` such as
@@ -80,6 +84,12 @@ class RecordingFrames(TrialFolder):
         phases (sequence of str, optional): Only the frames in these phases, of
             :obj:`privileged["phase"]` and :obj:`meta["phase_names"]`.
         stride (int): Only every :obj:`stride`-th frame of each trial.
+        rate (float, optional): Only the frames that are next in time to the ticks of a clock, so
+            many a second, that starts with the first frame of each trial.
+        samples_per_trial (int, optional): Only so many frames of each trial, drawn from those that
+            all of the above leave of it; which ones follows from :obj:`sample_seed` and the name of
+            the trial.
+        sample_seed (int): Which of them are drawn.
         pattern (str): Regular expression for the whole name of a file without its suffix. Its named
             groups are known of the recording, such as :obj:`object`, :obj:`trial`, :obj:`session`
             and :obj:`label`. With a :obj:`"/"` in it, files in subfolders are read as well, and
@@ -91,7 +101,7 @@ class RecordingFrames(TrialFolder):
         tare (float or str, optional): The frames at rest of each trial, whose mean reading is
             subtracted from all of its frames before :obj:`transform`: the name of a phase, such as
             :obj:`"hover"`, or how many seconds each trial begins with. Frames at rest count also
-            where :obj:`phases`, :obj:`stride` or :obj:`split` leave them out.
+            where :obj:`phases`, :obj:`stride` and the like or :obj:`split` leave them out.
         transform (callable, optional): Applied at every access.
         pre_transform (callable, optional): Applied once, before the samples are saved.
         pre_filter (callable, optional): Tells whether a sample is kept.
@@ -138,6 +148,9 @@ class RecordingFrames(TrialFolder):
         adjacency: str | None = None,
         phases: Sequence[str] | None = None,
         stride: int = 1,
+        rate: float | None = None,
+        samples_per_trial: int | None = None,
+        sample_seed: int = 0,
         tare: float | str | None = None,
         pattern: str = _PATTERN,
         read_options: Mapping[str, Any] | None = None,
@@ -148,6 +161,7 @@ class RecordingFrames(TrialFolder):
         force_reload: bool = False,
     ) -> None:
         _check_arguments(root, recordings, split=split, stride=stride, unit=unit)
+        check_choice(rate, samples_per_trial, sample_seed)
         if layout is None:
             raise ValueError("'layout' must be the taxels of the recordings (got None)")
         self.layout = as_layout(layout)
@@ -161,6 +175,9 @@ class RecordingFrames(TrialFolder):
         self.adjacency = adjacency
         self.phases = (phases,) if isinstance(phases, str) else phases and tuple(phases)
         self.stride = stride
+        self.rate = rate
+        self.samples_per_trial = samples_per_trial
+        self.sample_seed = sample_seed
         self.tare = tare
         self.pattern = checked_pattern(pattern)
         self.read_options = dict(read_options or {})

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.datasets.chosen_frames import drawn_frames, frames_at_rate
 from torch_geometric_tactile.transforms import Tare
 
 PARTS = ("train", "val", "test")
@@ -17,7 +18,7 @@ _FRAMES_PER_BLOCK = 4096
 
 class SelectedFrames(StaticDataset):
     r"""A data set whose samples are frames of trials: the frames of a part that a protocol holds
-    out, of some phases, or at a stride. Base class of
+    out, of some phases, at a stride or a rate, or some of each trial. Base class of
     :class:`~torch_geometric_tactile.datasets.RecordingFrames`, which sets the attributes.
     """
 
@@ -28,21 +29,20 @@ class SelectedFrames(StaticDataset):
     fold: int
     phases: Sequence[str] | None
     stride: int
+    rate: float | None = None
+    samples_per_trial: int | None = None
+    sample_seed: int = 0
     tare: float | str | None
     transform: Any
 
     def _select(self) -> None:
-        kept = torch.ones(self.len(), dtype=torch.bool)
+        kept = self._chosen()
+        if self.samples_per_trial is not None:
+            # Before the split, so that it decides on none of them.
+            trial, names = self._data.trial, self.trial_names
+            kept = drawn_frames(kept, trial, names, self.samples_per_trial, self.sample_seed)
         if self.split is not None:
             kept &= self._in_split(self.split)
-        if self.stride > 1:
-            _, counts = self._data.trial.unique_consecutive(return_counts=True)
-            first = (counts.cumsum(0) - counts).repeat_interleave(counts)
-            kept &= (torch.arange(len(kept)) - first) % self.stride == 0
-        if self.phases is not None:
-            kept &= self._in_phases(self.phases)
-        if self._data.y.is_floating_point():  # what has no target cannot be learned from
-            kept &= self._data.y.view(len(kept), -1).isfinite().all(dim=1)
         if not kept.any():
             raise ValueError(
                 f"split='{self.split}' with {self._held_out} and phases={self.phases} must leave "
@@ -51,6 +51,20 @@ class SelectedFrames(StaticDataset):
             )
         if not kept.all():
             self._indices = kept.nonzero().view(-1).tolist()
+
+    def _chosen(self) -> Tensor:
+        kept = torch.ones(self.len(), dtype=torch.bool)
+        if self.stride > 1:
+            _, counts = self._data.trial.unique_consecutive(return_counts=True)
+            first = (counts.cumsum(0) - counts).repeat_interleave(counts)
+            kept &= (torch.arange(len(kept)) - first) % self.stride == 0
+        if self.rate is not None:
+            kept &= frames_at_rate(self._data.time, self._data.trial, self.rate)
+        if self.phases is not None:
+            kept &= self._in_phases(self.phases)
+        if self._data.y.is_floating_point():  # what has no target cannot be learned from
+            kept &= self._data.y.view(len(kept), -1).isfinite().all(dim=1)
+        return kept
 
     def _tare(self) -> None:
         # Rest readings are measured on all frames, and subtracted before any other transform.

@@ -7,6 +7,7 @@ from typing import Any
 
 from torch_geometric_tactile.experiments.compared_task import Settings, Task
 from torch_geometric_tactile.experiments.tables import Cell
+from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
@@ -134,6 +135,17 @@ def _lacks_a_pose(task: Task) -> str:
     )
 
 
+def _lacks_a_map(task: Task) -> str:
+    return "" if task.layout.image_map is not None else "the layout has no image_map"
+
+
+def _lacks_a_large_map(task: Task) -> str:
+    image_map = task.layout.image_map
+    if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
+        return _lacks_a_map(task)
+    return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"
+
+
 MODELS: tuple[ComparedModel, ...] = (
     ComparedModel(
         "taxel_net",
@@ -200,7 +212,14 @@ MODELS: tuple[ComparedModel, ...] = (
         "SmallCNN, on the map of the layout",
         False,
         lambda task: _network(task, "SmallCNN", _DROPOUT),
-        lambda task: "" if task.layout.image_map is not None else "the layout has no image_map",
+        _lacks_a_map,
+    ),
+    ComparedModel(
+        "bmf_cnn",
+        "BMFCNN, bilinear features on the map of the layout",
+        False,
+        lambda task: _network(task, "BMFCNN", _MORE_DECAY, lr=1e-3),
+        _lacks_a_large_map,
     ),
     ComparedModel(
         "lstm",

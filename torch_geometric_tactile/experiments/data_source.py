@@ -247,14 +247,15 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
     if kind != "simulated":
         return f"Recordings of your own: {held}."
-    said = f"**Simulated**, never a real hand's result: {held}"
     root = Path(innermost(dataset).root)
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
-        return f"{said}."
+        return f"**Simulated**, never a real sensor's result: {held}."
     try:
         simulation = read_json(found[0])
         made = _made(simulation)
+        sensor = "array" if simulation.get("generator") == "letters" else "hand"
+        said = f"**Simulated**, never a real {sensor}'s result: {held}"
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "
@@ -264,6 +265,8 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
 
 
 def _made(simulation: Mapping[str, Any]) -> str:
+    if simulation.get("generator") == "letters":
+        return f"letters on `{simulation['layout']}`, seed {simulation['seed']}"
     end = f"MuJoCo {simulation['mujoco']}"
     if "preset" in simulation:
         preset = simulation["preset"]

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 from sklearn.utils import get_tags
+from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.experiments.building import build, find_class
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms import fit_transform
 
 
 def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
@@ -43,6 +45,21 @@ def samples_of(part: StaticDataset) -> StaticData:
     """
     data: StaticData = part.data
     return data if part.transform is None else apply_transform(part.transform, data)
+
+
+def fitted_samples(
+    transform: BaseTransform | None, part: StaticDataset, *, adapt: bool = False
+) -> StaticData:
+    r"""Returns all samples of a part in memory, behind the transform of their data set and another,
+    which is fitted on them.
+
+    Args:
+        transform (BaseTransform, optional): The other.
+        part (StaticDataset): The part.
+        adapt (bool): Whether it was fitted before, and only what is measured of every part is
+            measured of this one, too.
+    """
+    return fit_transform(transform, samples_of(part), adapt=adapt)
 
 
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
@@ -94,7 +111,7 @@ def positive_score(score: np.ndarray) -> np.ndarray:
 
 def num_numbers(estimator: Any) -> int | None:
     r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
-    support vectors with their weights, nodes of trees; :obj:`None` for others.
+    support vectors with their weights, nodes of trees, visual words; :obj:`None` for others.
 
     Args:
         estimator (sklearn.base.BaseEstimator): The estimator, fitted.
@@ -108,6 +125,9 @@ def num_numbers(estimator: Any) -> int | None:
 
 
 def _of_one(part: Any) -> int | None:
+    if hasattr(part, "words_"):
+        machine = _of_one(part.svm_)
+        return None if machine is None else int(part.words_.size) + machine
     if hasattr(part, "tree_"):
         return int(part.tree_.node_count)
     if hasattr(part, "support_vectors_"):

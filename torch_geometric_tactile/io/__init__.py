@@ -5,9 +5,12 @@ from torch_geometric_tactile.io.bigs_grasp import read_bigs
 from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
 from torch_geometric_tactile.io.biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from torch_geometric_tactile.io.icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
+from torch_geometric_tactile.io.idx_file import read_idx
 from torch_geometric_tactile.io.matrix_csv import read_matrix_csv
 from torch_geometric_tactile.io.matrix_files import read_matrices
+from torch_geometric_tactile.io.matrix_mat import read_matrix_mat
 from torch_geometric_tactile.io.matrix_npy import read_matrix_npy
+from torch_geometric_tactile.io.matrix_png import read_matrix_png
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_files import (
     read_recording,
@@ -45,9 +48,12 @@ __all__ = [
     "read_hdf5",
     "read_hdf5_head",
     "read_icub_grasp_txt",
+    "read_idx",
     "read_matrices",
     "read_matrix_csv",
+    "read_matrix_mat",
     "read_matrix_npy",
+    "read_matrix_png",
     "read_named_csv",
     "read_npz",
     "read_recording",

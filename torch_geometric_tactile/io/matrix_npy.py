@@ -40,7 +40,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
             raise ValueError(
                 f"'{path}' cannot be read as npy: {reason}; copy or write it again"
             ) from error
-        if header.dtype.kind not in "biuf":
+        if header.dtype.kind not in "iuf":
             raise ValueError(f"'{path}' must hold numbers (got type {header.dtype})")
         shape = header.shape
         if shape != size and (shape[1:] != size or shape[0] == 0):

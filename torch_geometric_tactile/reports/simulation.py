@@ -26,7 +26,7 @@ class SimulatedRun(NamedTuple):
 
     @property
     def given_up(self) -> list[TrialReport]:
-        r"""The trials in which no attempt lifted and held the object."""
+        r"""The trials in which no attempt lifted and held the object, or squeezed it."""
         return [report for report in self.reports if report.path is None]
 
     def describe(self) -> str:
@@ -60,6 +60,7 @@ def run_simulation(
     spread: str = "careful",
     seconds: float | None = None,
     num_objects: int | None = None,
+    motion: str = "lift",
 ) -> SimulatedRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
 
@@ -75,6 +76,7 @@ def run_simulation(
         spread (str): How much the grasps differ, a key of :obj:`SPREADS`.
         seconds (float, optional): Length of a trial; the preset's if left out.
         num_objects (int, optional): How many objects of :obj:`"shapes"` are drawn.
+        motion (str): What the hand does, a key of :obj:`MOTIONS`.
 
     Raises:
         ImportError: If MuJoCo, h5py or joblib is missing.
@@ -95,6 +97,7 @@ def run_simulation(
         plan=SPREADS[spread],
         seconds=seconds,
         num_objects=num_objects,
+        motion=motion,
     )
     names = [item.name for item in object_set(objects, num_objects, seed)[1]]
     total = len(names) * (trials or PRESETS[preset].trials)

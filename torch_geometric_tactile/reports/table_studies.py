@@ -117,9 +117,12 @@ def _studies(run: PlanRun) -> _Found:
 
 
 def _of(run: PlanRun, found: _Found, study: str) -> Iterator[tuple[Cell, Any]]:
+    seen = set()
     for cell in run.plan.table.cells:
         entry = found.get(cell.experiment, {}).get(study)
-        if entry is not None:
+        code = run.plan.of_cell(cell).code
+        if entry is not None and code not in seen:  # two places may be of one configuration
+            seen.add(code)
             yield cell, entry
 
 

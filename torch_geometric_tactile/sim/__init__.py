@@ -31,6 +31,7 @@ from torch_geometric_tactile.sim.objects import (
 )
 from torch_geometric_tactile.sim.simulate import (
     HANDS,
+    MOTIONS,
     PRESETS,
     Preset,
     TrialReport,
@@ -45,6 +46,7 @@ from torch_geometric_tactile.sim.simulate_letters import (
 )
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import SPREADS, GraspSpread
+from torch_geometric_tactile.sim.squeeze import SQUEEZE_PHASES, SqueezePlan, plan_squeeze
 
 __all__ = [
     "BIGS_GRASPS",
@@ -52,12 +54,14 @@ __all__ = [
     "HANDS",
     "LETTERS",
     "LETTER_PRESSES",
+    "MOTIONS",
     "OBJECT_SETS",
     "PHASES",
     "PRESETS",
     "PROPERTIES",
     "SHAPES",
     "SPREADS",
+    "SQUEEZE_PHASES",
     "BigsGrasp",
     "BigsPhysics",
     "BigsReport",
@@ -75,6 +79,7 @@ __all__ = [
     "Preset",
     "SimulatedGrasps",
     "SkinModel",
+    "SqueezePlan",
     "TrialReport",
     "control8",
     "draw_grasp",
@@ -85,6 +90,7 @@ __all__ = [
     "object_set",
     "paper8",
     "plan_grasp",
+    "plan_squeeze",
     "simulate",
     "simulate_bigs",
     "simulate_grasps",

@@ -25,6 +25,7 @@ _THUMB = -0.030  # where the thumb is behind the palm's origin, m
 _OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
 _CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
 _SQUEEZE = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)
+JOINT_TREMOR = 0.008  # rad
 _LIFTED = 0.05  # height above the stand that counts, m
 
 
@@ -41,6 +42,30 @@ class GraspPlan(NamedTuple):
     phase: np.ndarray
     step: float
 
+    @property
+    def phase_names(self) -> tuple[str, ...]:
+        r"""The names of the phases."""
+        return PHASES
+
+    def gives_up(self, tick: int, moved: np.ndarray) -> bool:
+        r"""Whether the attempt has failed.
+
+        Args:
+            tick (int): Which of the steps.
+            moved (numpy.ndarray): How far the object is from where it was, in metres :math:`(3,)`.
+        """
+        return bool(self.phase[tick] == len(PHASES) - 1 and moved[2] < _LIFTED)
+
+    def is_done(self, phase: np.ndarray, force: np.ndarray, layout: TaxelLayout) -> bool:
+        r"""Whether an attempt that was not given up is a success.
+
+        Args:
+            phase (numpy.ndarray): The phases of the frames :math:`(T,)`.
+            force (numpy.ndarray): The forces on the taxels in newtons :math:`(T, N, 3)`.
+            layout (TaxelLayout): The taxels.
+        """
+        return True
+
 
 class GraspResult(NamedTuple):
     r"""What happened.
@@ -50,7 +75,7 @@ class GraspResult(NamedTuple):
     where it presses. :obj:`bone_force` is the sum of normal forces on the bones :math:`(T,)`,
     :obj:`support` the force of the hand on the object in the world's frame :math:`(T, 3)`,
     :obj:`object_pose` and :obj:`palm_pose` are positions and quaternions :math:`(T, 7)`.
-    :obj:`success` tells whether the object was lifted and held.
+    :obj:`success` tells whether the object was lifted and held, or what else the plan was.
     """
 
     time: np.ndarray
@@ -92,37 +117,83 @@ def plan_grasp(
     ends = np.cumsum(lengths)
     phase = np.searchsorted(ends, ticks, side="right")
     _, reach, close, squeeze, lift = (
-        _smooth((ticks - end + length) / length) for end, length in zip(ends, lengths, strict=True)
+        smooth((ticks - end + length) / length) for end, length in zip(ends, lengths, strict=True)
     )
 
-    width, _, height = size
-    top = STAND[2] + height + _PALM
-    rise = rng.uniform(0.09, 0.13)
-    gantry = np.empty((len(ticks), 4))
-    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, spread.forward)
-    gantry[:, 1] = rng.normal(0.0, spread.lateral)
-    descent = (_HOVER - _ABOVE) * reach + (_ABOVE + _PRESS) * close
-    gantry[:, 2] = top + _HOVER - descent + rise * lift
-    gantry[:, 3] = rng.normal(0.0, spread.yaw)
-    gantry[:, :3] += _tremor(rng, step, (len(ticks), 3), sd=0.0008)
-
-    start = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
-    end = np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
+    rise = rng.uniform(0.09, 0.13) * lift
+    gantry = palm_path(size, rng, spread, step, reach, close, rise)
+    start, end = postures(rng, spread)
     firmness = rng.uniform(0.6, 1.4)
-    tremor = _tremor(rng, step, (len(ticks), 16), sd=0.008)
+    shake = tremor(rng, step, (len(ticks), 16), sd=JOINT_TREMOR)
     joint = start + spread.close_less(end - start, rng) * close[:, None]
     joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]
-    joint += tremor
+    joint += shake
     return GraspPlan(gantry, joint, phase, step)
 
 
-def _smooth(progress: np.ndarray) -> np.ndarray:
+def palm_path(
+    size: tuple[float, float, float],
+    rng: np.random.Generator,
+    spread: GraspSpread,
+    step: float,
+    reach: np.ndarray,
+    close: np.ndarray,
+    rise: np.ndarray,
+) -> np.ndarray:
+    r"""Returns x, y, z and yaw of a palm that comes down on an object :math:`(K, 4)`.
+
+    Args:
+        size (tuple of float): Full extent of the object in metres.
+        rng (numpy.random.Generator): Draws errors and tremor.
+        spread (GraspSpread): How large the errors are.
+        step (float): Time between targets in seconds.
+        reach (numpy.ndarray): From 0, hovering, to 1, just above the object :math:`(K,)`.
+        close (numpy.ndarray): From 0 to 1, on the object :math:`(K,)`.
+        rise (numpy.ndarray): What the palm rises after that, in metres :math:`(K,)`.
+    """
+    width, _, height = size
+    top = STAND[2] + height + _PALM
+    gantry = np.empty((len(reach), 4))
+    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, spread.forward)
+    gantry[:, 1] = rng.normal(0.0, spread.lateral)
+    descent = (_HOVER - _ABOVE) * reach + (_ABOVE + _PRESS) * close
+    gantry[:, 2] = top + _HOVER - descent + rise
+    gantry[:, 3] = rng.normal(0.0, spread.yaw)
+    gantry[:, :3] += tremor(rng, step, (len(reach), 3), sd=0.0008)
+    return gantry
+
+
+def postures(rng: np.random.Generator, spread: GraspSpread) -> tuple[np.ndarray, np.ndarray]:
+    r"""Returns the joint angles of the open and of the closed hand in radians, each :math:`(16,)`.
+
+    Args:
+        rng (numpy.random.Generator): Draws the errors.
+        spread (GraspSpread): How large they are.
+    """
+    start = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
+    return start, np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
+
+
+def smooth(progress: np.ndarray) -> np.ndarray:
+    r"""Returns a step from 0 to 1 with the least jerk.
+
+    Args:
+        progress (numpy.ndarray): From 0 to 1; what is outside of it is cut.
+    """
     s = progress.clip(0.0, 1.0)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def _tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float) -> np.ndarray:
-    # An operator's hand is never still: noise with a correlation time of a fifth of a second.
+def tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float) -> np.ndarray:
+    r"""Returns what an operator's hand, which is never still, does beside what it shall: noise with
+    a correlation time of a fifth of a second.
+
+    Args:
+        rng (numpy.random.Generator): Draws it.
+        step (float): Time between targets in seconds.
+        shape (tuple of int): Numbers of targets and of variables.
+        sd (float): Standard deviation.
+    """
     keep = np.exp(-step / 0.2)
     noise = rng.normal(0.0, sd, shape)
     noise[1:] *= np.sqrt(1 - keep**2)
@@ -205,7 +276,7 @@ class GraspSimulator:
         return out, bones, support
 
     def run(self, plan: GraspPlan, rate: float = 100.0) -> GraspResult:
-        r"""Runs a plan; gives up early on an object that was not lifted or that fell.
+        r"""Runs a plan; gives up early on an object that was not lifted, that fell or that left.
 
         Args:
             plan (GraspPlan): What the hand shall do.
@@ -222,7 +293,7 @@ class GraspSimulator:
         data.qpos[self._gantry] = plan.gantry[0]
         data.qpos[self._joints] = plan.joint[0]
         mujoco.mj_forward(model, data)
-        height = float(data.qpos[self._object + 2])
+        start = data.qpos[self._object : self._object + 3].copy()
         frames: list[tuple[Any, ...]] = []
         success = True
         for tick in range(len(plan.phase)):
@@ -234,11 +305,12 @@ class GraspSimulator:
                 palm = np.concatenate([data.xpos[self._palm], data.xquat[self._palm]])
                 joint = data.qpos[self._joints].copy()
                 frames.append((data.time, joint, *self.forces(), pose, palm))
-                if plan.phase[tick] == len(PHASES) - 1 and pose[2] < height + _LIFTED:
+                if plan.gives_up(tick, pose[:3] - start):
                     success = False
                     break
         columns = [np.array(column) for column in zip(*frames, strict=True)]
         time, joint, force, bones, support, pose, palm = columns
+        phase = plan.phase[every - 1 :: every][: len(time)].astype(np.int64)
         return GraspResult(
             time=time,
             joint=joint.astype(np.float32),
@@ -247,8 +319,8 @@ class GraspSimulator:
             support=support.astype(np.float32),
             object_pose=pose,
             palm_pose=palm,
-            phase=plan.phase[every - 1 :: every][: len(time)].astype(np.int64),
-            success=success,
+            phase=phase,
+            success=success and plan.is_done(phase, force, self.layout),
         )
 
 

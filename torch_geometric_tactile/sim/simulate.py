@@ -16,7 +16,6 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim.grasp import (
-    PHASES,
     GraspPlan,
     GraspResult,
     GraspSimulator,
@@ -27,6 +26,7 @@ from torch_geometric_tactile.sim.object_sets import object_set
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import GraspSpread
+from torch_geometric_tactile.sim.squeeze import plan_squeeze
 from torch_geometric_tactile.sim.trial_files import (
     end_without,
     kept_meta,
@@ -38,6 +38,8 @@ from torch_geometric_tactile.typing import PathLike
 
 _ENCODER_NOISE = 0.0015  # rad
 _SHORTEST = 1.0  # s
+# What a hand does, and what an attempt that failed did not.
+MOTIONS = {"lift": "lifted", "squeeze": "squeezed"}
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
 
@@ -69,7 +71,8 @@ PRESETS = {
 
 class TrialReport(NamedTuple):
     r"""How a trial went: how many grasps it took, and its file, which is :obj:`None` where no
-    attempt lifted and held the object. :obj:`kept` tells whether the file was there already.
+    attempt lifted and held the object, or squeezed it. :obj:`kept` tells whether the file was there
+    already.
     """
 
     object_name: str
@@ -93,6 +96,7 @@ class _Task:
     preset: Preset
     skin: SkinModel
     spread: GraspSpread
+    motion: str = "lift"
 
     @property
     def path(self) -> Path:
@@ -111,6 +115,7 @@ class _Task:
                     "preset": asdict(self.preset),
                     "skin": asdict(self.skin),
                     "spread": asdict(self.spread),
+                    "motion": self.motion,
                 }
             )
         )
@@ -131,6 +136,7 @@ def simulate(
     plan: GraspSpread | None = None,
     seconds: float | None = None,
     num_objects: int | None = None,
+    motion: str = "lift",
 ) -> Generator[TrialReport, None, None]:
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording a trial. Yields a
     report for each trial when its file is finished, and writes :obj:`simulation.json` at the end.
@@ -157,6 +163,8 @@ def simulate(
         seconds (float, optional): Length of a trial, from 1 on; the preset's if left out.
         num_objects (int, optional): How many objects of :obj:`"shapes"` are drawn; 40 if left out.
             The seed decides which.
+        motion (str): :obj:`"lift"` lifts and holds the objects (:func:`plan_grasp`),
+            :obj:`"squeeze"` squeezes them again and again where they are (:func:`plan_squeeze`).
 
     Raises:
         ImportError: If MuJoCo or h5py is missing.
@@ -167,6 +175,8 @@ def simulate(
     hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
     if hand not in HANDS:
         raise ValueError(f"'hand' must be one of {list(HANDS)} (got '{hand}')")
+    if motion not in MOTIONS:
+        raise ValueError(f"'motion' must be one of {list(MOTIONS)} (got '{motion}')")
     trials = settings.trials if trials is None else trials
     for name, number in (("trials", trials), ("jobs", jobs), ("max_attempts", max_attempts)):
         if number < 1:
@@ -190,6 +200,7 @@ def simulate(
             preset=settings,
             skin=skin or SkinModel(),
             spread=plan or GraspSpread(),
+            motion=motion,
         )
         for trial in range(trials)
         for index, item in enumerate(items)
@@ -213,8 +224,8 @@ def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, Non
 
 
 def _kept(task: _Task) -> TrialReport:
-    # Recordings of earlier versions do not name the spread: it was always this one.
-    meta = kept_meta(task, before={"spread": asdict(GraspSpread())})
+    # Recordings of earlier versions name neither spread nor motion: they were always these.
+    meta = kept_meta(task, before={"spread": asdict(GraspSpread()), "motion": "lift"})
     attempt = meta.get("attempt")
     if type(attempt) is not int or attempt < 0:
         raise ValueError(
@@ -230,14 +241,25 @@ def _simulate_trial(task: _Task, parent: int) -> TrialReport:
     for attempt in range(task.max_attempts):
         end_without(parent)
         rng = np.random.default_rng([task.seed, task.index, task.trial, attempt])
-        plan = plan_grasp(task.item.size, rng, task.preset.duration, task.preset.step, task.spread)
+        plan = _planned(task, rng)
         result = simulator.run(plan, task.preset.rate)
         if result.success:
             recording = _recording(task, attempt, plan, result, simulator.layout, rng)
             write_hdf5(recording, task.path)
             return TrialReport(name, task.trial, attempt + 1, task.path, kept=False)
-    _logger.warning("%s, trial %d: not lifted in %d attempts", name, task.trial, task.max_attempts)
+    _logger.warning(
+        "%s, trial %d: not %s in %d attempts",
+        name,
+        task.trial,
+        MOTIONS[task.motion],
+        task.max_attempts,
+    )
     return TrialReport(name, task.trial, task.max_attempts, None, kept=False)
+
+
+def _planned(task: _Task, rng: np.random.Generator) -> GraspPlan:
+    planned = plan_squeeze if task.motion == "squeeze" else plan_grasp
+    return planned(task.item.size, rng, task.preset.duration, task.preset.step, task.spread)
 
 
 @lru_cache(maxsize=1)
@@ -275,7 +297,7 @@ def _recording(
             "synthetic": True,
             "labels": list(task.item.labels),
             "label_names": list(PROPERTIES),
-            "phase_names": list(PHASES),
+            "phase_names": list(plan.phase_names),
             "versions": {name: version(name) for name in packages},
         },
         privileged={
@@ -315,6 +337,7 @@ def _write_summary(out: Path, tasks: list[_Task], reports: list[TrialReport]) ->
         "seed": tasks[0].seed,
         "preset": asdict(tasks[0].preset),
         "spread": asdict(tasks[0].spread),
+        "motion": tasks[0].motion,
         "trials": len(reports),
         "attempts": sum(report.attempts for report in reports),
         "successes": len(reports) - len(given_up),

@@ -38,9 +38,8 @@ def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
         raise ValueError("'curves' must hold networks of at least one epoch (got none)")
     figure = new_figure(10.5, 2.6 * len(curves) + 0.9)
     axes = figure.subplots(len(curves), 3, squeeze=False, width_ratios=[1, 1, 1.1])
-    highest = max(max(c.train_loss[0], *c.test_loss) for c in curves.values())
     for row, (name, curve) in zip(axes, curves.items(), strict=True):
-        _draw_losses(row[0], curve, highest)
+        _draw_losses(row[0], curve)
         _draw_accuracy(row[1], curve)
         _draw_gradients(row[2], curve.gradients)
         row[0].set_title(plain_text(name), fontsize=10, loc="left")
@@ -50,14 +49,13 @@ def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
     return figure
 
 
-def _draw_losses(ax: "Axes", curve: LearningCurves, highest: float) -> None:
+def _draw_losses(ax: "Axes", curve: LearningCurves) -> None:
     for losses, name, color in (
         (curve.train_loss, "training", _COLORS[0]),
         (curve.test_loss, "held out", _COLORS[1]),
     ):
         ax.plot(range(1, len(losses) + 1), losses, color=color, linewidth=1.4, label=name)
-    ax.set_yscale("log")
-    ax.set_ylim(top=1.3 * highest)
+    ax.set_ylim(bottom=0)
     ax.set_ylabel("cross entropy", fontsize=9)
     ax.legend(fontsize=8, frameon=False)
     _finish(ax)
@@ -81,7 +79,8 @@ def _draw_gradients(ax: "Axes", gradients: Mapping[str, Sequence[float]]) -> Non
         ax.set_yscale("log")
     ax.set_ylabel("gradient, root mean square", fontsize=9)
     _finish(ax)
-    ax.tick_params(axis="x", labelsize=7, rotation=30 if len(boxes) > 4 else 0)
+    for label in ax.get_xticklabels():
+        label.set(fontsize=6, rotation=25, ha="right", rotation_mode="anchor")
 
 
 def _finish(ax: "Axes") -> None:

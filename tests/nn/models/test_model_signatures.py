@@ -6,6 +6,8 @@ from small_models import ALL, LAYOUT, MODELS, inputs, samples, small_model
 
 from torch_geometric_tactile import nn
 from torch_geometric_tactile.nn import (
+    BMFCNN,
+    MSCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -21,6 +23,8 @@ from torch_geometric_tactile.nn import (
 from torch_geometric_tactile.sensors import stock_path
 
 CLASSES = [
+    BMFCNN,
+    MSCNN,
     MTCNN,
     MTGCN,
     GraspGCN,
@@ -127,7 +131,9 @@ def test_model_layout_bad(cls):
     with pytest.raises(ValueError, match=r"'layout' must be one of .*'biotac_sp'.* \(got 'hand'\)"):
         cls("hand", **more)
     needs = {
+        BMFCNN: "image map",
         HandCNN: "image map",
+        MSCNN: "image map",
         MTCNN: "image map",
         PosedTaxelNet: "places",
         SmallCNN: "image map",

@@ -3,13 +3,15 @@ import pytest
 import torch
 
 from torch_geometric_tactile.nn.models import (
+    BMFCNN,
+    MSCNN,
     MTGCN,
     PosedTaxelNet,
     TactileGCN,
     TaxelNet,
     TemporalTaxelNet,
 )
-from torch_geometric_tactile.sensors import allegro_uskin, grid
+from torch_geometric_tactile.sensors import allegro_uskin, grid, letter_array
 
 LAYOUT = grid(3, 4, pitch=0.004)
 SMALL = {"head_widths": (6,), "head_pools": (2,)}
@@ -72,6 +74,13 @@ def test_onnx_tactile_gcn_of_segments(tmp_path):
     assert_onnx_equals(model, tmp_path / "model.onnx", layout.edge_index("original"), 384)
 
 
+@pytest.mark.parametrize("shared", [False, True], ids=["different", "shared"])
+def test_onnx_ms_cnn(tmp_path, shared):
+    model = MSCNN(out_channels=3, share_weights=shared, num_joints=2, hidden_channels=5)
+    edge_index = LAYOUT.edge_index("original")
+    assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 240, joint=(2,))
+
+
 def test_onnx_taxel_net(tmp_path):
     model = TaxelNet(LAYOUT, 3, max_taxels=6, widths=(4,), hidden_channels=5)
     assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
@@ -88,3 +97,9 @@ def test_onnx_temporal_taxel_net(tmp_path):
     # The three numbers of a taxel are frames.
     model = TemporalTaxelNet(LAYOUT, 3, filter_size=2, dilation=1, max_taxels=6, widths=(4,))
     assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
+
+
+@pytest.mark.parametrize("x", [(1024, 1), (1, 32, 32)], ids=["readings", "images"])
+def test_onnx_bmf_cnn(x, tmp_path):
+    edge_index = letter_array().edge_index("original")
+    assert_onnx_equals(BMFCNN(), tmp_path / "model.onnx", edge_index, 1024, x=x)

@@ -6,6 +6,7 @@ from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.grasp_gcn import GraspGCN
 from torch_geometric_tactile.nn.models.grasp_lstm import GraspLSTM
 from torch_geometric_tactile.nn.models.hand_cnn import HandCNN
+from torch_geometric_tactile.nn.models.ms_cnn import MSCNN
 from torch_geometric_tactile.nn.models.mt_cnn import MTCNN
 from torch_geometric_tactile.nn.models.mt_gcn import MTGCN
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
@@ -21,6 +22,7 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 __all__ = [
     "BMFCNN",
+    "MSCNN",
     "MTCNN",
     "MTGCN",
     "CNNThread",

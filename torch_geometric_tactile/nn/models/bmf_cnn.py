@@ -19,7 +19,7 @@ from torch_geometric_tactile.typing import PathLike
 Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
 FUSIONS: tuple[str, ...] = get_args(Fusion)
 _BMF: Fusion = "bilinear(C1)+C3"
-_LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
+LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
 
 
 class BMFCNN(Module, TactileHubMixin):
@@ -92,9 +92,9 @@ class BMFCNN(Module, TactileHubMixin):
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.image = TaxelImage(layout)
-        if min(self.image.size) < _LEAST_SIZE:
+        if min(self.image.size) < LEAST_SIZE:
             raise ValueError(
-                f"'layout' must have an image_map of at least {_LEAST_SIZE} x {_LEAST_SIZE} cells "
+                f"'layout' must have an image_map of at least {LEAST_SIZE} x {LEAST_SIZE} cells "
                 f"(got {' x '.join(map(str, self.image.size))} in '{layout.name}')"
             )
         self.conv1 = Conv2d(in_channels, 16, 5, bias=False)
@@ -166,13 +166,14 @@ class BMFCNN(Module, TactileHubMixin):
         return {"C1": first, "C2": second, "C3": third}
 
     def _images(self, x: Tensor) -> Tensor:
-        if x.dim() != 4:
+        is_image = x.shape[-2:] == self.image.size and x.size(-1) != self.in_channels
+        if x.dim() != 4 and not is_image:
             return self.image(stacked_readings(x, self.num_nodes, self.in_channels, "channels"))
-        if x.shape[1:] != (self.in_channels, *self.image.size):
-            rows, columns = self.image.size
+        rows, columns = self.image.size
+        if x.dim() != 4 or x.shape[1:] != (self.in_channels, rows, columns):
             raise ValueError(
-                f"'x' must have images of {self.in_channels} x {rows} x {columns} (got shape "
-                f"{tuple(x.shape)})"
+                f"'x' must have shape (batch_size, {self.in_channels}, {rows}, {columns}) if it is "
+                f"images (got {tuple(x.shape)})"
             )
         return x
 
@@ -180,10 +181,14 @@ class BMFCNN(Module, TactileHubMixin):
         low, _, high = self.fusion.rpartition("+")
         rows = maps[high].flatten(1)
         if low:
-            name = low.removeprefix("bilinear(").removesuffix(")")
-            part = maps[name] if name == low else self.bilinear_feature(maps[name])
-            rows = torch.cat([F.normalize(part.flatten(1)), F.normalize(rows)], dim=1)
+            rows = torch.cat([self._unit(low, maps), F.normalize(rows)], dim=1)
         return self.fc1(rows).relu()
+
+    def _unit(self, low: str, maps: dict[str, Tensor]) -> Tensor:
+        if low in maps:
+            return F.normalize(maps[low].flatten(1))
+        feature = self.bilinear_feature(maps[low.removeprefix("bilinear(").removesuffix(")")])
+        return feature.flatten(1) / feature.size(1) ** 0.5  # each of its maps has norm one
 
     def _fused_channels(self) -> int:
         rows, columns = self.image.size

@@ -34,7 +34,7 @@ class BilinearFeature(torch.nn.Module):
         - **output:** :math:`(*, W, W)`
 
     Raises:
-        ValueError: If :obj:`eps` is not positive, or :obj:`x` has no rows and columns.
+        ValueError: If :obj:`eps` is not positive and finite, or :obj:`x` has no rows and columns.
 
     Examples:
         >>> BilinearFeature()(torch.tensor([[2.0, 1.0], [0.0, 1.0]]))
@@ -45,7 +45,7 @@ class BilinearFeature(torch.nn.Module):
     def __init__(self, eps: float = 1e-5) -> None:
         super().__init__()
         if not 0 < eps < float("inf"):
-            raise ValueError(f"'eps' must be positive (got {eps})")
+            raise ValueError(f"'eps' must be positive and finite (got {eps})")
         self.eps = eps
 
     def forward(self, x: Tensor) -> Tensor:

@@ -1,0 +1,97 @@
+r"""Words of SIFT."""
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+
+from torch_geometric_tactile.baselines.visual_words import VisualWordsSVM
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.typing import PathLike
+
+_NONE = np.empty((0, 128), dtype=np.float32)
+
+
+class SIFTSVM(VisualWordsSVM):
+    r"""A support vector machine on words of SIFT, with which the "bilinear feature and multi-layer
+    fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822) compares. It says
+    no more than that; everything below is ours, chosen on images of drawn letters.
+
+    Readings are grey values in :math:`[0, 1]` on the image map of the layout. Lower ones count as
+    0, higher ones as 1, and cells without a taxel are 0; do not scale them before by their mean.
+    OpenCV finds keypoints and describes each by 128 numbers. Their words are counted without their
+    places. An image without keypoints has a histogram of zeros; :obj:`num_without_words_` counts
+    such images of the last call of :meth:`fit`, :meth:`transform` or :meth:`predict`.
+
+    Args:
+        layout (TaxelLayout or str or PathLike, optional): The taxels, on an image map;
+            :func:`~torch_geometric_tactile.sensors.letter_array` if left out.
+        num_words (int): Number of words :math:`K`.
+        factor (int): How much an image is enlarged before. SIFT doubles it once more by itself.
+        contrast_threshold (float): Contrast that a keypoint must have. OpenCV's own default is
+            0.04, for sharp images.
+        root (bool): Whether the histograms are those of the Hellinger kernel, roots of the counts.
+        kernel (str): :obj:`"linear"` or :obj:`"rbf"`.
+        C (float): Penalty of an error.
+        class_weight (dict or str, optional): :obj:`"balanced"` makes rare classes count as much.
+        random_state (int, optional): Seed of the words and of the machine.
+
+    Shapes:
+        - **input:** grey values :math:`(S, N, 1)`
+        - **output:** predicted labels :math:`(S,)`
+
+    Raises:
+        ImportError: If OpenCV, of the extra :obj:`baselines`, is missing.
+        ValueError: If the layout has no image map, the grey values are not finite or have another
+            shape, there are fewer descriptors than words, or an argument is out of range.
+
+    Examples:
+        >>> model = SIFTSVM(random_state=0).fit(data.x[train], data.y[train])  # doctest: +SKIP
+        >>> model.predict(data.x[test])  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        layout: TaxelLayout | PathLike | None = None,
+        *,
+        num_words: int = 500,
+        factor: int = 1,
+        contrast_threshold: float = 0.01,
+        root: bool = True,
+        kernel: Literal["linear", "rbf"] = "linear",
+        C: float = 1.0,  # noqa: N803 - scikit-learn's name
+        class_weight: dict[int, float] | str | None = None,
+        random_state: int | None = None,
+    ) -> None:
+        import_opencv()
+        self.layout = layout
+        self.num_words = num_words
+        self.factor = factor
+        self.contrast_threshold = contrast_threshold
+        self.root = root
+        self.kernel = kernel
+        self.C = C
+        self.class_weight = class_weight
+        self.random_state = random_state
+
+    def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
+        r"""Yields the descriptors of the keypoints of each image :math:`(P, 128)`.
+
+        Args:
+            images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
+        """
+        sift = import_opencv().SIFT_create(contrastThreshold=self.contrast_threshold)
+        for image in images:
+            found = sift.detectAndCompute(image, None)[1]
+            yield _NONE if found is None else found
+
+
+def import_opencv() -> Any:
+    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise ImportError(
+            "SIFT needs OpenCV: pip install 'torch-geometric-tactile[baselines]'"
+        ) from error
+    return cv2

@@ -1,0 +1,66 @@
+r"""Arrays of bytes in IDX files, the format of MNIST, packed by gzip or not."""
+
+import gzip
+import math
+import struct
+import zlib
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from torch_geometric_tactile.typing import PathLike
+
+_GZIP = b"\x1f\x8b"
+_MOST_BYTES = 2**27
+_MOST_TIMES = 200
+_MOST_DIMENSIONS = 4
+_BYTES = 0x08  # the code of unsigned bytes
+
+
+def read_idx(path: PathLike) -> np.ndarray:
+    r"""Reads the array of unsigned bytes in an IDX file. Its size is checked before memory is
+    taken, and against the file. If the file is packed, its checksum is compared.
+
+    Args:
+        path (str or PathLike): The file, such as :obj:`train-images-idx3-ubyte.gz`.
+
+    Returns:
+        numpy.ndarray: The numbers, of type uint8, in the shape that the file says.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is no IDX file of bytes, cut or damaged, has another number of bytes
+            than its header says, or would take absurdly much memory. The message names the file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"'{path}' does not exist; give the path of an IDX file")
+    data = path.read_bytes()
+    try:
+        if data[:2] == _GZIP:
+            with gzip.open(BytesIO(data)) as file:
+                return _array(file.read, len(data))
+        return _array(BytesIO(data).read, len(data))
+    except (EOFError, OSError, ValueError, struct.error, zlib.error) as error:
+        raise ValueError(
+            f"'{path}' cannot be read as IDX: {error}; copy or download it again"
+        ) from error
+
+
+def _array(read: Callable[[int], bytes], num_stored: int) -> np.ndarray:
+    magic = read(4)
+    if len(magic) < 4 or magic[:2] != b"\0\0" or magic[2] != _BYTES:
+        raise ValueError("it must hold an array of unsigned bytes (got another header)")
+    if not 1 <= magic[3] <= _MOST_DIMENSIONS:
+        raise ValueError(f"it must have 1 to {_MOST_DIMENSIONS} dimensions (got {magic[3]})")
+    shape = struct.unpack(f">{magic[3]}I", read(4 * magic[3]))
+    count = math.prod(shape)
+    if count > _MOST_BYTES and count > _MOST_TIMES * num_stored:
+        raise ValueError(f"it would take {count} bytes, {count // num_stored} times the file")
+    numbers = read(count + 1)  # one more: to the end, where the checksum is compared
+    if len(numbers) != count:
+        more = "more" if len(numbers) > count else len(numbers)
+        raise ValueError(f"it must hold {count} numbers for the shape {shape} (got {more})")
+    return np.frombuffer(numbers, dtype=np.uint8).reshape(shape)
