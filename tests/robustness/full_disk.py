@@ -161,8 +161,9 @@ def torch_writers() -> Iterator[Writer]:
 
 
 def text_writers() -> Iterator[Writer]:
-    """Yields the writers of layouts, results, pictures and pages."""
+    """Yields the writers of layouts, presses, results, pictures and pages."""
     from torch_geometric_tactile.sensors import TaxelLayout, grid
+    from torch_geometric_tactile.sim.simulate_letters import write_block
 
     yield Writer(
         "layout",
@@ -171,6 +172,15 @@ def text_writers() -> Iterator[Writer]:
         lambda path: TaxelLayout.load(path).num_taxels,
         grid(2, 2, pitch=0.01),
         grid(40, 40, pitch=0.01),
+    )
+    draw_presses = np.random.default_rng(0)
+    yield Writer(
+        "letters",
+        ".npy",
+        write_block,
+        lambda path: np.load(path).tolist(),
+        draw_presses.random((2, 32, 32), dtype=np.float32),
+        draw_presses.random((100, 32, 32), dtype=np.float32),
     )
     try:
         from torch_geometric_tactile.data import Protocol

@@ -31,7 +31,7 @@ class Job(NamedTuple):
 
 def jobs() -> list[Job]:
     """Returns all jobs whose extras are installed."""
-    found = [processing(), convert(), grasps()]
+    found = [processing(), convert(), grasps(), simulated_letters()]
     for make in (append, store, fit, report, demo, simulation, simulated_bigs):
         try:
             found.append(make())
@@ -343,3 +343,25 @@ def simulated_bigs() -> Job:
         return found
 
     return Job("simulate-bigs", nothing, run, read, 1)
+
+
+def simulated_letters() -> Job:
+    """Simulates presses of three letters in blocks of a hundred."""
+    from torch_geometric_tactile.sensors import TaxelLayout, letter_array
+    from torch_geometric_tactile.sim import simulate_letters
+
+    layout = TaxelLayout("plain", letter_array().pos)
+
+    def run(folder, tell):
+        assert len([*simulate_letters(folder, 250, letters="ABC", layout=layout)]) == 9
+
+    def read(folder):
+        found = {path.name: np.load(path).tolist() for path in folder.rglob("*.npy")}
+        for path in folder.glob("layout.json"):
+            found[path.name] = TaxelLayout.load(path).pos.tolist()
+        for path in folder.glob("simulation.json"):
+            found[path.name] = json.loads(path.read_text(encoding="utf-8"))
+        assert not found or {"layout.json"} <= set(found)
+        return found
+
+    return Job("simulate-letters", nothing, run, read, 2)

@@ -1,5 +1,6 @@
 r"""Simulated presses of letters on a pressure array, as a folder for each letter."""
 
+import io
 import json
 import math
 from collections.abc import Generator, Sequence
@@ -268,5 +269,7 @@ def write_block(block: np.ndarray, path: Path) -> None:
         block (numpy.ndarray): The presses.
         path (Path): The file.
     """
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.save(file, block)
+    content = io.BytesIO()  # NumPy's own errors of a full disk have no number
+    np.save(content, block)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content.getbuffer())
