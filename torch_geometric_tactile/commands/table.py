@@ -101,8 +101,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
-        "for those of P1, P2 and P4, 10 for those of P3, 1 for p5 and p5-digits, 2 for p5-arrays, 3 "
-        "for bts3)",
+        "for those of P1, P2 and P4, 10 for those of P3, 1 for p5 and p5-digits, 2 for p5-arrays, "
+        "3 for bts3)",
     )
     parser.add_argument(
         "--epochs",
