@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-for extra in ("yaml", "h5py", "lightning"):
+for extra in ("yaml", "h5py", "PIL", "lightning"):
     pytest.importorskip(extra, reason="needs the extras 'io' and 'train'")
 
 from fuzz import oracles, tree_oracles

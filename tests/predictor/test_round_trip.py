@@ -118,6 +118,11 @@ OURS = {
         lambda: transforms.SectorGraph(LAYOUT),
         lambda: transforms.SectorGraph(LAYOUT, 4, radius=0.2, within="link"),
     ],
+    "RandomContrast": [lambda: transforms.RandomContrast(1.0, 1.0, center=0.5)],
+    "RandomInversion": [
+        lambda: transforms.RandomInversion(p=1.0, high=2.0),
+        lambda: transforms.RandomInversion(p=0.0),
+    ],
     "RandomGain": [
         lambda: transforms.RandomGain(0.0),
         lambda: transforms.RandomGain(0.0, "patch", LAYOUT),

@@ -9,6 +9,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 import torch
 import yaml
+from fake_configs import fake_config
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.training import TactileModule, config
@@ -174,24 +175,7 @@ def test_checkpoint_with_flipped_bits_is_refused_or_the_same(checkpoint):
 def test_damaged_checkpoint_on_the_command_line(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     monkeypatch.chdir(tmp_path)
-    config = {
-        "model": {"model": {"class_path": "torch_geometric_tactile.nn.models.GraspGCN"}},
-        "data": {
-            "dataset": {
-                "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
-                "init_args": {
-                    "num_samples": 40,
-                    "pre_transform": {
-                        "class_path": "torch_geometric_tactile.transforms.KNNGraph",
-                        "init_args": {"k": 2},
-                    },
-                },
-            },
-            "test": 0.2,
-            "split": "frame",
-        },
-        "trainer": {"accelerator": "cpu", "logger": False, "enable_progress_bar": False},
-    }
+    config = fake_config("GraspGCN", 40, test=0.2, split="frame")
     Path("a.yaml").write_text(yaml.safe_dump(config))
     Path("cut.ckpt").write_bytes(b"PK\x03\x04" + bytes(100))
     for verb in (

@@ -12,6 +12,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 import torch
 import yaml
+from fake_configs import fake_config
 from hostile_settings import LINEAR, hidden, payload
 
 from torch_geometric_tactile.cli import main
@@ -19,28 +20,7 @@ from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.reports.run_data import load_data, open_predictor
 from torch_geometric_tactile.training import AtomicCheckpointIO, TactileModule
 
-FAKE = {
-    "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
-    "init_args": {
-        "num_samples": 40,
-        "pre_transform": {
-            "class_path": "torch_geometric_tactile.transforms.KNNGraph",
-            "init_args": {"k": 2},
-        },
-    },
-}
-
-CONFIG = {
-    "model": {"model": {"class_path": "torch_geometric_tactile.nn.models.GraspGCN"}},
-    "data": {"dataset": FAKE, "test": 0.25, "split": "frame"},
-    "trainer": {
-        "max_epochs": 1,
-        "accelerator": "cpu",
-        "enable_progress_bar": False,
-        "enable_model_summary": False,
-        "logger": False,
-    },
-}
+CONFIG = fake_config("GraspGCN", 40, test=0.25, split="frame")
 
 
 @pytest.fixture

@@ -7,33 +7,14 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 import torch
 import yaml
+from fake_configs import fake_config
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.training.fit_summary import fit_summary
 from torch_geometric_tactile.training.given_arguments import GivenArguments
 from torch_geometric_tactile.training.lightning_cli import TactileCLI
 
-FAKE = {
-    "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
-    "init_args": {
-        "num_samples": 60,
-        "pre_transform": {
-            "class_path": "torch_geometric_tactile.transforms.KNNGraph",
-            "init_args": {"k": 2},
-        },
-    },
-}
-CONFIG = {
-    "model": {"model": {"class_path": "torch_geometric_tactile.nn.models.TactileGCN"}},
-    "data": {"dataset": FAKE, "val": 0.2, "split": "group"},
-    "trainer": {
-        "max_epochs": 1,
-        "accelerator": "cpu",
-        "enable_progress_bar": False,
-        "enable_model_summary": False,
-        "logger": False,
-    },
-}
+CONFIG = fake_config("TactileGCN", 60, val=0.2, split="group")
 
 
 @pytest.fixture
@@ -191,7 +172,10 @@ def test_seed_gives_the_weights_that_it_gave_before(config):
 
 def test_model_without_edges_from_fit_to_predict(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    plain = {"class_path": FAKE["class_path"], "init_args": {"num_samples": 60}}
+    plain = {
+        "class_path": CONFIG["data"]["dataset"]["class_path"],
+        "init_args": {"num_samples": 60},
+    }
     section = {**CONFIG["data"], "dataset": plain, "test_dataset": plain}
     trainer = {key: value for key, value in CONFIG["trainer"].items() if key != "logger"}
     model = {"model": {"class_path": "torch_geometric_tactile.nn.models.TaxelNet"}}

@@ -10,7 +10,9 @@ from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac, grid
 from torch_geometric_tactile.transforms import (
+    RandomContrast,
     RandomGain,
+    RandomInversion,
     RandomMirror,
     RandomNoise,
     RandomOffset,
@@ -24,7 +26,7 @@ HALVES = [0, 0, 1, 1] * 3
 
 def samples(num_samples=5, **kwargs):
     draw = torch.Generator().manual_seed(0)
-    return StaticData(x=1 + torch.rand(num_samples, 12, 2, generator=draw), **kwargs)
+    return StaticData(x=torch.rand(num_samples, 12, 2, generator=draw), **kwargs)
 
 
 def makers():
@@ -36,6 +38,9 @@ def makers():
         lambda **own: RandomMirror(PAD, **own),
         lambda **own: RandomMirror(PAD, along="rows", negate=1, **own),
         lambda **own: RandomShift(PAD, 1, 2, **own),
+        lambda **own: RandomInversion(**own),
+        lambda **own: RandomContrast(0.5, 2.0, **own),
+        lambda **own: RandomContrast(0.5, 2.0, center=0.25, **own),
         lambda **own: RandomTimeShift(1, **own),
     ]
 
@@ -57,6 +62,8 @@ def test_repr():
     assert str(RandomMirror(PAD)) == "RandomMirror('grid_3x4', p=0.5, along='columns')"
     assert str(RandomMirror(PAD, negate=0)).endswith("along='columns', negate=0)")
     assert str(RandomShift(PAD)) == "RandomShift('grid_3x4', rows=1, columns=1, value=0.0)"
+    assert str(RandomInversion()) == "RandomInversion(p=0.5, low=0.0, high=1.0)"
+    assert str(RandomContrast(center=0.5)) == "RandomContrast(low=1.0, high=1.5, center=0.5)"
     assert str(RandomTimeShift(3, 7)) == "RandomTimeShift(steps=3, num_frames=7)"
     assert str(RandomTimeShift()) == "RandomTimeShift(steps=1)"
 
@@ -182,6 +189,52 @@ def test_mirror_of_shear_is_that_of_a_mirrored_touch():
     for along, channel in (("columns", 0), ("rows", 1)):
         out = RandomMirror(PAD, p=1.0, along=along, negate=channel)(Data(x=x)).x
         torch.testing.assert_close(out, x)
+
+
+def test_inversions_by_hand():
+    x = torch.tensor([[0.0, 1.0], [0.25, torch.nan], [0.75, 0.5]])
+    out = RandomInversion(p=1.0)(Data(x=x)).x
+    torch.testing.assert_close(
+        out, torch.tensor([[1.0, 0.0], [0.75, torch.nan], [0.25, 0.5]]), equal_nan=True
+    )
+    assert RandomInversion(p=0.0)(Data(x=x)).x.nan_to_num(9).equal(x.nan_to_num(9))
+    counts = Data(x=torch.tensor([[0.0], [4095.0]]))
+    assert RandomInversion(1.0, high=4095.0)(counts).x.view(-1).tolist() == [4095.0, 0.0]
+
+
+def test_inverted_twice_is_as_before_and_half_of_the_samples_are():
+    data = StaticData(x=torch.arange(24.0).view(1, 12, 2).expand(2000, 12, 2) / 32)
+    transform = RandomInversion(p=1.0)
+    assert transform(transform(data)).x.equal(data.x)
+    out = seeded(RandomInversion(), data)
+    same = (out == data.x).flatten(1).all(dim=1)
+    assert float(same.double().mean()) == pytest.approx(0.5, abs=0.05)
+    assert out[~same].equal(transform(data).x[~same])
+
+
+def test_contrasts_by_hand():
+    x = torch.tensor([[0.0, 0.5], [0.25, torch.nan], [0.5, 0.7]])
+    out = RandomContrast(2.0, 2.0)(Data(x=x)).x  # about 0.25 and 0.6
+    expected = torch.tensor([[0.0, 0.4], [0.25, torch.nan], [0.75, 0.8]])
+    torch.testing.assert_close(out, expected, equal_nan=True)
+    out = RandomContrast(3.0, 3.0, center=0.5)(Data(x=x)).x
+    expected = torch.tensor([[0.0, 0.5], [0.0, torch.nan], [0.5, 1.0]])
+    torch.testing.assert_close(out, expected, equal_nan=True)
+    assert RandomContrast(0.0, 0.0)(Data(x=x[:, :1])).x.unique().tolist() == [0.25]
+    missing = torch.full((3, 1), torch.nan)
+    assert RandomContrast()(Data(x=missing)).x.isnan().all()
+
+
+def test_contrast_has_one_factor_a_sample_within_its_bounds():
+    data = StaticData(x=torch.tensor([[0.4, 0.4], [0.6, 0.6]]).expand(2000, 2, 2))
+    out = seeded(RandomContrast(0.5, 1.5), data)
+    factor = (out[:, 1, 0] - out[:, 0, 0]) / 0.2
+    assert out[..., 0].equal(out[..., 1])
+    assert 0.5 <= float(factor.min()) < 0.51
+    assert 1.49 < float(factor.max()) <= 1.5001
+    assert float(factor.mean()) == pytest.approx(1.0, abs=0.02)
+    for dtype in (torch.float32, torch.float64):
+        assert RandomContrast()(Data(x=torch.ones(3, 1, dtype=dtype))).x.dtype == dtype
 
 
 def test_shifts_by_hand():
@@ -315,6 +368,12 @@ LOPSIDED = TaxelLayout("hook", torch.eye(3), image_map=[[0, 0], [1, 0], [1, 1]])
         ),
         (lambda: RandomShift(PAD, rows=-1), r"'rows' must be a whole number, 0 to 100 \(got -1\)"),
         (lambda: RandomShift(PAD, columns=1.5), r"'columns' must be a whole .* \(got 1.5\)"),
+        (lambda: RandomInversion(p=2), r"'p' must be a probability, 0 to 1 \(got 2\)"),
+        (lambda: RandomInversion(low=1.0), r"'low' must be below 'high', .* \(got 1.0 and 1.0\)"),
+        (lambda: RandomInversion(high=math.inf), r"both finite \(got 0.0 and inf\)"),
+        (lambda: RandomContrast(-0.1), r"'low' must be at least 0 .* \(got -0.1 and 1.5\)"),
+        (lambda: RandomContrast(2.0, 1.0), r"at most 'high', .* \(got 2.0 and 1.0\)"),
+        (lambda: RandomContrast(center=math.nan), r"'center' must be a grey .* \(got nan\)"),
         (lambda: RandomTimeShift(-1), r"'steps' must be a whole number, 0 to 100000 \(got -1\)"),
         (lambda: RandomTimeShift(None), r"'steps' must be a whole number, .* \(got None\)"),
         (lambda: RandomTimeShift(1, 0), r"'num_frames' must be a whole number, 1 to .* \(got 0\)"),

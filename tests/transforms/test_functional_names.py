@@ -22,6 +22,8 @@ NAMES = {
     "normalize_range": ("Normalize", ()),
     "resample": ("Resample", (7,)),
     "sector_graph": ("SectorGraph", (LAYOUT,)),
+    "random_contrast": ("RandomContrast", ()),
+    "random_inversion": ("RandomInversion", ()),
     "random_gain": ("RandomGain", (0.5, "digit", LAYOUT)),
     "random_mirror": ("RandomMirror", (GRID,)),
     "random_noise": ("RandomNoise", ()),

@@ -6,16 +6,23 @@ import sys
 from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
 
 # The names in `experiments`, which is too heavy to import for them.
-TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p5", "bts3")
+TABLES = ("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4", "p5", "bts3")
 _OF_TABLE = object()  # what the table says
-_HEADERS = {"accuracy": "accuracy (%)", "spread": "±", "auc": "ROC", "memory": "memory (MB)"}
+_HEADERS = {
+    "accuracy": "accuracy (%)",
+    "spread": "±",
+    "variance": "variance (%²)",
+    "auc": "ROC",
+    "memory": "memory (MB)",
+}
 
 HELP = "train the models of a table, and write it beside the published numbers"
 DESCRIPTION = """\
 Trains and tests the models of a table and writes DIR/NAME.md, NAME.csv and NAME.png. The tables
 of P1 and P2 are on recordings of an Allegro hand with 384 taxels, held out by trial and by frame,
-those of P3 on grasps of three fingers with 19 electrodes each, beside the published numbers. Needs
-the extras 'train' and 'viz'.
+those of P3 on grasps of three fingers with 19 electrodes each, that of P4 on an Allegro hand with
+240 taxels that squeezes, that of P5 on letters pressed on an array, beside the published numbers.
+Needs the extras 'train' and 'viz', and 'baselines' for p5.
 
 tables:
   p1-table2   object properties by inputs: 36 GCNs, CNNs and FNNs, with and without joint angles
@@ -24,6 +31,8 @@ tables:
   p2-table4   memory that training these 18 takes
   p3          grasp stability over time: SVM, LSTM and GCN on one or three fingers, beside ours
   p3-k        the GCNs of three fingers by the number of neighbours in their graph
+  p4          twenty objects by the MS-CNN's seven patterns, with one force or three, filters shared
+              or not, beside an FNN and ours
   p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT and SURF, beside ours
   bts3        grasp stability on real grasps: what 'tactile demo' reports
   FILE.yaml   your own, on any data set (see the page on experiments in the documentation)
@@ -43,6 +52,12 @@ examples:
   tactile simulate --objects bigs --out bigs --jobs 2    grasps for P3, if you have none
   tactile table p3 --root bigs --seeds 1 --protocols random
                                                          the paper's protocol, once
+  tactile simulate --objects twenty --motion squeeze --trials 30 --spread wide --seconds 10 \\
+    --preset ci --max-attempts 40 --out twenty --jobs 2  squeezes for P4, if you have none
+  tactile table p4 --root twenty --seeds 1 --epochs 20   a first look at all seven patterns
+  tactile simulate --objects letters --presses 100 --out letters --jobs 2
+  tactile table p5 --root letters --epochs 20 --protocols press --jobs 2
+                                                         letters with whole presses held out
   tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
 Each run (a model, a seed, a protocol) is a file in DIR/runs when it is finished. The same command
@@ -81,7 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
-        "for those of P1 and P2, 10 for those of P3, 3 for bts3)",
+        "for those of P1, P2 and P4, 10 for those of P3, 1 for p5, 3 for bts3)",
     )
     parser.add_argument(
         "--epochs",

@@ -113,7 +113,8 @@ class AllegroUSkin(RecordingFrames):
         split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
             move no frame to another split.
         adjacency (str): Which edges of the layout.
-        layout (TaxelLayout, optional): The taxels;
+        layout (TaxelLayout or str or PathLike, optional): The taxels: a layout, the name of one
+            that comes with the package, or a layout file;
             :func:`~torch_geometric_tactile.sensors.allegro_uskin` if left out.
         phases (sequence of str, optional): Only the frames in these phases of the grasp.
         stride (int): Only every :obj:`stride`-th frame of each trial.
@@ -169,7 +170,7 @@ class AllegroUSkin(RecordingFrames):
         fractions: tuple[float, float, float] = (0.7, 0.1, 0.2),
         split_seed: int = 0,
         adjacency: str = "original",
-        layout: TaxelLayout | None = None,
+        layout: TaxelLayout | PathLike | None = None,
         phases: Sequence[str] | None = None,
         stride: int = 1,
         rate: float | None = None,

@@ -18,8 +18,8 @@ from torch_geometric_tactile.experiments.building import build
 from torch_geometric_tactile.experiments.choice import laid_over
 from torch_geometric_tactile.experiments.estimators import (
     estimator_input,
+    fitted_samples,
     num_numbers,
-    samples_of,
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
@@ -31,7 +31,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.predictions import Predictions, collect_predictions
-from torch_geometric_tactile.transforms import KNNGraph, fit_transform
+from torch_geometric_tactile.transforms import KNNGraph
 
 _NEIGHBOURS = 6
 _NEXT_SEED = 1000  # of the next network, beyond the seeds of experiments
@@ -155,8 +155,8 @@ def _fit_estimator(
 ) -> Fitted:
     assert experiment.choice is not None
     transform = build(experiment.transform)
-    seen = fit_transform(transform, samples_of(train))
-    held_out = fit_transform(transform, samples_of(other), adapt=True)
+    seen = fitted_samples(transform, train)
+    held_out = fitted_samples(transform, other, adapt=True)
     estimator = seeded_estimator(model, train.layout, experiment.seed)
     start = time.perf_counter()
     estimator.fit(estimator_input(estimator, seen), seen.y.numpy())

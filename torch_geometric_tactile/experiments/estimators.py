@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 from sklearn.utils import get_tags
+from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.experiments.building import build, find_class
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms import fit_transform
 
 
 def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
@@ -43,6 +45,21 @@ def samples_of(part: StaticDataset) -> StaticData:
     """
     data: StaticData = part.data
     return data if part.transform is None else apply_transform(part.transform, data)
+
+
+def fitted_samples(
+    transform: BaseTransform | None, part: StaticDataset, *, adapt: bool = False
+) -> StaticData:
+    r"""Returns all samples of a part in memory, behind the transform of their data set and another,
+    which is fitted on them.
+
+    Args:
+        transform (BaseTransform, optional): The other.
+        part (StaticDataset): The part.
+        adapt (bool): Whether it was fitted before, and only what is measured of every part is
+            measured of this one, too.
+    """
+    return fit_transform(transform, samples_of(part), adapt=adapt)
 
 
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile.experiments.draws import Draws
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
@@ -21,6 +22,7 @@ _PERCENT = (
 )
 _OF_PAPER = {
     "accuracy": "accuracy",
+    "variance": "draws_variance",
     "f1": "f1_positive",
     "auc": "auroc",
     "memory": "peak_memory_mb",
@@ -82,7 +84,7 @@ def table_numbers(run: PlanRun) -> list[Number]:
     """
     measured: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for part, results in finished_parts(run).items():
-        for metric, value in _values(results):
+        for metric, value in _values(results, run.plan.table.draws):
             measured[part.experiment, part.protocol][metric].append(value)
     for experiment, result in run.results:
         for metric in _COSTS:
@@ -104,8 +106,14 @@ def table_numbers(run: PlanRun) -> list[Number]:
     return numbers
 
 
-def _values(results: list[dict[str, Any]]) -> Iterator[tuple[str, float]]:
+def _values(
+    results: list[dict[str, Any]], draws: Draws | None = None
+) -> Iterator[tuple[str, float]]:
     metrics = results[0]["metrics"] if len(results) == 1 else pooled_judgement(results).metrics()
+    if draws is not None:
+        drawn = draws.metrics(pooled_judgement(results))
+        yield "draws_accuracy", 100 * drawn["draws_accuracy"]
+        yield "draws_variance", 100**2 * drawn["draws_variance"]
     names = results[0]["label_names"] or []
     for metric, value in metrics.items():
         if value is None or math.isnan(value):

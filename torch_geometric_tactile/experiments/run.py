@@ -18,8 +18,8 @@ from torch_geometric_tactile.experiments.choosing import run_choosing
 from torch_geometric_tactile.experiments.estimators import (
     class_scores,
     estimator_input,
+    fitted_samples,
     positive_score,
-    samples_of,
     seeded_estimator,
 )
 from torch_geometric_tactile.experiments.experiment import Experiment
@@ -37,7 +37,6 @@ from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics, predicted_classes
 from torch_geometric_tactile.training.predictions import collect_predictions
 from torch_geometric_tactile.training.threshold import choose_threshold
-from torch_geometric_tactile.transforms import fit_transform
 from torch_geometric_tactile.typing import PathLike
 
 
@@ -196,8 +195,8 @@ def _run_estimator(
     experiment: Experiment, train: StaticDataset, val: StaticDataset, test: StaticDataset
 ) -> dict[str, Any]:
     transform = build(experiment.transform)
-    seen = fit_transform(transform, samples_of(train))
-    held_out = fit_transform(transform, samples_of(test), adapt=True)
+    seen = fitted_samples(transform, train)
+    held_out = fitted_samples(transform, test, adapt=True)
     estimator = seeded_estimator(experiment.model, train.layout, experiment.seed)
     x, x_test = (estimator_input(estimator, part) for part in (seen, held_out))
     start = time.perf_counter()
@@ -206,7 +205,7 @@ def _run_estimator(
     score = class_scores(estimator, x_test, train.num_classes)
     prediction, threshold = estimator.predict(x_test), None
     if experiment.threshold is not None:
-        other = fit_transform(transform, samples_of(val), adapt=True)
+        other = fitted_samples(transform, val, adapt=True)
         seen_score = class_scores(estimator, estimator_input(estimator, other), train.num_classes)
         threshold = choose_threshold(
             positive_score(seen_score),

@@ -15,6 +15,7 @@ import yaml
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.choice import Choice
 from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments.draws import Draws
 from torch_geometric_tactile.training.config import (
     TEMPLATES,
     expand_template,
@@ -25,7 +26,7 @@ from torch_geometric_tactile.training.threshold import THRESHOLD_METRICS
 from torch_geometric_tactile.typing import ThresholdMetric
 
 _SHOWS = ("accuracy", "memory")
-_PUBLISHED = ("accuracy", "spread", "f1", "auc", "memory", "milliseconds")
+_PUBLISHED = ("accuracy", "spread", "variance", "f1", "auc", "memory", "milliseconds")
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Cell:
         data (dict): Arguments of the data set that only this place has.
         choice (Choice, optional): What is chosen on a validation part before the test; nothing if
             left out.
-        published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`,
+        published (dict): What the paper prints: :obj:`accuracy` in percent and its :obj:`spread`
+            or, over draws of the samples tested on, its :obj:`variance` in squared percent,
             :obj:`f1` of class 1 in percent, :obj:`auc`, :obj:`memory` in MB, and the
             :obj:`milliseconds` of a frame, where it does.
         threshold (str, optional): As of
@@ -146,6 +148,7 @@ class Table:
         orderings (tuple of Ordering): What is looked for in the numbers.
         measured_on (str): What the published numbers were measured on.
         see_also (str): Where there is more of the kind, as a sentence; may be empty.
+        draws (Draws, optional): Draws of the samples tested on, over which accuracies are shown.
 
     Raises:
         ValueError: If there is no protocol or no place, a name stands for two, an ordering names an
@@ -170,6 +173,7 @@ class Table:
     orderings: tuple[Ordering, ...] = ()
     measured_on: str = "real hand"
     see_also: str = ""
+    draws: Draws | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.see_also, str):
@@ -325,12 +329,14 @@ def _table(name: str, content: Mapping[str, Any], folder: Path) -> Table:
         template = entries.pop("template", None)
         cells = tuple(_cell(cell, template, folder) for cell in entries.pop("cells"))
         orderings = tuple(Ordering(**item) for item in entries.pop("orderings", ()))
+        draws = entries.pop("draws", None)
         return Table(
             name=name,
             data=source,
             protocols=protocols,
             cells=cells,
             orderings=orderings,
+            draws=None if draws is None else Draws(**draws),
             **entries,
         )
     except KeyError as error:

@@ -84,10 +84,10 @@ def _byte_order(data: bytes) -> str:
     if _HDF5 in (data[:8], data[512:520]):
         raise ValueError("it is of version 7.3 (HDF5): write it by save(..., '-v7')")
     if len(data) < _START:
-        raise ValueError("it is no MAT file, or cut")
+        raise ValueError("it is no MAT file of version 5 to 7, or cut: try save(..., '-v7')")
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None or 0 in data[:4]:
-        raise ValueError("it is no MAT file of version 5 to 7: write it by save(..., '-v7')")
+        raise ValueError("it is no MAT file of version 5 to 7, or cut: try save(..., '-v7')")
     (version,) = struct.unpack(f"{order}H", data[124:126])
     if version != 0x0100:
         raise ValueError(f"it is of version {version:#x}: write it by save(..., '-v7')")

@@ -58,7 +58,8 @@ class Predictor(WindowedModel):
         - **reading:** :math:`(N, F)` or :math:`(B, N, F)`; windows :math:`(N, C \cdot T)` or
           :math:`(B, N, C \cdot T)`
         - **joint:** angles in radians :math:`(J,)` or :math:`(B, J)`
-        - **output:** probabilities :math:`(C,)` or :math:`(B, C)`; or the numbers predicted
+        - **output:** probabilities :math:`(C,)` for one frame, or :math:`(B, C)`; for a regression
+          the numbers themselves
 
     Raises:
         ValueError: If :obj:`task` is unknown; on a call, if a reading has another shape, or what
@@ -235,7 +236,8 @@ class Predictor(WindowedModel):
         windows those of its windows :math:`(W, C)`, cut as in training.
 
         Args:
-            recording (Recording): The recording, in the unit and tare of those trained on.
+            recording (Recording): The recording, in the unit and at the rest (tare) of those that
+                the model was trained on.
             batch_size (int): Number of frames or windows that are computed at a time.
 
         Raises:
@@ -244,8 +246,8 @@ class Predictor(WindowedModel):
         if self.window is not None:
             return self.of_windows(self.windows(recording)[0], batch_size)
         recording.check(self.layout)
-        chunks = _chunks(recording, batch_size)
-        return torch.cat([self(one.tactile, one.joint) for one in chunks])
+        parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
+        return torch.cat(parts)
 
     def prepare(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
@@ -257,9 +259,10 @@ class Predictor(WindowedModel):
             joint (torch.Tensor or numpy.ndarray, optional): As for a call.
             session (int, optional): As for a call.
         """
-        of_frames, dtype, device = self.preparation.data, self._dtype, self._device
-        data = of_frames(reading, joint, session, dtype=dtype, device=device)
-        return self.preparation.prepared(data)
+        data = self.preparation.data
+        return self.preparation.prepared(
+            data(reading, joint, session, dtype=self._dtype, device=self._device)
+        )
 
     def __repr__(self) -> str:
         return (

@@ -27,6 +27,8 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     T.Resample: (("x", *_FRAMES), ("x", *_FRAMES)),
     T.SelectChannels: (("x", *_FRAMES), ("x",)),
     T.SectorGraph: ((), (*_EDGES, "edge_sector", "edge_type", "edge_is_within")),
+    T.RandomContrast: (("x",), ("x",)),
+    T.RandomInversion: (("x",), ("x",)),
     T.RandomGain: (("x", *_FRAMES), ("x",)),
     T.RandomMirror: (("x", *_FRAMES), ("x",)),
     T.RandomNoise: (("x",), ("x",)),

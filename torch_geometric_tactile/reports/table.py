@@ -14,6 +14,7 @@ from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
 from torch_geometric_tactile.reports.table_caption import NOTHING, caption, cost_note
+from torch_geometric_tactile.reports.table_draws import draws_note
 from torch_geometric_tactile.reports.table_orderings import ordering_lines, positive_note
 from torch_geometric_tactile.reports.table_studies import study_lines, study_pictures
 from torch_geometric_tactile.texts import markdown_text, printable
@@ -28,8 +29,15 @@ from torch_geometric_tactile.visualization import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DIGITS = {"auroc": 3, "peak_memory_mb": 0, "frames_per_second": 0, "num_parameters": 0}
+_DIGITS = {
+    "auroc": 3,
+    "draws_variance": 2,
+    "peak_memory_mb": 0,
+    "frames_per_second": 0,
+    "num_parameters": 0,
+}
 _PUBLISHED_AS = {
+    "draws_variance": "variance",
     "auroc": "auc",
     "f1": "",  # that of papers is of one class
     "f1_positive": "f1",
@@ -123,7 +131,7 @@ def markdown(run: PlanRun) -> str:
     """
     table, index = run.plan.table, _index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]
-    if note := positive_note(run):
+    for note in filter(None, (positive_note(run), draws_note(run))):
         lines += [printable(note), ""]
     if table.see_also:
         lines += [f"See also: {printable(table.see_also)}", ""]
@@ -253,6 +261,8 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
         for metric, kind in kinds.items()
     ]
     groups = [("Accuracy in %", [*_published(run, "accuracy"), *accuracy])]
+    if table.draws is not None:
+        groups += [_of_draws(run)]
     others = {"auroc": "Area under the ROC curve", "f1": "F1 score in %"}
     if table.positive:
         others = {
@@ -271,6 +281,22 @@ def _of_paper(run: PlanRun) -> str:
     return f"published, {run.plan.table.measured_on}, private data"
 
 
+def _of_draws(run: PlanRun) -> tuple[str, list[_Series]]:
+    assert run.plan.table.draws is not None
+    kinds = {"draws_accuracy": "mean, %", "draws_variance": "variance, %²"}
+    published = [
+        (source, metric, f"{name}: {kinds['draws_variance']}")
+        for source, metric, name in _published(run, "draws_variance")
+    ]
+    ours = [
+        (protocol.name, metric, f"{run.plan.data.kind}, {protocol.name}: {kind}")
+        for protocol in run.plan.protocols
+        for metric, kind in kinds.items()
+    ]
+    count = run.plan.table.draws.count
+    return f"Accuracy over {count} draws of the samples tested on", [*published, *ours]
+
+
 def _published(run: PlanRun, metric: str) -> list[_Series]:
     key = _PUBLISHED_AS.get(metric, metric)
     printed = any(key in cell.published for cell in run.plan.table.cells)
@@ -284,7 +310,8 @@ def _memory_name(run: PlanRun) -> str:
 
 def _drawn(run: PlanRun) -> list[tuple[str, list[_Series]]]:
     groups = _groups(run)
-    return [group for group in groups if group[1][0][0] == OF_PAPER] or groups[:1]
+    drawn = [group for group in groups if group[1][0][0] == OF_PAPER]
+    return [group for group in drawn if "draws_variance" not in group[1][0]] or groups[:1]
 
 
 def _panels(run: PlanRun) -> list[ComparisonPanel]:

@@ -114,6 +114,11 @@ def _samples(run: PlanRun) -> str:
     noun = "frame" if 0 < facts.num_trials < facts.num_samples else "sample"
     stride, phases = selection.get("stride", 1), selection.get("phases")
     every = f"Every {noun}" if stride == 1 else f"Every {stride}th {noun}"
+    rate, drawn = selection.get("rate"), selection.get("samples_per_trial")
+    if rate is not None:
+        every += f" at {rate:g} Hz"
+    if drawn is not None:
+        every = f"{drawn} of each trial, drawn from {every[0].lower()}{every[1:]}"
     of_phases = "" if phases is None else f" of the phases {', '.join(phases)}"
     counts = []
     for name in (protocol.name for protocol in run.plan.protocols):

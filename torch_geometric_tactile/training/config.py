@@ -19,7 +19,15 @@ _MAX_VALUES = 100_000
 _MAX_DEPTH = 50
 
 # These files hold many experiments: `base`, and what each lays over it.
-TEMPLATES = ("p1_table2", "p1_table3", "p2_table2", "p3_table2", "p3_k", "p5_tables")
+TEMPLATES = (
+    "p1_table2",
+    "p1_table3",
+    "p2_table2",
+    "p3_table2",
+    "p3_k",
+    "p4_tables",
+    "p5_tables",
+)
 
 
 def config_names() -> list[str]:

@@ -6,7 +6,7 @@ import json
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 from jsonargparse.typing import register_type
 from torch import Tensor
@@ -194,6 +194,8 @@ def _size(
     if name == "layout":
         return _stored_layout(sizes.layout, annotation, cls)
     if name == "channels":
+        if get_origin(annotation) is Literal and init_args.get(name) is not None:
+            return None  # a choice of the model, which has its own way to as many
         return sizes.channels if _accepts(annotation, dict, Mapping) else sizes.in_channels
     if name == "in_channels":
         if getattr(cls, "splits_frames", False):

@@ -1,0 +1,30 @@
+"""Configurations of short, quiet trainings on generated readings."""
+
+
+def fake_dataset(num_samples):
+    """The section of a generated data set, joined with two neighbours each."""
+    return {
+        "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
+        "init_args": {
+            "num_samples": num_samples,
+            "pre_transform": {
+                "class_path": "torch_geometric_tactile.transforms.KNNGraph",
+                "init_args": {"k": 2},
+            },
+        },
+    }
+
+
+def fake_config(model, num_samples, **data):
+    """A configuration that trains one of our models for an epoch."""
+    return {
+        "model": {"model": {"class_path": f"torch_geometric_tactile.nn.models.{model}"}},
+        "data": {"dataset": fake_dataset(num_samples), **data},
+        "trainer": {
+            "max_epochs": 1,
+            "accelerator": "cpu",
+            "enable_progress_bar": False,
+            "enable_model_summary": False,
+            "logger": False,
+        },
+    }

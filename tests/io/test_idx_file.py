@@ -1,0 +1,55 @@
+import gzip
+import struct
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.io import read_idx
+
+ARRAY = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+DATA = b"\0\0\x08\x03" + struct.pack(">3I", 2, 3, 4) + ARRAY.tobytes()
+
+
+@pytest.mark.parametrize("packed", [gzip.compress, bytes])
+def test_arrays(tmp_path, packed):
+    path = tmp_path / "a.gz"
+    path.write_bytes(packed(DATA))
+    found = read_idx(path)
+    assert found.dtype == np.uint8
+    assert np.array_equal(found, ARRAY)
+    path.write_bytes(packed(b"\0\0\x08\x01" + struct.pack(">I", 0)))
+    assert read_idx(path).shape == (0,)
+
+
+def flipped(data, place):
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("data", "match"),
+    [
+        (b"", "array of unsigned bytes .got another header"),
+        (b"\0\0\x0d\x01" + DATA[4:], "array of unsigned bytes"),
+        (b"\0\0\x08\x00", r"1 to 4 dimensions \(got 0\)"),
+        (b"\0\0\x08\xff" + DATA[4:], r"1 to 4 dimensions \(got 255\)"),
+        (DATA[:10], "unpack requires"),
+        (DATA[:-1], r"24 numbers for the shape \(2, 3, 4\) \(got 23\)"),
+        (DATA + b"\0", r"24 numbers for the shape \(2, 3, 4\) \(got more\)"),
+        (gzip.compress(DATA)[:-9], "end-of-stream"),
+        (flipped(gzip.compress(DATA), -6), "CRC check failed"),
+        (gzip.compress(DATA + bytes(9)), r"\(got more\)"),
+        (b"\0\0\x08\x03" + struct.pack(">3I", 2**31, 28, 28), "it would take 1683627180032 bytes"),
+    ],
+    ids=str,
+)
+def test_bad_files(tmp_path, data, match):
+    path = tmp_path / "a.gz"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=match) as error:
+        read_idx(path)
+    assert str(path) in str(error.value)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match="does not exist; give the path of an IDX file"):
+        read_idx(tmp_path)

@@ -1,0 +1,315 @@
+"""Matrices of readings in CSV, npy, PNG and MAT files."""
+
+import struct
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.io import (
+    read_matrices,
+    read_matrix_csv,
+    read_matrix_mat,
+    read_matrix_npy,
+    read_matrix_png,
+)
+
+SIZE = (3, 4)
+MATRIX = np.arange(12.0).reshape(SIZE) / 4
+STACK = np.stack([MATRIX, MATRIX + 1])
+
+
+def csv(path, matrix=MATRIX, **kwargs):
+    np.savetxt(path, matrix, delimiter=",", **kwargs)
+    return path
+
+
+def mat(path, variables=None, **kwargs):
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(path, {"press": STACK} if variables is None else variables, **kwargs)
+    return path
+
+
+def png(path, pixels):
+    image = pytest.importorskip("PIL.Image", reason="needs the extra 'io'")
+    image.fromarray(pixels).save(path)
+    return path
+
+
+def test_csv(tmp_path):
+    found = read_matrix_csv(csv(tmp_path / "a.csv"), SIZE)
+    assert found.shape == (1, 3, 4)
+    assert np.array_equal(found[0], MATRIX)
+    path = tmp_path / "b.csv"
+    path.write_text("1,,3\n4,nan,6\n")
+    found = read_matrix_csv(path, (2, 3))
+    assert np.isnan(found).tolist() == [[[False, True, False], [False, True, False]]]
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", "must hold at least one frame .got an empty file"),
+        ("1,2\n", r"must have 2 lines \(got 1\): is the file cut"),
+        ("1,2\n3,4\n5,6\n", r"must have 2 lines \(got more\)"),
+        ("1,2\n3,4", "line 2 must end with a line break: is the file cut"),
+        ("1,2\n3\n", r"line 2 must have 2 cells \(got 1\)"),
+        ("1,2\n3,4,5\n", r"line 2 must have 2 cells \(got 3\)"),
+        ("1,2\n3,x\n", r"line 2, column 2: 'column 2' must be a number \(got 'x'\)"),
+        ("1,2\n3,inf\n", r"line 2, column 2: 'column 2' must be finite"),
+        ("1;2\n3;4\n", r"line 1 must have cells that are separated by commas"),
+        ("1 2\n3 4\n", r"line 1 must have 2 cells \(got 1\)"),
+        ("a,b\n1,2\n", r"line 1, column 1: 'column 1' must be a number \(got 'a'\)"),
+    ],
+)
+def test_bad_csv(tmp_path, text, match):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=match) as error:
+        read_matrix_csv(path, (2, 2))
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("dtype", ["f4", ">f8", "i2", "u1", ">u2", "f2"])
+def test_npy(tmp_path, dtype):
+    path = tmp_path / "a.npy"
+    for array in (MATRIX, STACK, np.asfortranarray(STACK), STACK[:1]):
+        np.save(path, array.astype(dtype))
+        found = read_matrix_npy(path, SIZE)
+        assert found.dtype == np.dtype(dtype).newbyteorder("=")
+        assert np.array_equal(found, array.astype(dtype).reshape(-1, *SIZE))
+    np.save(path, MATRIX)
+    assert read_matrix_npy(path, (4,)).shape == (3, 4)
+    np.save(path, MATRIX[0])
+    assert read_matrix_npy(path, (4,)).shape == (1, 4)
+
+
+@pytest.mark.parametrize(
+    ("array", "match"),
+    [
+        (MATRIX[:2], r"a matrix of 3 x 4 numbers or a stack of them \(got shape \(2, 4\)\)"),
+        (STACK[None], r"\(got shape \(1, 2, 3, 4\)\)"),
+        (STACK[:0], r"\(got shape \(0, 3, 4\)\)"),
+        (np.array(1.0), r"\(got shape \(\)\)"),
+        (MATRIX.astype(complex), "is of type complex128, and only numbers"),
+        (MATRIX > 1, r"must hold numbers \(got type bool\)"),
+        (MATRIX.astype(str), r"must hold numbers \(got type <U"),
+        (np.array([None, {}]), "is of type object, and only numbers"),
+    ],
+    ids=["rows", "4-D", "empty", "scalar", "complex", "bool", "text", "pickle"],
+)
+def test_bad_npy(tmp_path, array, match):
+    path = tmp_path / "a.npy"
+    np.save(path, array, allow_pickle=True)
+    with pytest.raises(ValueError, match=match) as error:
+        read_matrix_npy(path, SIZE)
+    assert str(path) in str(error.value)
+
+
+def test_damaged_npy(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, MATRIX)
+    data = path.read_bytes()
+    for other in (data[:-1], data + b"\0"):
+        path.write_bytes(other)
+        with pytest.raises(ValueError, match=r"must have 224 bytes for the shape \(3, 4\)"):
+            read_matrix_npy(path, SIZE)
+    for other in (data[:40], b"", b"PK\x03\x04", data.replace(b"'<f8'", b"'<q99")):
+        path.write_bytes(other)
+        with pytest.raises(ValueError, match=r"cannot be read as npy.*copy or write it again"):
+            read_matrix_npy(path, SIZE)
+
+
+def test_sizes_of_npy_are_known_before_memory_is_taken(tmp_path):
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3, 4), }\n"
+    path = tmp_path / "a.npy"
+    path.write_bytes(b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(96))
+    with pytest.raises(ValueError, match=r"must have 96000000000085 bytes .*is it cut"):
+        read_matrix_npy(path, SIZE)
+
+
+def test_png(tmp_path):
+    for dtype in (np.uint8, np.uint16):
+        top = np.iinfo(dtype).max
+        pixels = np.random.default_rng(0).integers(0, top, SIZE, endpoint=True).astype(dtype)
+        pixels[0, :2] = 0, top
+        found = read_matrix_png(png(tmp_path / "a.png", pixels), SIZE)
+        assert found.dtype == dtype
+        assert np.array_equal(found[0], pixels)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "match"),
+    [
+        (np.zeros((4, 4), np.uint8), r"must have 3 x 4 pixels \(got 4 x 4\)"),
+        (np.zeros((3, 4, 3), np.uint8), r"must be a grey image \(got RGB\): save it in grey"),
+        (np.zeros((3, 4, 4), np.uint8), r"\(got RGB with transparency\)"),
+        (np.zeros((3, 4, 2), np.uint8), r"\(got grey with transparency\)"),
+        (np.zeros((3, 4), bool), r"must have 8 or 16 bits a pixel \(got 1\)"),
+    ],
+    ids=["size", "RGB", "RGBA", "LA", "bits"],
+)
+def test_bad_png(tmp_path, pixels, match):
+    path = png(tmp_path / "a.png", pixels)
+    with pytest.raises(ValueError, match=match) as error:
+        read_matrix_png(path, SIZE)
+    assert str(path) in str(error.value)
+
+
+def chunk(name, content):
+    code = struct.pack(">I", zlib.crc32(name + content))
+    return struct.pack(">I", len(content)) + name + content + code
+
+
+def test_damaged_png(tmp_path):
+    path = png(tmp_path / "a.png", np.arange(12, dtype=np.uint8).reshape(SIZE))
+    data = path.read_bytes()
+    place = data.index(b"IDAT")
+    flipped = bytearray(data)
+    flipped[place + 6] ^= 1
+    second = struct.pack(">IIBBBBB", 2**15, 2**15, 8, 0, 0, 0, 0)
+    for other in (
+        data[: len(data) // 2],
+        bytes(flipped),
+        data[: place - 4] + chunk(b"IHDR", second) + data[place - 4 :],
+        data[: place - 4] + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b""),
+    ):
+        path.write_bytes(other)
+        with pytest.raises(ValueError, match=r"a\.png' cannot be read as PNG: .*write it again"):
+            read_matrix_png(path, SIZE)
+    for other in (b"", b"GIF89a", data[:20]):
+        path.write_bytes(other)
+        with pytest.raises(ValueError, match=r"a\.png' must be a PNG image"):
+            read_matrix_png(path, SIZE)
+    path.write_bytes(data + bytes(2**22))
+    with pytest.raises(ValueError, match=r"a\.png' must have 4194304 bytes at most"):
+        read_matrix_png(path, SIZE)
+
+
+def test_png_without_pillow(tmp_path, monkeypatch):
+    path = png(tmp_path / "a.png", np.zeros(SIZE, np.uint8))
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(ImportError, match=r'Pillow: pip install "torch-geometric-tactile\[io\]"'):
+        read_matrix_png(path, SIZE)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_mat_as_scipy_writes_it(tmp_path, dtype, packed):
+    for array in (STACK, MATRIX, STACK[:1]):
+        others = {"note": "text", "parts": {"deep": {"er": MATRIX}}}
+        array = (8 * array).astype(dtype)
+        path = mat(tmp_path / "a.mat", {**others, "press": array}, do_compression=packed)
+        found = read_matrix_mat(path, SIZE)
+        assert found.dtype == array.dtype
+        assert np.array_equal(found, array.reshape(-1, *SIZE))
+
+
+def test_mat_of_another_machine(tmp_path):
+    """Big endian, and numbers stored in fewer bytes than they have in MATLAB."""
+    values = np.arange(12, dtype=np.uint8).reshape(SIZE)
+    parts = struct.pack(">IIII", 6, 8, 6, 0) + struct.pack(">IIii", 5, 8, *SIZE)
+    parts += struct.pack(">HH4s", 1, 1, b"x\0\0\0") + struct.pack(">II", 2, 12)
+    parts += values.tobytes(order="F") + bytes(4)
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(">H", 0x0100) + b"MI"
+    path = tmp_path / "a.mat"
+    path.write_bytes(head + struct.pack(">II", 14, len(parts)) + parts)
+    found = read_matrix_mat(path, SIZE)
+    assert found.dtype == np.float64
+    assert np.array_equal(found[0], values)
+    loadmat = pytest.importorskip("scipy.io").loadmat
+    assert np.array_equal(loadmat(path)["x"], values)
+
+
+def test_variables_of_mat(tmp_path):
+    path = mat(tmp_path / "a.mat", {"a": MATRIX, "b": STACK, "c": "text"})
+    assert np.array_equal(read_matrix_mat(path, SIZE, "b"), STACK)
+    with pytest.raises(ValueError, match=r"one numeric array \(got 'a', 'b'\): name it by 'var"):
+        read_matrix_mat(path, SIZE)
+    for name in ("c", "d"):
+        with pytest.raises(ValueError, match=rf"must have one numeric array '{name}' \(got 'a'"):
+            read_matrix_mat(path, SIZE, name)
+    assert np.array_equal(read_matrices(path, SIZE, "a"), MATRIX[None])
+
+
+@pytest.mark.parametrize(
+    ("variables", "match"),
+    [
+        ({"a": MATRIX.T}, r"'a' must be a matrix of 3 x 4 numbers .*\(got shape \(4, 3\)\)$"),
+        ({"a": STACK.transpose(1, 2, 0)}, r"\(3, 4, 2\)\): put the matrices first by permute"),
+        ({"a": MATRIX[0, 0]}, r"\(got shape \(1, 1\)\)"),
+        ({"a": MATRIX[:0]}, r"\(got shape \(0, 4\)\)"),
+        ({"a": MATRIX * 1j}, r"'a' must hold real numbers \(got complex or logical"),
+        ({"a": MATRIX > 1}, r"'a' must hold real numbers \(got complex or logical"),
+        ({"a": "text"}, r"one numeric array \(got none in 1 variables\)"),
+        ({}, r"one numeric array \(got none in 0 variables\)"),
+    ],
+    ids=["transposed", "last", "scalar", "empty", "complex", "logical", "text", "none"],
+)
+def test_bad_mat(tmp_path, variables, match):
+    path = mat(tmp_path / "a.mat", variables)
+    with pytest.raises(ValueError, match=match) as error:
+        read_matrix_mat(path, SIZE)
+    assert str(path) in str(error.value)
+
+
+def test_other_versions_of_mat(tmp_path):
+    path = mat(tmp_path / "a.mat", {"a": MATRIX}, format="4")
+    with pytest.raises(ValueError, match=r"no MAT file of version 5 to 7, or cut: try save"):
+        read_matrix_mat(path, SIZE)
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(9))
+    with pytest.raises(ValueError, match=r"of version 7.3 \(HDF5\): write it by save.*'-v7'"):
+        read_matrix_mat(path, SIZE)
+    mat(path)
+    path.write_bytes(path.read_bytes()[:124] + b"\0\2IM")
+    with pytest.raises(ValueError, match=r"of version 0x200"):
+        read_matrix_mat(path, SIZE)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_damaged_mat(tmp_path, packed):
+    path = mat(tmp_path / "a.mat", do_compression=packed)
+    data = path.read_bytes()
+    for length in (0, 60, 130, 150, len(data) - 1):
+        path.write_bytes(data[:length])
+        with pytest.raises(ValueError, match=r"a\.mat' cannot be read as MAT"):
+            read_matrix_mat(path, SIZE)
+    if packed:
+        flipped = bytearray(data)
+        flipped[-2] ^= 1
+        path.write_bytes(flipped)
+        with pytest.raises(ValueError, match="incorrect data check"):
+            read_matrix_mat(path, SIZE)
+
+
+def test_sizes_of_mat_are_known_before_memory_is_taken(tmp_path):
+    savemat = pytest.importorskip("scipy.io").savemat
+    path = tmp_path / "a.mat"
+    savemat(path, {"a": np.zeros((10**6, 3, 4))}, do_compression=True)
+    assert path.stat().st_size < 200_000
+    with pytest.raises(ValueError, match=r"'a' would take 96008192 bytes, far more than the file"):
+        read_matrix_mat(path, SIZE)
+
+
+def test_formats_by_suffix(tmp_path):
+    csv(tmp_path / "a.CSV")
+    np.save(tmp_path / "a.npy", STACK)
+    assert read_matrices(tmp_path / "a.CSV", SIZE).shape == (1, 3, 4)
+    assert read_matrices(tmp_path / "a.npy", SIZE).shape == (2, 3, 4)
+    assert read_matrices(png(tmp_path / "a.png", np.zeros(SIZE, np.uint8)), SIZE).dtype == np.uint8
+    assert read_matrices(mat(tmp_path / "a.mat"), SIZE).shape == (2, 3, 4)
+    with pytest.raises(ValueError, match=r"a.txt' must have one of the suffixes .csv, .mat, .npy"):
+        read_matrices(tmp_path / "a.txt", SIZE)
+    with pytest.raises(ValueError, match=r"a.CSV' must have one of the suffixes .npy$"):
+        read_matrices(tmp_path / "a.CSV", (12,))
+
+
+@pytest.mark.parametrize(
+    "read", [read_matrix_csv, read_matrix_npy, read_matrix_png, read_matrix_mat]
+)
+def test_missing_files(tmp_path, read):
+    for path in (tmp_path, Path(tmp_path, "nothing")):
+        with pytest.raises(FileNotFoundError, match="does not exist; give the path of"):
+            read(path)
