@@ -4,6 +4,7 @@ from torch_geometric_tactile.sensors.allegro import allegro_uskin, allegro_uskin
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment
 from torch_geometric_tactile.sensors.grid import grid
+from torch_geometric_tactile.sensors.hexagonal import hexagonal
 from torch_geometric_tactile.sensors.icub import icub_fingertip, icub_hand
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
@@ -17,6 +18,7 @@ from torch_geometric_tactile.sensors.sector_edges import (
 )
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
 from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
+from torch_geometric_tactile.sensors.thinned import select_taxels, thinned
 
 __all__ = [
     "HandKinematics",
@@ -35,13 +37,16 @@ __all__ = [
     "check_segment",
     "expand_patches",
     "grid",
+    "hexagonal",
     "icub_fingertip",
     "icub_hand",
     "layout_sectors",
     "letter_array",
     "sector_edges",
+    "select_taxels",
     "stock_layout",
     "stock_names",
     "stock_path",
     "taxel_clusters",
+    "thinned",
 ]
