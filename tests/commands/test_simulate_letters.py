@@ -43,7 +43,9 @@ def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
 
     asked = []
     monkeypatch.setattr(
-        simulated_letters, "simulate_letters", lambda *args: asked.append(args) or (x for x in ())
+        simulated_letters,
+        "simulate_letters",
+        lambda *args, layout: asked.append(args) or (x for x in ()),
     )
     assert simulate(tmp_path) == 0
     assert asked == [(str(tmp_path), 500, 0, 1)]
@@ -53,8 +55,8 @@ def test_ctrl_c_tells_what_is_kept(tmp_path, capsys, monkeypatch):
     from torch_geometric_tactile.reports import simulated_letters
     from torch_geometric_tactile.sim import simulate_letters
 
-    def stopped(*args):
-        yield from simulate_letters(*args, letters="ABC")
+    def stopped(*args, layout):
+        yield from simulate_letters(*args, letters="ABC", layout=layout)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(simulated_letters, "simulate_letters", stopped)
@@ -109,3 +111,24 @@ def test_help_has_examples(capsys):
         build_parser().parse_args(["simulate", "--help"])
     text = capsys.readouterr().out
     assert "tactile simulate --out letters --objects letters --preview" in text
+
+
+def test_letters_on_another_array(tmp_path, capsys):
+    from torch_geometric_tactile.sensors import TaxelLayout, hexagonal
+
+    path, out = tmp_path / "hexagonal.json", tmp_path / "letters"
+    hexagonal(12, 10, 0.004).save(path)
+    assert simulate(out, "--presses", "1", "--layout", str(path)) == 0
+    assert len(TaxelLayout.load(out / "layout.json")) == 120
+    assert np.load(out / "Q" / "Q_0000.npy").shape == (1, 120)
+
+
+def test_layout_of_letters_only(tmp_path, capsys):
+    assert main(["simulate", "--out", str(tmp_path), "--layout", "hexagonal.json"]) == 1
+    error = "'layout' must be left out for objects other than 'letters' (got 'hexagonal.json')"
+    assert error in capsys.readouterr().err
+
+
+def test_layout_that_is_not_there(tmp_path, capsys):
+    assert simulate(tmp_path, "--layout", str(tmp_path / "none.json")) == 1
+    assert "none.json" in capsys.readouterr().err

@@ -62,6 +62,9 @@ examples:
                                                          a minute on two cores, and a picture
   tactile simulate --out some --objects letters --presses 20 --seed 1
                                                          520 others
+  tactile simulate --out hexagonal --objects letters --layout hexagonal.json
+                                                         the same letters on another array, a file
+                                                         of TaxelLayout.save
 
 Finished trials are kept: the same command goes on where a run was stopped, and with
 --preview draws the pictures of a finished one. The same seed gives the same recordings,
@@ -118,6 +121,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=few,
         help="presses of each of the letters (default: 500); more of them begin with the same",
+    )
+    parser.add_argument(
+        "--layout",
+        metavar="FILE",
+        help="the taxels that letters are pressed on: a layout file, such as that of "
+        "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32, 1.25 mm "
+        "apart)",
     )
     parser.add_argument(
         "--seed", type=not_negative, default=0, help="decides all randomness (default: 0)"
@@ -182,6 +192,11 @@ def run(arguments: argparse.Namespace) -> int:
                 f"'{name}' must be left out for objects other than '{objects}' (got {value}); "
                 f"'{number}' is their number"
             )
+    if arguments.layout is not None and arguments.objects != _LETTERS:
+        raise ValueError(
+            f"'layout' must be left out for objects other than '{_LETTERS}' (got "
+            f"'{arguments.layout}'); 'hand' chooses the taxels of a hand"
+        )
     if arguments.objects in _NUMBERS:
         _check_left_out(arguments)
         return _run_bigs(arguments) if arguments.objects == _BIGS else _run_letters(arguments)
@@ -245,7 +260,11 @@ def _run_letters(arguments: argparse.Namespace) -> int:
     if arguments.preview:
         check_preview()
     finished = simulated_letters.run_letters(
-        arguments.out, presses=arguments.presses, seed=arguments.seed, jobs=arguments.jobs
+        arguments.out,
+        presses=arguments.presses,
+        seed=arguments.seed,
+        jobs=arguments.jobs,
+        layout=arguments.layout,
     )
     print(printable(finished.describe()), flush=True)
     if arguments.preview:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.reports.simulation_progress import run_with_progress
+from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.sim import (
     LETTER_PRESSES,
     LETTERS,
@@ -20,11 +21,14 @@ from torch_geometric_tactile.visualization.letters import plot_presses
 
 
 class LettersRun(NamedTuple):
-    r"""A finished run: the reports of its files, how many seconds it took, and its folder."""
+    r"""A finished run: the reports of its files, how many seconds it took, its folder, and the
+    taxels if they are not those of the letter array.
+    """
 
     reports: list[LetterReport]
     seconds: float
     out: Path
+    layout: TaxelLayout | None = None
 
     def describe(self) -> str:
         r"""Returns the run in one line."""
@@ -38,7 +42,12 @@ class LettersRun(NamedTuple):
 
 
 def run_letters(
-    out: PathLike, *, presses: int | None = None, seed: int = 0, jobs: int = 1
+    out: PathLike,
+    *,
+    presses: int | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    layout: TaxelLayout | PathLike | None = None,
 ) -> LettersRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate_letters` with a progress bar on the
     terminal.
@@ -48,6 +57,8 @@ def run_letters(
         presses (int, optional): Number of presses of each letter; that of the paper if left out.
         seed (int): Seed.
         jobs (int): Processes.
+        layout (TaxelLayout or str or PathLike, optional): The taxels, their name or their file; the
+            letter array if left out.
 
     Raises:
         KeyboardInterrupt: On Ctrl-C; the message tells how many files are finished.
@@ -56,15 +67,16 @@ def run_letters(
     """
     start = time.monotonic()
     number = LETTER_PRESSES if presses is None else presses
+    layout = None if layout is None else as_layout(layout)
     reports = run_with_progress(
-        simulate_letters(out, number, seed, jobs),
+        simulate_letters(out, number, seed, jobs, layout=layout),
         num_letter_files(number),
         out,
         "file",
         lambda report: f"letter {report.letter}",
         "[A-Z]/*.npy",
     )
-    return LettersRun(reports, time.monotonic() - start, Path(out))
+    return LettersRun(reports, time.monotonic() - start, Path(out), layout)
 
 
 def draw_letters_preview(run: LettersRun) -> Path:
@@ -81,5 +93,5 @@ def draw_letters_preview(run: LettersRun) -> Path:
     first = {report.letter: report.path for report in run.reports if report.first == 0}
     presses = [np.load(first[letter], mmap_mode="r")[0] for letter in LETTERS]
     title = "Simulated presses of letters: the first of each"
-    save_figure(plot_presses(np.stack(presses), LETTERS, title=title), path)
+    save_figure(plot_presses(np.stack(presses), LETTERS, run.layout, title=title), path)
     return path
