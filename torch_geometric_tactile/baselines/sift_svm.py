@@ -54,7 +54,7 @@ class SIFTSVM(VisualWordsSVM):
         self,
         layout: TaxelLayout | PathLike | None = None,
         *,
-        num_words: int = 500,
+        num_words: int = 1000,
         factor: int = 1,
         contrast_threshold: float = 0.01,
         root: bool = True,
@@ -73,6 +73,13 @@ class SIFTSVM(VisualWordsSVM):
         self.C = C
         self.class_weight = class_weight
         self.random_state = random_state
+
+    def _check(self) -> None:
+        super()._check()
+        if not self.contrast_threshold >= 0:
+            raise ValueError(
+                f"'contrast_threshold' must not be negative (got {self.contrast_threshold})"
+            )
 
     def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
         r"""Yields the descriptors of the keypoints of each image :math:`(P, 128)`.

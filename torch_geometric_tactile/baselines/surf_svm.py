@@ -62,8 +62,8 @@ class SURFSVM(VisualWordsSVM):
         *,
         num_words: int = 500,
         factor: int = 3,
-        spacing: int = 8,
-        scale: float = 3.0,
+        spacing: int = 6,
+        scale: float = 4.0,
         contrast: float = 0.1,
         root: bool = True,
         kernel: Literal["linear", "rbf"] = "rbf",
@@ -90,6 +90,8 @@ class SURFSVM(VisualWordsSVM):
             raise ValueError(f"'spacing' must be at least 1 (got {self.spacing})")
         if not 1 <= self.scale < math.inf:
             raise ValueError(f"'scale' must be at least 1 (got {self.scale})")
+        if not 0 <= self.contrast <= 1:
+            raise ValueError(f"'contrast' must be a part from 0 to 1 (got {self.contrast})")
 
     def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
         r"""Yields the descriptors of points on a raster of each image :math:`(P, 64)`.
