@@ -165,6 +165,10 @@ def test_copies_depend_on_their_file_and_the_seed_only(few, tmp_path):
     np.savetxt(few / "A" / "A_0000.csv", press(few), delimiter=",")
     fewer = LetterShape(few, letters=THREE)
     assert fewer.x[3:].equal(first.x[15:])
+    shutil.copy(few / "B" / "B_0000.npy", few / "C" / "C_0000.npy")
+    same = LetterShape(few, letters=THREE).x[3:].view(2, 5, 3, 1024)
+    assert same[0, :, 0].equal(same[1, :, 0])
+    assert not same[0, :, 1].equal(same[1, :, 1])
 
 
 def test_copies_leave_the_random_state_alone(few):

@@ -169,10 +169,16 @@ def test_damaged_png(tmp_path):
     place = data.index(b"IDAT")
     flipped = bytearray(data)
     flipped[place + 6] ^= 1
+    unchecked = bytearray(data)
+    unchecked[data.index(b"IEND") - 5] ^= 1  # of the checksum of the pixels
     second = struct.pack(">IIBBBBB", 2**15, 2**15, 8, 0, 0, 0, 0)
+    larger = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 8, 8, 0, 0, 0, 0))
+    larger += chunk(b"IDAT", zlib.compress(bytes(8 * 9))) + chunk(b"IEND", b"")
     for other in (
         data[: len(data) // 2],
         bytes(flipped),
+        bytes(unchecked),
+        data[: place - 4] + larger,
         data[: place - 4] + chunk(b"IHDR", second) + data[place - 4 :],
         data[: place - 4] + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b""),
     ):
@@ -207,20 +213,40 @@ def test_mat_as_scipy_writes_it(tmp_path, dtype, packed):
         assert np.array_equal(found, array.reshape(-1, *SIZE))
 
 
-def test_mat_of_another_machine(tmp_path):
-    """Big endian, and numbers stored in fewer bytes than they have in MATLAB."""
-    values = np.arange(12, dtype=np.uint8).reshape(SIZE)
-    parts = struct.pack(">IIII", 6, 8, 6, 0) + struct.pack(">IIii", 5, 8, *SIZE)
+def big_endian(path, values, kind=6):
+    """A file of one matrix, whose bytes stand for numbers of another type."""
+    parts = struct.pack(">IIII", 6, 8, kind, 0) + struct.pack(">IIii", 5, 8, *SIZE)
     parts += struct.pack(">HH4s", 1, 1, b"x\0\0\0") + struct.pack(">II", 2, 12)
     parts += values.tobytes(order="F") + bytes(4)
     head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(">H", 0x0100) + b"MI"
-    path = tmp_path / "a.mat"
     path.write_bytes(head + struct.pack(">II", 14, len(parts)) + parts)
+    return path
+
+
+def test_mat_of_another_machine(tmp_path):
+    """Big endian, and numbers stored in fewer bytes than they have in MATLAB."""
+    values = np.arange(12, dtype=np.uint8).reshape(SIZE)
+    path = big_endian(tmp_path / "a.mat", values)
     found = read_matrix_mat(path, SIZE)
     assert found.dtype == np.float64
     assert np.array_equal(found[0], values)
     loadmat = pytest.importorskip("scipy.io").loadmat
     assert np.array_equal(loadmat(path)["x"], values)
+
+
+def test_numbers_of_mat_that_do_not_fit_their_type(tmp_path):
+    path = big_endian(tmp_path / "a.mat", np.full(SIZE, 200, np.uint8), kind=8)
+    with pytest.raises(ValueError, match="'x' has numbers that do not fit its type int8"):
+        read_matrix_mat(path, SIZE)
+
+
+def test_packed_mat_that_ends_early(tmp_path):
+    """The numbers are whole, but not the checksum behind them."""
+    data = mat(tmp_path / "a.mat", do_compression=True).read_bytes()
+    path = tmp_path / "b.mat"
+    path.write_bytes(data[:132] + struct.pack("<I", len(data) - 136 - 4) + data[136:-4])
+    with pytest.raises(ValueError, match="has other bytes than its description says"):
+        read_matrix_mat(path, SIZE)
 
 
 def test_variables_of_mat(tmp_path):
