@@ -33,7 +33,8 @@ class SURFSVM(VisualWordsSVM):
         factor (int): How much an image is enlarged before.
         spacing (int): Distance of the points in pixels of the enlarged image.
         scale (float): Scale of a descriptor, which describes 20 scales by 20 pixels of the enlarged
-            image.
+            image. A scale of 4 with a spacing of 6 is better (by 1.5 points on validation letters)
+            and takes 1.7 times as long.
         contrast (float): A point is left out if the grey values of these pixels differ by no more
             than this part of the full scale.
         root (bool): Whether the histograms are those of the Hellinger kernel, roots of the counts.
@@ -62,8 +63,8 @@ class SURFSVM(VisualWordsSVM):
         *,
         num_words: int = 500,
         factor: int = 3,
-        spacing: int = 6,
-        scale: float = 4.0,
+        spacing: int = 8,
+        scale: float = 3.0,
         contrast: float = 0.1,
         root: bool = True,
         kernel: Literal["linear", "rbf"] = "rbf",
