@@ -123,7 +123,7 @@ class MSCNN(TactileModel):
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
         for stage in self.stages:
-            stage.reset_parameters()
+            stage.reset_parameters()  # type: ignore[operator]
         for lin in (*self.head.lins, self.head.lin_out):
             trunc_normal_(lin.weight, std=SD, a=-2 * SD, b=2 * SD)
             zeros_(lin.bias)
