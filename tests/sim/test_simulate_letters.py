@@ -314,3 +314,19 @@ def test_no_extra_is_needed(tmp_path):
         [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=False
     )
     assert done.stdout == "26\n", done.stderr
+
+
+def test_data_set_reads_what_was_simulated(tmp_path):
+    from torch_geometric_tactile.datasets import LetterShape
+
+    list(simulate_letters(tmp_path / "grid", 2))
+    dataset = LetterShape(tmp_path / "grid", copies=1)
+    assert (len(dataset), dataset.class_names) == (52, list(LETTERS))
+    assert not dataset.left_out
+    last = np.load(tmp_path / "grid" / "Z" / "Z_0000.npy")[1]
+    assert dataset[51].x[:, 0].numpy() == pytest.approx(last.ravel() / 100)
+    layout = thinned()
+    list(simulate_letters(tmp_path / "thin", 1, layout=layout))
+    dataset = LetterShape(tmp_path / "thin", copies=1, adjacency=None)
+    assert dataset[0].x.shape == (512, 1)
+    assert torch.equal(dataset.layout.pos, layout.pos)
