@@ -125,8 +125,8 @@ class MSCNN(TactileModel):
         for stage in self.stages:
             stage.reset_parameters()  # type: ignore[operator]
         for lin in (*self.head.lins, self.head.lin_out):
-            trunc_normal_(lin.weight, std=SD, a=-2 * SD, b=2 * SD)  # type: ignore[arg-type]
-            zeros_(lin.bias)  # type: ignore[arg-type]
+            trunc_normal_(lin.weight, std=SD, a=-2 * SD, b=2 * SD)
+            zeros_(lin.bias)
 
     def collect(self, name: str, x: Tensor, *others: OptTensor) -> Tensor:
         r"""Returns the readings of each taxel :math:`(B, N, F)`, whatever the form of the data.
