@@ -18,6 +18,7 @@ from torch_geometric_tactile.reports.table_draws import draws_note
 from torch_geometric_tactile.reports.table_orderings import ordering_lines, positive_note
 from torch_geometric_tactile.reports.table_studies import study_lines, study_pictures
 from torch_geometric_tactile.texts import markdown_text, printable
+from torch_geometric_tactile.training.config import TEMPLATES
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import (
     ComparisonPanel,
@@ -157,23 +158,24 @@ def markdown(run: PlanRun) -> str:
     lines += study_lines(run)
     lines += ["## What a model costs", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
+    once = {_config_name(cell): cell for cell in table.cells}  # two places may have one model
     lines += _table_lines(
         ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
         [
             [
-                f"`{printable(_config_name(cell)).replace('|', '')}`",
+                f"`{printable(name).replace('|', '')}`",
                 *(_shown(index.get((cell.experiment, ALL, metric))) for metric in metrics),
             ]
-            for cell in table.cells
+            for name, cell in once.items()
         ],
     )
     return "\n".join(lines)
 
 
 def _config_name(cell: Cell) -> str:
-    # What `tactile fit --config` takes, where that is one experiment's name only.
-    is_of_template = isinstance(cell.config, str) and cell.config.endswith(f"/{cell.experiment}")
-    return str(cell.config) if is_of_template else cell.experiment
+    # What `tactile fit --config` takes, where that is one of a template.
+    config = str(cell.config)
+    return config if config.partition("/")[0] in TEMPLATES else cell.experiment
 
 
 def _table_lines(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
