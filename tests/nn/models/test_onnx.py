@@ -103,3 +103,22 @@ def test_onnx_temporal_taxel_net(tmp_path):
 def test_onnx_bmf_cnn(x, tmp_path):
     edge_index = letter_array().edge_index("original")
     assert_onnx_equals(BMFCNN(), tmp_path / "model.onnx", edge_index, 1024, x=x)
+
+
+@pytest.mark.parametrize("fusion", ["C3", "C1+C3", "bilinear(C2)+C3"])
+def test_onnx_bmf_cnn_of_other_fusions(fusion, tmp_path):
+    layout = grid(20, 22, pitch=0.01)
+    model = BMFCNN(layout, 3, fusion=fusion, in_channels=3)
+    assert_onnx_equals(model, tmp_path / "model.onnx", layout.edge_index("original"), 440)
+
+
+@pytest.mark.parametrize("attached", [False, True])
+def test_onnx_bmf_cnn_multiplies_equal_products_once(attached, tmp_path):
+    onnx = pytest.importorskip("onnx")
+    layout, path = grid(20, 20, pitch=0.01), tmp_path / "model.onnx"
+    model = BMFCNN(layout, 3, in_channels=3)
+    if attached:  # and then the file has it as well
+        model.fc1.register_forward_hook(lambda module, args, out: 2 * out)
+    assert_onnx_equals(model, path, layout.edge_index("original"), 400)
+    operations = [node.op_type for node in onnx.load(path).graph.node]
+    assert ("Gather" in operations) == (not attached)

@@ -9,6 +9,7 @@ from torch.nn import functional as F
 from torch.nn.init import xavier_uniform_, zeros_
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.conv.plain import is_hooked
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
@@ -180,15 +181,17 @@ class BMFCNN(Module, TactileHubMixin):
     def _hidden(self, maps: dict[str, Tensor]) -> Tensor:
         low, _, high = self.fusion.rpartition("+")
         rows = maps[high].flatten(1)
-        if low:
-            rows = torch.cat([self._unit(low, maps), F.normalize(rows)], dim=1)
-        return self.fc1(rows).relu()
-
-    def _unit(self, low: str, maps: dict[str, Tensor]) -> Tensor:
+        if not low:
+            return self.fc1(rows).relu()
+        rows = F.normalize(rows)
         if low in maps:
-            return F.normalize(maps[low].flatten(1))
+            return self.fc1(torch.cat([F.normalize(maps[low].flatten(1)), rows], dim=1)).relu()
         feature = self.bilinear_feature(maps[low.removeprefix("bilinear(").removesuffix(")")])
-        return feature.flatten(1) / feature.size(1) ** 0.5  # each of its maps has norm one
+        feature = feature / feature.size(1) ** 0.5  # each of its maps has norm one
+        # The order: `torch.onnx` is not looked at where nothing is traced.
+        if torch.compiler.is_compiling() and torch.onnx.is_in_onnx_export() and _is_plain(self.fc1):
+            return _linear_of_symmetric(self.fc1, feature, rows).relu()
+        return self.fc1(torch.cat([feature.flatten(1), rows], dim=1)).relu()
 
     def _fused_channels(self) -> int:
         rows, columns = self.image.size
@@ -205,6 +208,25 @@ class BMFCNN(Module, TactileHubMixin):
             f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
             f"in_channels={self.in_channels}, fusion='{self.fusion}', size={self.image.size})"
         )
+
+
+def _is_plain(lin: Module) -> bool:
+    return type(lin) is Linear and not is_hooked(lin)
+
+
+def _linear_of_symmetric(lin: Linear, feature: Tensor, rows: Tensor) -> Tensor:
+    # As `lin` of all side by side, but of two equal products only one is multiplied, with the sum
+    # of their weights. One image waits for the weights to come from memory: these are half as many.
+    # An ONNX runtime adds them up once, when it loads the file; PyTorch would at each call.
+    num_maps, width = feature.shape[1:3]
+    pairs = [row * width + column for row in range(width) for column in range(row, width)]
+    upper = torch.tensor(pairs, device=feature.device)
+    weight, others = lin.weight.tensor_split([num_maps * width * width], dim=1)
+    weight = weight.view(-1, num_maps, width, width)
+    once = 1 - 0.5 * torch.eye(width, dtype=weight.dtype, device=weight.device)
+    weight = ((weight + weight.mT) * once).flatten(2).index_select(2, upper).flatten(1)
+    feature = feature.flatten(2).index_select(2, upper).flatten(1)
+    return F.linear(torch.cat([feature, rows], dim=1), torch.cat([weight, others], dim=1), lin.bias)
 
 
 def _checked_fusion(fusion: str, bilinear: bool) -> str:
