@@ -1,9 +1,12 @@
 r"""Which orderings of models hold, by paired differences over seeds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.held_out import column_of
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.numbers import Part, finished_parts, pooled_judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
@@ -45,7 +48,10 @@ def compare_orderings(run: PlanRun) -> list[Comparison]:
     """
     if not run.plan.table.orderings:
         return []
-    judged = {part: pooled_judgement(found) for part, found in finished_parts(run).items()}
+    judged = {
+        part: _with_trials(pooled_judgement(found), part, run)
+        for part, found in finished_parts(run).items()
+    }
     compared = []
     for ordering in run.plan.table.orderings:
         for protocol in run.plan.protocols:
@@ -55,6 +61,22 @@ def compare_orderings(run: PlanRun) -> list[Comparison]:
                     difference = paired_difference(firsts, seconds, "accuracy")
                     compared.append(Comparison(ordering, protocol.name, pair, difference))
     return compared
+
+
+def _with_trials(judgement: Judgement, part: Part, run: PlanRun) -> Judgement:
+    # Runs of earlier versions do not tell the trials of their samples, but the data does.
+    if judgement.trial is not None:
+        return judgement
+    tested = [
+        column_of(e.data.parts(e.protocol, e.seed, e.fold)[1], "trial")
+        for e in run.plan.experiments
+        if Part(e.name, e.protocol_name, e.seed) == part and e.data.fingerprint
+    ]
+    known = [trial for trial in tested if trial is not None]
+    if not known or len(known) < len(tested):
+        return judgement
+    trial = np.concatenate(known)
+    return replace(judgement, trial=trial) if len(trial) == len(judgement.y) else judgement
 
 
 def _matched(

@@ -187,8 +187,8 @@ def _predicted(probability: Tensor, multilabel: bool, threshold: float | None) -
 
 
 def _trials(test: StaticDataset) -> np.ndarray | None:
-    # Windows of one trial are one observation, whichever split tests on it.
-    return None if test.column("num_frames") is None else column_of(test, "trial")
+    # Windows or frames of one trial, or copies of one press, are one observation.
+    return column_of(test, "trial")
 
 
 def _run_estimator(
