@@ -131,8 +131,8 @@ def test_selection_by_patterns():
 
 
 def test_wrong_names_list_the_right_ones():
-    with pytest.raises(ValueError, match=r"'name' must be one of \['p1-table2'.*\(got 'p5'\)"):
-        load_table("p5")
+    with pytest.raises(ValueError, match=r"'name' must be one of \['p1-table2'.*\(got 'p9'\)"):
+        load_table("p9")
     with pytest.raises(ValueError, match=r"'protocols' must be some of \['by trial', 'by frame'\]"):
         load_table("p1-table3").select_protocols(["frame", "object"])
     with pytest.raises(ValueError, match=r"'only' must fit.*sparse, slanted.*\(got 'gcn_\*'\)"):

@@ -1,9 +1,11 @@
 r"""What the layers of a network have learnt, and words that stand in for them."""
 
+import warnings
 from typing import Any
 
 import numpy as np
 import torch
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 from sklearn.manifold import TSNE
 from torch import Tensor
@@ -74,7 +76,9 @@ class LayerProbes(Study):
         accuracy = {}
         for name, rows in seen.items():
             probe = LogisticRegression(C=self.strength, max_iter=self.max_iter)
-            probe.fit(F.normalize(rows).numpy(), y)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConvergenceWarning)  # the number of steps is given
+                probe.fit(F.normalize(rows).numpy(), y)
             accuracy[name] = float(probe.score(F.normalize(held[name]).numpy(), y_test))
         return {"accuracy": accuracy, "num_samples": len(chosen)}
 
