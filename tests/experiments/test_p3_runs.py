@@ -41,7 +41,7 @@ def test_root_reaches_the_data_set_that_a_view_shows(root, tmp_path):
     resolved, facts = source.resolve()
     assert (facts.num_samples, facts.num_trials, facts.num_groups) == (24, 24, 3)
     assert (resolved.kind, facts.class_names) == ("simulated", ("failure", "success"))
-    assert resolved.caption.startswith("**Simulated**, never a real hand's result: 24 trials")
+    assert resolved.caption.startswith("**Simulated**, never a real sensor's result: 24 trials")
     dataset = resolved.load()
     assert isinstance(dataset, Trials)
     assert (dataset.column("num_frames"), dataset.column("x").shape) == (60, (24, 19, 180))
