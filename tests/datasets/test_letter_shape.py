@@ -16,7 +16,7 @@ from torch_geometric.transforms import BaseTransform
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import LetterShape, letter_augmentation
 from torch_geometric_tactile.loader import StaticLoader
-from torch_geometric_tactile.sensors import biotac, grid
+from torch_geometric_tactile.sensors import biotac, grid, hexagonal, thinned
 from torch_geometric_tactile.transforms import RandomNoise
 
 THREE = ("A", "B", "C")
@@ -190,6 +190,23 @@ def test_inversions_and_augmentations(few):
     assert noise.x[0::2].equal(noise.x[1::2])
     with pytest.raises(ValueError, match="'inversion' must be 'grey', 'mirror' or None"):
         letter_augmentation("negative")
+
+
+@pytest.mark.parametrize(
+    ("layout", "is_shifted"),
+    [
+        (grid(4, 6, 0.01), True),
+        (grid(6, 1, 0.01), True),
+        (hexagonal(4, 6, 0.01), False),
+        (thinned(grid(6, 6, 0.01), 0.5, seed=0), False),
+        (biotac(), False),
+    ],
+    ids=["grid", "column", "hexagonal", "thinned", "electrodes"],
+)
+def test_copies_are_shifted_on_a_grid_without_gaps_only(layout, is_shifted):
+    names = [type(part).__name__ for part in letter_augmentation(layout=layout).transforms]
+    assert ("RandomShift" in names) == is_shifted
+    assert names[-2:] == ["RandomContrast", "RandomInversion"]
 
 
 def test_formats_are_mixed(few, caplog):

@@ -37,8 +37,9 @@ from torch_geometric_tactile.transforms import (
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 Inversion = Literal["grey", "mirror"]
-_CONTENT = "content=1"  # to be raised when the processed file gets other columns
+_CONTENT = "content=2"  # to be raised when the processed file gets other columns
 _NAMED = 10
+_SAME_PLACE = 1e-6  # m
 _logger = logging.getLogger(__name__)
 
 
@@ -65,8 +66,8 @@ class LetterShape(ImageDataset):
     numbers of all samples are :obj:`dataset.column("copy")`, since :obj:`dataset.copy` is a
     method.) :obj:`data.image` of samples and batches is a view of :obj:`x` as an image.
 
-    Copies are shifted by up to 3 pixels and stretched in contrast, and every second one is
-    inverted. The paper names translation, "random inversion" and contrast enhancement, and gives no
+    Copies are shifted by up to 3 pixels (on grids only) and stretched in contrast, and every second
+    one is inverted. The paper names translation, "random inversion" and contrast enhancement, and gives no
     more: sizes and order are ours. A split must keep the copies of a press together, or a model is
     tested on what it was trained on: :obj:`fold` does, and so does
     ``Protocol("trial", folds=5, stratify="y")``, which it is. Test parts have the copies of their
@@ -299,8 +300,9 @@ def letter_augmentation(
         inversion (str, optional): :obj:`"grey"`, :obj:`"mirror"` or :obj:`None`.
         shift (int): By how many pixels at most, along rows and along columns.
         contrast (float): The largest factor of contrast, above 1.
-        layout (TaxelLayout, optional): The taxels, if others than of the 32 x 32 array. Without an
-            image map, they are not shifted.
+        layout (TaxelLayout, optional): The taxels, if others than of the 32 x 32 array. Only on a
+            grid without gaps they are shifted: elsewhere, there is no taxel a step away, or the
+            step is another one from row to row.
 
     Raises:
         ValueError: If an argument is none of these, or the layout cannot be mirrored.
@@ -317,7 +319,7 @@ def letter_augmentation(
         raise ValueError(f"'inversion' must be 'grey', 'mirror' or None (got {inversion!r})")
     layout = letter_array() if layout is None else layout
     parts: list[Transform] = []
-    if layout.image_map is not None:
+    if _is_full_grid(layout):
         parts.append(RandomShift(layout, shift, shift))
     parts.append(RandomContrast(1.0, contrast))
     if inversion == "grey":
@@ -325,6 +327,19 @@ def letter_augmentation(
     elif inversion == "mirror":
         parts.append(RandomMirror(layout))
     return Compose(parts)
+
+
+def _is_full_grid(layout: TaxelLayout) -> bool:
+    # Whether each cell of the map has a taxel, and a step on the map is the same step everywhere.
+    if layout.image_map is None:
+        return False
+    rows, columns = (layout.image_map.amax(dim=0) + 1).tolist()
+    if rows * columns != layout.num_taxels:
+        return False
+    cells = torch.cat([layout.image_map, torch.ones_like(layout.image_map[:, :1])], dim=1).double()
+    places = layout.pos.double()
+    steps = torch.linalg.lstsq(cells, places).solution
+    return torch.allclose(cells @ steps, places, rtol=0.0, atol=_SAME_PLACE)
 
 
 def _checked_letters(letters: Sequence[str] | None) -> tuple[str, ...]:
