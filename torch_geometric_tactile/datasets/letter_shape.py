@@ -67,8 +67,8 @@ class LetterShape(ImageDataset):
     method.) :obj:`data.image` of samples and batches is a view of :obj:`x` as an image.
 
     Copies are shifted by up to 3 pixels (on grids only) and stretched in contrast, and every second
-    one is inverted. The paper names translation, "random inversion" and contrast enhancement, and gives no
-    more: sizes and order are ours. A split must keep the copies of a press together, or a model is
+    one is inverted. The paper names translation, "random inversion" and contrast enhancement, and
+    gives no more: sizes and order are ours. A split must keep the copies of a press together, or a model is
     tested on what it was trained on: :obj:`fold` does, and so does
     ``Protocol("trial", folds=5, stratify="y")``, which it is. Test parts have the copies of their
     presses, too; with :obj:`copies=1` the same folds have none.
@@ -338,7 +338,7 @@ def _is_full_grid(layout: TaxelLayout) -> bool:
         return False
     cells = torch.cat([layout.image_map, torch.ones_like(layout.image_map[:, :1])], dim=1).double()
     places = layout.pos.double()
-    steps = torch.linalg.lstsq(cells, places).solution
+    steps = torch.linalg.pinv(cells) @ places
     return torch.allclose(cells @ steps, places, rtol=0.0, atol=_SAME_PLACE)
 
 
