@@ -68,10 +68,10 @@ class LetterShape(ImageDataset):
 
     Copies are shifted by up to 3 pixels (on grids only) and stretched in contrast, and every second
     one is inverted. The paper names translation, "random inversion" and contrast enhancement, and
-    gives no more: sizes and order are ours. A split must keep the copies of a press together, or a model is
-    tested on what it was trained on: :obj:`fold` does, and so does
-    ``Protocol("trial", folds=5, stratify="y")``, which it is. Test parts have the copies of their
-    presses, too; with :obj:`copies=1` the same folds have none.
+    gives no more: sizes and order are ours. A split must keep the copies of a press together, or a
+    model is tested on what it was trained on: :obj:`fold` does, and so does ``Protocol("trial",
+    folds=5, stratify="y")``, which it is. Test parts have the copies of their presses, too; with
+    :obj:`copies=1` the same folds have none.
 
     .. list-table:: STATS, of the original as published
         :header-rows: 1
