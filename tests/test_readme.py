@@ -65,6 +65,7 @@ def test_own_data_page_leads_from_files_to_a_predictor(tmp_path, monkeypatch, ca
 def test_models_examples_run(tmp_path, monkeypatch):
     pytest.importorskip("huggingface_hub", reason="one example saves a model for the Hub")
     pytest.importorskip("lightning", reason="one example trains")
+    pytest.importorskip("cv2", reason="one example needs the extra 'baselines'")
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
     names = {}
