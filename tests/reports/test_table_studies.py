@@ -86,6 +86,13 @@ def test_page_shows_what_was_found(run: PlanRun) -> None:
     assert text in markdown(run)
 
 
+def test_one_fold_has_no_deviation(run: PlanRun) -> None:
+    first = [(e, r) for e, r in run.results if r.get("studies")]
+    text = "\n".join(study_lines(run._replace(results=first)))
+    assert "100.0 |" in text
+    assert "nan" not in text
+
+
 def test_pictures_of_studies_are_written_beside_the_table(run: PlanRun, tmp_path: Path) -> None:
     names = {
         "training",

@@ -340,4 +340,5 @@ def _title(run: PlanRun) -> str:
     table, ours = run.plan.table, run.plan.data.kind
     beside = " beside published numbers" if table.is_published else ""
     title = f"{table.title} ({ours} recordings{beside})"
-    return f"{title}; {run.missing} runs missing" if run.missing else title
+    runs = "1 run" if run.missing == 1 else f"{run.missing} runs"
+    return f"{title}; {runs} missing" if run.missing else title

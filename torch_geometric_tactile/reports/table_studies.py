@@ -171,7 +171,7 @@ def _time_lines(run: PlanRun, found: _Found) -> list[str]:
         rows.append(
             [
                 markdown_text(_name(cell)),
-                NOTHING if math.isnan(mean) else f"{mean:.1f} ± {spread:.1f}",
+                _accuracy(mean, spread),
                 f"{entry['milliseconds']:.2f}",
                 "" if milliseconds is None else f"{milliseconds:g}",
             ]
@@ -185,6 +185,12 @@ def _time_lines(run: PlanRun, found: _Found) -> list[str]:
         "",
         *_table(["model", "accuracy (%)", "ms", "published ms"], rows),
     ]
+
+
+def _accuracy(mean: float, spread: float) -> str:
+    if math.isnan(mean):
+        return NOTHING
+    return f"{mean:.1f}" if math.isnan(spread) else f"{mean:.1f} ± {spread:.1f}"
 
 
 def _over_folds(run: PlanRun, cell: Cell) -> tuple[float, float]:
