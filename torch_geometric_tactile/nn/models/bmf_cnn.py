@@ -13,11 +13,12 @@ from torch_geometric_tactile.nn.conv.plain import is_hooked
 from torch_geometric_tactile.nn.models.hub import TactileHubMixin
 from torch_geometric_tactile.nn.models.taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
-from torch_geometric_tactile.nn.pool import BilinearFeature
+from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature, signed_root
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 from torch_geometric_tactile.typing import PathLike
 
 Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
+_STRIPS = 7  # of the products, in an export; with more of them, cutting takes longer
 FUSIONS: tuple[str, ...] = get_args(Fusion)
 _BMF: Fusion = "bilinear(C1)+C3"
 LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
@@ -186,12 +187,17 @@ class BMFCNN(Module, TactileHubMixin):
         rows = F.normalize(rows)
         if low in maps:
             return self.fc1(torch.cat([F.normalize(maps[low].flatten(1)), rows], dim=1)).relu()
-        feature = self.bilinear_feature(maps[low.removeprefix("bilinear(").removesuffix(")")])
-        feature = feature / feature.size(1) ** 0.5  # each of its maps has norm one
+        source = maps[low.removeprefix("bilinear(").removesuffix(")")]
         # The order: `torch.onnx` is not looked at where nothing is traced.
-        if torch.compiler.is_compiling() and torch.onnx.is_in_onnx_export() and _is_plain(self.fc1):
-            return _linear_of_symmetric(self.fc1, feature, rows).relu()
+        if torch.compiler.is_compiling() and torch.onnx.is_in_onnx_export() and self._is_plain():
+            return _linear_of_symmetric(self.fc1, self.bilinear_feature, source, rows).relu()
+        feature = self.bilinear_feature(source)
+        feature = feature / feature.size(1) ** 0.5  # each of its maps has norm one
         return self.fc1(torch.cat([feature.flatten(1), rows], dim=1)).relu()
+
+    def _is_plain(self) -> bool:
+        parts = ((self.fc1, Linear), (self.bilinear_feature, BilinearFeature))
+        return all(type(part) is kind and not is_hooked(part) for part, kind in parts)
 
     def _fused_channels(self) -> int:
         rows, columns = self.image.size
@@ -210,23 +216,35 @@ class BMFCNN(Module, TactileHubMixin):
         )
 
 
-def _is_plain(lin: Module) -> bool:
-    return type(lin) is Linear and not is_hooked(lin)
-
-
-def _linear_of_symmetric(lin: Linear, feature: Tensor, rows: Tensor) -> Tensor:
-    # As `lin` of all side by side, but of two equal products only one is multiplied, with the sum
-    # of their weights. One image waits for the weights to come from memory: these are half as many.
-    # An ONNX runtime adds them up once, when it loads the file; PyTorch would at each call.
-    num_maps, width = feature.shape[1:3]
-    pairs = [row * width + column for row in range(width) for column in range(row, width)]
-    upper = torch.tensor(pairs, device=feature.device)
+def _linear_of_symmetric(
+    lin: Linear, bilinear: BilinearFeature, source: Tensor, rows: Tensor
+) -> Tensor:
+    # As `lin` of all side by side, but of two equal products most are multiplied once, with the sum
+    # of their weights. One image waits for the weights to come from memory: these are 4 of 7. What
+    # is right of the diagonal is cut in strips, since gathering numbers takes longer than reading.
+    # An ONNX runtime adds weights up once, when it loads the file; PyTorch would at each call.
+    num_maps, width = source.size(1), source.size(-1)
     weight, others = lin.weight.tensor_split([num_maps * width * width], dim=1)
     weight = weight.view(-1, num_maps, width, width)
-    once = 1 - 0.5 * torch.eye(width, dtype=weight.dtype, device=weight.device)
-    weight = ((weight + weight.mT) * once).flatten(2).index_select(2, upper).flatten(1)
-    feature = feature.flatten(2).index_select(2, upper).flatten(1)
-    return F.linear(torch.cat([feature, rows], dim=1), torch.cat([weight, others], dim=1), lin.bias)
+    mirrored = weight.mT
+    phi = bilinear.products(source)
+    height = -(-width // _STRIPS)
+    products, weights, times = [], [], []
+    for start in range(0, width, height):
+        stop = min(start + height, width)
+        square = (..., slice(start, stop), slice(start, stop))
+        right = (..., slice(start, stop), slice(stop, width))
+        both = torch.cat([weight[square], weight[right] + mirrored[right]], dim=-1)
+        products.append(phi[..., start:stop, start:].flatten(2))
+        weights.append(both.flatten(2))
+        count = phi.new_full((stop - start, width - start), 2.0)
+        count[:, : stop - start] = 1.0
+        times.append(count.flatten())
+    root = signed_root(torch.cat(products, dim=2))  # (B, maps, products)
+    norm = (root * root @ torch.cat(times) * num_maps).sqrt()  # each map has norm one
+    feature = (root / norm.unsqueeze(-1)).flatten(1)
+    both = torch.cat([torch.cat(weights, dim=2).flatten(1), others], dim=1)
+    return F.linear(torch.cat([feature, rows], dim=1), both, lin.bias)
 
 
 def _checked_fusion(fusion: str, bilinear: bool) -> str:

@@ -54,8 +54,7 @@ class BilinearFeature(torch.nn.Module):
         Args:
             x (torch.Tensor): Feature maps.
         """
-        phi = self.products(x)
-        root = phi.sign() * (phi.abs() + _FLOOR).sqrt()
+        root = signed_root(self.products(x))
         return root / torch.linalg.vector_norm(root, dim=(-2, -1), keepdim=True)
 
     def products(self, x: Tensor) -> Tensor:
@@ -75,3 +74,12 @@ class BilinearFeature(torch.nn.Module):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(eps={self.eps})"
+
+
+def signed_root(phi: Tensor) -> Tensor:
+    r"""Returns the root of each number's magnitude, raised by :math:`10^{-8}`, with its sign.
+
+    Args:
+        phi (torch.Tensor): The numbers, of any shape.
+    """
+    return phi.sign() * (phi.abs() + _FLOOR).sqrt()
