@@ -1,4 +1,6 @@
 import json
+import signal
+from contextlib import suppress
 
 import pytest
 
@@ -92,6 +94,21 @@ def test_ctrl_c_tells_what_is_kept(grasps, tmp_path, trained, monkeypatch):
     with pytest.raises(KeyboardInterrupt, match=message):
         run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_*"], on_progress=stop)
     assert len(files(tmp_path)) == 2
+
+
+def test_ctrl_c_that_a_library_answers_with_an_error_stops(grasps, tmp_path, monkeypatch):
+    from torch_geometric_tactile.experiments import run_plan as module
+
+    def compare(experiment, parent=None):  # as NumPy does when it compares structured arrays
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return {"error": "TypeError: Cannot compare structured arrays"}
+
+    monkeypatch.setattr(module, "run_safely", compare)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt, match="0 of 18 runs are finished and kept"):
+        run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_*"])
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"identity": 1}', "[" * 100_000])

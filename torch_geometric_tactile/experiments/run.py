@@ -146,7 +146,7 @@ def _run_classifier(
         prediction=_predicted(said.probability, multilabel, threshold).numpy(),
         y=said.y.numpy(),
         session=None if session is None else session.numpy(),
-        trial=_trials(test),
+        trial=column_of(test, "trial"),
     )
     metrics = classification_metrics(said.probability, said.y, classifier.task, threshold)
     return {
@@ -186,11 +186,6 @@ def _predicted(probability: Tensor, multilabel: bool, threshold: float | None) -
     return predicted_classes(probability, threshold)
 
 
-def _trials(test: StaticDataset) -> np.ndarray | None:
-    # Windows or frames of one trial, or copies of one press, are one observation.
-    return column_of(test, "trial")
-
-
 def _run_estimator(
     experiment: Experiment, train: StaticDataset, val: StaticDataset, test: StaticDataset
 ) -> dict[str, Any]:
@@ -219,7 +214,7 @@ def _run_estimator(
         prediction=prediction,
         y=held_out.y.numpy(),
         session=held_out.session.numpy() if "session" in held_out else None,
-        trial=_trials(test),
+        trial=column_of(test, "trial"),
     )
     found = {}
     if experiment.studies:

@@ -1,12 +1,15 @@
 r"""Running a plan: on many processes, finished experiments kept."""
 
 import os
-from collections.abc import Callable, Container, Generator, Iterable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile.experiments.experiment import Experiment
@@ -107,9 +110,11 @@ def run_plan(
     todo = [different[code] for code in different if code in wanted - kept]
     failed: dict[str, str] = {}
     try:
-        with closing(_run(todo, workers)) as running:
+        with _noticed_stop() as stopped, closing(_run(todo, workers)) as running:
             for ended, (experiment, result) in enumerate(running, 1):
                 if "error" in result:
+                    if stopped.is_set():
+                        raise KeyboardInterrupt
                     failed[experiment.label] = result["error"]
                 else:
                     store.write(experiment, result)
@@ -135,6 +140,27 @@ def run_plan(
         failed=failed,
         missing=len(experiments) - _count(experiments, results),
     )
+
+
+@contextmanager
+def _noticed_stop() -> Iterator[threading.Event]:
+    # A library may answer Ctrl-C with an error of its own: NumPy's comparison of structured arrays
+    # raises TypeError, and the KeyboardInterrupt is lost.
+    stopped = threading.Event()
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield stopped
+        return
+
+    def notice(number: int, frame: FrameType | None) -> None:
+        stopped.set()
+        before(number, frame)
+
+    signal.signal(signal.SIGINT, notice)
+    try:
+        yield stopped
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _count(experiments: Iterable[Experiment], codes: Container[str]) -> int:

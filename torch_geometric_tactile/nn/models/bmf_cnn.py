@@ -229,22 +229,22 @@ def _linear_of_symmetric(
     mirrored = weight.mT
     phi = bilinear.products(source)
     height = -(-width // _STRIPS)
-    products, weights, times = [], [], []
+    products, weights, counts = [], [], []
     for start in range(0, width, height):
         stop = min(start + height, width)
         square = (..., slice(start, stop), slice(start, stop))
         right = (..., slice(start, stop), slice(stop, width))
-        both = torch.cat([weight[square], weight[right] + mirrored[right]], dim=-1)
+        sums = torch.cat([weight[square], weight[right] + mirrored[right]], dim=-1)
         products.append(phi[..., start:stop, start:].flatten(2))
-        weights.append(both.flatten(2))
+        weights.append(sums.flatten(2))
         count = phi.new_full((stop - start, width - start), 2.0)
         count[:, : stop - start] = 1.0
-        times.append(count.flatten())
+        counts.append(count.flatten())
     root = signed_root(torch.cat(products, dim=2))  # (B, maps, products)
-    norm = (root * root @ torch.cat(times) * num_maps).sqrt()  # each map has norm one
+    norm = (root * root @ torch.cat(counts) * num_maps).sqrt()  # each map has norm one
     feature = (root / norm.unsqueeze(-1)).flatten(1)
-    both = torch.cat([torch.cat(weights, dim=2).flatten(1), others], dim=1)
-    return F.linear(torch.cat([feature, rows], dim=1), both, lin.bias)
+    weight = torch.cat([torch.cat(weights, dim=2).flatten(1), others], dim=1)
+    return F.linear(torch.cat([feature, rows], dim=1), weight, lin.bias)
 
 
 def _checked_fusion(fusion: str, bilinear: bool) -> str:
