@@ -1,34 +1,9 @@
-r"""Recordings as data: one topology, many samples."""
+r"""Recordings as data: one topology, many samples.
 
-from torch_geometric_tactile.data import splits
-from torch_geometric_tactile.data.apply_transform import StaticRule, apply_transform
-from torch_geometric_tactile.data.frame_ring import FrameRing
-from torch_geometric_tactile.data.frames import join_frames, split_frames
-from torch_geometric_tactile.data.image_data import ImageData, StaticImages, image_of
-from torch_geometric_tactile.data.protocol import Protocol, Split
-from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.data.splits import Fold
-from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.data.static_dataset import StaticDataset
-from torch_geometric_tactile.data.trials import Trials
-from torch_geometric_tactile.data.windows import Windows
+The names are those of the stub beside this file. They load on first use, so that a live robot
+needs no :obj:`torch` for what works without.
+"""
 
-__all__ = [
-    "Fold",
-    "FrameRing",
-    "ImageData",
-    "Protocol",
-    "Recording",
-    "Split",
-    "StaticData",
-    "StaticDataset",
-    "StaticImages",
-    "StaticRule",
-    "Trials",
-    "Windows",
-    "apply_transform",
-    "image_of",
-    "join_frames",
-    "split_frames",
-    "splits",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

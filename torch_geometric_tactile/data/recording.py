@@ -5,7 +5,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from torch_geometric_tactile.data.recording_arrays import (
     checked_rows,
     checked_time,
 )
-from torch_geometric_tactile.sensors import TaxelLayout
+
+if TYPE_CHECKING:  # a live robot has recordings without torch
+    from torch_geometric_tactile.sensors import TaxelLayout
 
 UNITS = ("count", "newton")
 _FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
@@ -185,7 +187,7 @@ class Recording:
             extra={name: value[frames] for name, value in self.extra.items()},
         )
 
-    def check(self, layout: TaxelLayout) -> None:
+    def check(self, layout: "TaxelLayout") -> None:
         r"""Checks that the recording has one reading for each taxel of a layout.
 
         Args:

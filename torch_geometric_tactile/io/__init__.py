@@ -1,70 +1,9 @@
-r"""File formats: one per file, the only home of byte layouts."""
+r"""File formats: one per file, the only home of byte layouts.
 
-from torch_geometric_tactile.io.bigs_format import BiGSFormat
-from torch_geometric_tactile.io.bigs_grasp import read_bigs
-from torch_geometric_tactile.io.biotac_sp_csv import GraspTable, read_biotac_sp_csv
-from torch_geometric_tactile.io.biotac_sp_dos_csv import read_biotac_sp_dos_csv
-from torch_geometric_tactile.io.icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
-from torch_geometric_tactile.io.idx_file import read_idx
-from torch_geometric_tactile.io.matrix_csv import read_matrix_csv
-from torch_geometric_tactile.io.matrix_files import read_matrices
-from torch_geometric_tactile.io.matrix_mat import read_matrix_mat
-from torch_geometric_tactile.io.matrix_npy import read_matrix_npy
-from torch_geometric_tactile.io.matrix_png import read_matrix_png
-from torch_geometric_tactile.io.named_csv import read_named_csv
-from torch_geometric_tactile.io.recording_files import (
-    read_recording,
-    recording_format,
-    write_recording,
-)
-from torch_geometric_tactile.io.recording_hdf5 import (
-    append_hdf5,
-    read_hdf5,
-    read_hdf5_head,
-    write_hdf5,
-)
-from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
-from torch_geometric_tactile.io.samples_npz import read_samples_npz
-from torch_geometric_tactile.io.wide_csv import read_wide_csv, write_wide_csv
-from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
-from torch_geometric_tactile.io.xela_message import (
-    XelaFrame,
-    format_xela_message,
-    parse_xela_message,
-)
-from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
+The names are those of the stub beside this file. They load on first use, so that a live robot
+needs no :obj:`torch` for what works without.
+"""
 
-__all__ = [
-    "BiGSFormat",
-    "GraspTable",
-    "ICubGraspFrames",
-    "XelaFrame",
-    "append_hdf5",
-    "format_xela_message",
-    "parse_xela_message",
-    "read_bigs",
-    "read_biotac_sp_csv",
-    "read_biotac_sp_dos_csv",
-    "read_hdf5",
-    "read_hdf5_head",
-    "read_icub_grasp_txt",
-    "read_idx",
-    "read_matrices",
-    "read_matrix_csv",
-    "read_matrix_mat",
-    "read_matrix_npy",
-    "read_matrix_png",
-    "read_named_csv",
-    "read_npz",
-    "read_recording",
-    "read_samples_npz",
-    "read_wide_csv",
-    "read_xela_log_csv",
-    "read_xela_messages",
-    "recording_format",
-    "write_hdf5",
-    "write_npz",
-    "write_recording",
-    "write_wide_csv",
-    "write_xela_messages",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,32 @@
+from . import splits
+from .apply_transform import StaticRule, apply_transform
+from .frame_ring import FrameRing
+from .frames import join_frames, split_frames
+from .image_data import ImageData, StaticImages, image_of
+from .protocol import Protocol, Split
+from .recording import Recording
+from .splits import Fold
+from .static_data import StaticData
+from .static_dataset import StaticDataset
+from .trials import Trials
+from .windows import Windows
+
+__all__ = [
+    "Fold",
+    "FrameRing",
+    "ImageData",
+    "Protocol",
+    "Recording",
+    "Split",
+    "StaticData",
+    "StaticDataset",
+    "StaticImages",
+    "StaticRule",
+    "Trials",
+    "Windows",
+    "apply_transform",
+    "image_of",
+    "join_frames",
+    "split_frames",
+    "splits",
+]

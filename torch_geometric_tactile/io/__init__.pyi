@@ -1,0 +1,68 @@
+from .bigs_format import BiGSFormat
+from .bigs_grasp import read_bigs
+from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
+from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
+from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
+from .idx_file import read_idx
+from .matrix_csv import read_matrix_csv
+from .matrix_files import read_matrices
+from .matrix_mat import read_matrix_mat
+from .matrix_npy import read_matrix_npy
+from .matrix_png import read_matrix_png
+from .named_csv import read_named_csv
+from .recording_files import (
+    read_recording,
+    recording_format,
+    write_recording,
+)
+from .recording_hdf5 import (
+    append_hdf5,
+    read_hdf5,
+    read_hdf5_head,
+    write_hdf5,
+)
+from .recording_npz import read_npz, write_npz
+from .samples_npz import read_samples_npz
+from .wide_csv import read_wide_csv, write_wide_csv
+from .xela_log_csv import read_xela_log_csv
+from .xela_message import (
+    XelaFrame,
+    format_xela_message,
+    parse_xela_message,
+)
+from .xela_messages import read_xela_messages, write_xela_messages
+
+__all__ = [
+    "BiGSFormat",
+    "GraspTable",
+    "ICubGraspFrames",
+    "XelaFrame",
+    "append_hdf5",
+    "format_xela_message",
+    "parse_xela_message",
+    "read_bigs",
+    "read_biotac_sp_csv",
+    "read_biotac_sp_dos_csv",
+    "read_hdf5",
+    "read_hdf5_head",
+    "read_icub_grasp_txt",
+    "read_idx",
+    "read_matrices",
+    "read_matrix_csv",
+    "read_matrix_mat",
+    "read_matrix_npy",
+    "read_matrix_png",
+    "read_named_csv",
+    "read_npz",
+    "read_recording",
+    "read_samples_npz",
+    "read_wide_csv",
+    "read_xela_log_csv",
+    "read_xela_messages",
+    "recording_format",
+    "write_hdf5",
+    "write_npz",
+    "write_recording",
+    "write_wide_csv",
+    "write_xela_messages",
+]
