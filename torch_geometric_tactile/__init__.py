@@ -16,6 +16,7 @@ _SUBMODULES = (
     "datasets",
     "experiments",
     "io",
+    "live",
     "loader",
     "nn",
     "predictor",

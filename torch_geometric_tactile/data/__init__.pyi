@@ -3,6 +3,7 @@ from .apply_transform import StaticRule, apply_transform
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
 from .image_data import ImageData, StaticImages, image_of
+from .live_frame import LiveFrame
 from .protocol import Protocol, Split
 from .recording import Recording
 from .splits import Fold
@@ -15,6 +16,7 @@ __all__ = [
     "Fold",
     "FrameRing",
     "ImageData",
+    "LiveFrame",
     "Protocol",
     "Recording",
     "Split",

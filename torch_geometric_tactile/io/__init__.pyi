@@ -2,6 +2,7 @@ from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
 from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
 from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
+from .decoder import Decoder, DecoderCounts
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
 from .matrix_csv import read_matrix_csv
@@ -34,6 +35,8 @@ from .xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [
     "BiGSFormat",
+    "Decoder",
+    "DecoderCounts",
     "GraspTable",
     "ICubGraspFrames",
     "XelaFrame",

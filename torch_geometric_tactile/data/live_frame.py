@@ -1,0 +1,35 @@
+r"""One frame of a live sensor."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LiveFrame:
+    r"""One frame of a live sensor, as it came.
+
+    Missing and dead taxels are NaN, never invented numbers. Nothing is checked here: decoders and
+    sources are the border.
+
+    Args:
+        sequence (int): Number of the frame, as its device counts, without wraps; a gap is a loss.
+        time (float): Its time on this host's monotonic clock in seconds, strictly increasing in a
+            stream. Until the stream has mapped it, the time of :obj:`received`.
+        received (int): When its last byte was read, on the monotonic clock in nanoseconds.
+        device_time (float, optional): Its time on the clock of the device in seconds, or
+            :obj:`None` if the device sends none.
+        tactile (numpy.ndarray): Readings :math:`(N, C)`, float32, in the unit of the source.
+        joint (numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
+        extra (Mapping of str to numpy.ndarray): Further signals, such as the temperature of each
+            taxel.
+    """
+
+    sequence: int
+    time: float
+    received: int
+    device_time: float | None
+    tactile: np.ndarray
+    joint: np.ndarray | None = None
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)

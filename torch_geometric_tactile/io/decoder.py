@@ -1,0 +1,66 @@
+r"""From bytes on a wire to frames."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+
+
+@dataclass(slots=True)
+class DecoderCounts:
+    r"""What a decoder has seen.
+
+    Args:
+        good (int): Frames that were whole, and passed the check if the format has one.
+        corrupt (int): Packets that were found and failed their check.
+        skipped (int): Bytes that belong to no frame.
+        lost (int): Frames that the numbers or times of the others say are missing.
+    """
+
+    good: int = 0
+    corrupt: int = 0
+    skipped: int = 0
+    lost: int = 0
+
+
+class Decoder(ABC):
+    r"""Base class of decoders: bytes in, frames out. It has no port, no thread and no clock.
+
+    Attributes:
+        counts (DecoderCounts): What it has seen.
+        checksum (str): What guards a frame, such as :obj:`"crc32"`; :obj:`"none"` if a damaged
+            reading may pass.
+        baudrate (int): Speed of the serial line in bits per second.
+        clock_period (float, optional): After how many seconds the clock of the device starts
+            over; :obj:`None` if it has no clock or never does.
+    """
+
+    checksum: ClassVar[str] = "none"
+    baudrate: ClassVar[int] = 115_200
+    clock_period: ClassVar[float | None] = None
+
+    def __init__(self) -> None:
+        self.counts = DecoderCounts()
+
+    @abstractmethod
+    def feed(self, data: bytes, now: int) -> list[LiveFrame]:
+        r"""Takes bytes, in pieces of any size, and returns the frames that they complete.
+
+        It never raises, whatever the bytes are.
+
+        Args:
+            data (bytes): The bytes that were read.
+            now (int): When, on the monotonic clock in nanoseconds.
+        """
+
+    @abstractmethod
+    def reset(self) -> None:
+        r"""Forgets a half frame, as after the port was opened again; the counts stay."""
+
+    def start(self) -> bytes:
+        r"""Returns what has to be written to the device before it sends, if anything."""
+        return b""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(checksum={self.checksum!r})"

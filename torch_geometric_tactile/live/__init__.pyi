@@ -1,0 +1,6 @@
+from .source import Source, SourceEnded
+
+__all__ = [
+    "Source",
+    "SourceEnded",
+]

@@ -1,0 +1,71 @@
+r"""Where live frames come from."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, Self
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.io.decoder import DecoderCounts
+
+
+class SourceEnded(EOFError):  # noqa: N818 - an end, not an error
+    r"""A source has no more frames, and will have none."""
+
+
+class Source(ABC):
+    r"""Base class of sources: opened, read and closed by one thread, and with none inside.
+
+    Attributes:
+        name (str): The URL of the source, as users write it.
+        checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
+        clock_period (float, optional): After how many seconds the clock of the device starts over.
+        counts (DecoderCounts): What was good, corrupt, skipped and lost, over all openings.
+        meta (Mapping): What is known about the readings, with the keys of
+            :class:`~torch_geometric_tactile.data.Recording`: :obj:`"sensor"` (name of the layout),
+            :obj:`"unit"`, :obj:`"rate"`, :obj:`"joint_names"`; complete once it is open.
+        reopens (bool): Whether it is worth opening again after it was lost.
+    """
+
+    checksum: str = "none"
+    clock_period: float | None = None
+    reopens: bool = True
+
+    def __init__(self, name: str, meta: Mapping[str, Any] | None = None) -> None:
+        self.name = name
+        self.counts = DecoderCounts()
+        self.meta: dict[str, Any] = dict(meta or {})
+
+    @abstractmethod
+    def open(self) -> None:
+        r"""Opens it; does nothing if it is open.
+
+        Raises:
+            OSError: If it is not there; the message says what is there.
+        """
+
+    @abstractmethod
+    def read(self, timeout: float) -> list[LiveFrame]:
+        r"""Returns the frames that came, at least one, or none if none came in time.
+
+        Args:
+            timeout (float): How long to wait for the first one, in seconds.
+
+        Raises:
+            SourceEnded: If there are no more frames.
+            OSError: If the port or socket is lost.
+            EOFError: If the other side has closed it.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        r"""Closes it; does nothing if it is closed."""
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r})"
