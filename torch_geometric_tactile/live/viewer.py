@@ -97,6 +97,7 @@ class Viewer:
         """
         if self._thread is not None:
             return
+        self._screen.prepare()
         listening = _listening(self._host, self._port)
         self._port = listening.getsockname()[1]
         ready = threading.Event()

@@ -102,7 +102,7 @@ class ViewerClient:
         while True:
             frame = self._newest() or self._kept
             if frame is not None:
-                return self._picture(frame)
+                return await self._picture(frame)
             if time.monotonic() >= quiet or self._gone:
                 return pack_message({"kind": "facts", **self._facts()})
             await asyncio.sleep(_LOOK)
@@ -119,9 +119,11 @@ class ViewerClient:
             return None
         return frame
 
-    def _picture(self, frame: LiveFrame) -> bytes:
+    async def _picture(self, frame: LiveFrame) -> bytes:
         num_taxels, channels = frame.tactile.shape
-        scene = self._screen.scene(num_taxels)
+        scene = self._scene
+        if scene is None or scene.num_taxels != num_taxels:  # the first one may take seconds
+            scene = await asyncio.to_thread(self._screen.scene, num_taxels)
         if scene is not self._scene or channels != self._channels:
             self._scene, self._channels, self._pose = scene, channels, None
             self._kept = frame

@@ -162,7 +162,7 @@ def _hand(
         link=link,
         pose=np.zeros((0, 12), np.float32),
         view=_HAND_VIEW,
-        bodies=[_body(body, number) for body in bodies],
+        bodies=[_body(body, kinematics) for body in bodies],
         labels=_digit_labels(layout, link),
         kinematics=kinematics,
     )
@@ -170,10 +170,17 @@ def _hand(
     return scene
 
 
-def _body(body: Mapping[str, Any], number: Mapping[str, int]) -> dict[str, Any]:
+def _body(body: Mapping[str, Any], kinematics: "HandKinematics") -> dict[str, Any]:
+    # A sphere on a link that does not move on its parent is drawn as the parent's, so that the
+    # taxels on the parent are in front of it.
+    link, center = body["link"], np.array(body["center"])
+    fixed = {joint.child: joint for joint in kinematics.joints if joint.axis is None}
+    if "sphere" in body and link in fixed:
+        joint = fixed[link]
+        link, center = joint.parent, center + np.array(joint.xyz)  # a sphere: however it is turned
     return {
-        "link": number[body["link"]],
-        "center": body["center"],
+        "link": kinematics.link_names.index(link),
+        "center": center.tolist(),
         "box": body.get("box"),
         "sphere": body.get("sphere"),
     }
@@ -189,9 +196,16 @@ def _digit_labels(layout: "TaxelLayout", link: np.ndarray) -> list[dict[str, Any
         mine = np.flatnonzero(digit == index)
         if not len(mine) or (link[mine] == 0).all():
             continue
-        last = mine[patch[mine] == patch[mine].max()]
-        place = pos[last].mean(axis=0).tolist()
-        labels.append({"text": name, "link": int(link[last[0]]), "at": place})
+        first, last = (mine[patch[mine] == end(patch[mine])] for end in (np.min, np.max))
+        labels.append(
+            {
+                "text": name,
+                "link": int(link[last[0]]),
+                "at": pos[last].mean(axis=0).tolist(),
+                "base_link": int(link[first[0]]),
+                "base": pos[first].mean(axis=0).tolist(),
+            }
+        )
     return labels
 
 

@@ -1,6 +1,7 @@
 r"""What all pages of a viewer show at a time."""
 
 import logging
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -56,6 +57,7 @@ class ViewerScreen:
         self._asked = layout is not None
         self._joint, self._kinematics = joint, kinematics
         self._scene: Scene | None = None
+        self._lock = threading.Lock()
         self._posed: tuple[np.ndarray, np.ndarray] | None = None
         if self._layout is not None:  # what does not fit is told before anything runs
             self._layout_scene = layout_scene(self._layout, kinematics, joint)
@@ -75,10 +77,17 @@ class ViewerScreen:
         Args:
             num_taxels (int): Number of taxels :math:`N`.
         """
-        if self._scene is None or self._scene.num_taxels != num_taxels:
-            self._scene = self._new_scene(num_taxels)
-            self._posed = None
-        return self._scene
+        with self._lock:
+            if self._scene is None or self._scene.num_taxels != num_taxels:
+                self._posed = None
+                self._scene = self._new_scene(num_taxels)
+            return self._scene
+
+    def prepare(self) -> None:
+        r"""Reads the layout that the source names, if it does already."""
+        with self._lock:
+            if self._layout is None and not self._asked and self.stream.meta.get("sensor"):
+                self._find_layout(self.stream.meta["sensor"])
 
     def _new_scene(self, num_taxels: int) -> Scene:
         if self._layout is None and not self._asked:
