@@ -1,14 +1,21 @@
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
+from .replay_source import ReplaySource
+from .serial_port import SerialPort, list_ports
+from .serial_source import SerialSource
 from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
 from .taxel_map import TaxelMap
+from .xela_source import XelaSource
 
 __all__ = [
     "ClockMap",
     "Health",
     "HealthMeter",
+    "ReplaySource",
+    "SerialPort",
+    "SerialSource",
     "Source",
     "SourceEnded",
     "Stream",
@@ -16,4 +23,6 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "XelaSource",
+    "list_ports",
 ]
