@@ -1,8 +1,10 @@
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
+from .open_source import open_source
 from .replay_source import ReplaySource
 from .serial_port import SerialPort, list_ports
 from .serial_source import SerialSource
+from .simulated_source import SimulatedSource
 from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
@@ -16,6 +18,7 @@ __all__ = [
     "ReplaySource",
     "SerialPort",
     "SerialSource",
+    "SimulatedSource",
     "Source",
     "SourceEnded",
     "Stream",
@@ -25,4 +28,5 @@ __all__ = [
     "TaxelMap",
     "XelaSource",
     "list_ports",
+    "open_source",
 ]
