@@ -10,6 +10,8 @@ from .matrix_files import read_matrices
 from .matrix_mat import read_matrix_mat
 from .matrix_npy import read_matrix_npy
 from .matrix_png import read_matrix_png
+from .mcap_reader import read_mcap
+from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
 from .recording_files import (
     read_recording,
@@ -22,6 +24,7 @@ from .recording_hdf5 import (
     read_hdf5_head,
     write_hdf5,
 )
+from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .samples_npz import read_samples_npz
 from .wide_csv import read_wide_csv, write_wide_csv
@@ -39,6 +42,8 @@ __all__ = [
     "DecoderCounts",
     "GraspTable",
     "ICubGraspFrames",
+    "McapWriter",
+    "RepairReport",
     "XelaFrame",
     "append_hdf5",
     "format_xela_message",
@@ -55,6 +60,7 @@ __all__ = [
     "read_matrix_mat",
     "read_matrix_npy",
     "read_matrix_png",
+    "read_mcap",
     "read_named_csv",
     "read_npz",
     "read_recording",
@@ -63,7 +69,9 @@ __all__ = [
     "read_xela_log_csv",
     "read_xela_messages",
     "recording_format",
+    "repair_mcap",
     "write_hdf5",
+    "write_mcap",
     "write_npz",
     "write_recording",
     "write_wide_csv",
