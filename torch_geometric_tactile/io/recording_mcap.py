@@ -47,10 +47,10 @@ class McapWriter:
     r"""Writes a recording frame by frame.
 
     A quarter of a second after its first frame, a chunk is closed and handed to the operating
-    system: whatever happens to the process, only what came after that is lost. A power failure may lose
-    what the system had not yet written, a few seconds on Linux. What was written is never touched
-    again. If the disk is full, the half chunk is removed, the error names the file, and all calls
-    after that raise it again.
+    system: whatever happens to the process, only what came after that is lost. A power failure
+    may lose what the system had not yet written, a few seconds on Linux. What was written is never
+    touched again. If the disk is full, the half chunk is removed, the error names the file, and all
+    calls after that raise it again.
 
     Args:
         path (str or PathLike): The file.
