@@ -135,6 +135,9 @@ def _values(frame: Mapping[str, Any]) -> dict[str, np.ndarray]:
         )
     if not math.isfinite(frame.get("time", 0.0)):
         raise ValueError(f"'time' must be finite (got {frame['time']})")
+    for name in ("tactile", "joint"):
+        if np.isinf(frame[name]).any():
+            raise ValueError(f"'{name}' must hold finite readings, or NaN where one is missing")
     out = {
         "time": np.array(frame.get("time", 0.0)),
         "sequence": np.array(frame.get("sequence", 0)),

@@ -1,5 +1,7 @@
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
+from .recorder import Recorder
+from .replay_server import ReplayServer
 from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
@@ -9,6 +11,8 @@ __all__ = [
     "ClockMap",
     "Health",
     "HealthMeter",
+    "Recorder",
+    "ReplayServer",
     "Source",
     "SourceEnded",
     "Stream",
