@@ -301,6 +301,8 @@ def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
         )
     if not joint.is_floating_point():
         raise ValueError(f"'joint' must be floating-point angles (got {joint.dtype})")
+    if torch.compiler.is_compiling():  # an export must not depend on values
+        return
     # No hand turns this far.
     if joint.numel() and bool((joint.detach().abs() > 2 * math.pi).any()):
         warnings.warn(
