@@ -18,8 +18,8 @@ Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T
 
 
 def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator[Example]:
-    r"""Yields frames like those that the predictor was fitted on, and others: zeros, one taxel
-    without a reading, and none with one.
+    r"""Yields frames like those that the predictor was fitted on, and others: next to nothing,
+    one taxel without a reading, and none with one.
 
     Args:
         graph (OnnxGraph): Its graph.
@@ -33,8 +33,8 @@ def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator
     for i in range(count + 3):
         frames = center + (1 + i) / 2 * scale * draw.standard_normal(size)
         angles = draw.uniform(-0.3, 0.9, joints)
-        if i == count:
-            frames = np.zeros(size)
+        if i == count:  # nothing is touched; taxels that tie may be taken in any order
+            frames = center + 1e-3 * scale * draw.standard_normal(size)
             angles = np.zeros(joints)
         elif i == count + 1:
             frames[:, :1] = np.nan

@@ -12,8 +12,15 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.predictor.onnx_steps import GivenRest, as_window, is_framewise, lowered
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.predictor.settling import access
+from torch_geometric_tactile.transforms import FillMissing
 
 _MOST_CHANNELS = 32
+_CHUNK = 256
+
+
+def _changes(part: Any) -> bool:
+    writes = access(part)[1]
+    return writes is None or "x" in writes
 
 
 class OnnxGraph(Module):
@@ -59,10 +66,13 @@ class OnnxGraph(Module):
         self.joint_of_frames = is_windowed and any(
             "joint" in (access(part)[0] or ()) for part in frame_parts
         )
+        self._seen: Tensor | None = None
         self.num_channels = num_channels or preparation.num_channels or self._find_channels()
         self.is_stepped = self._may_step(window_parts)
         self.state = self._initial_state()
         self.eval()
+        is_filled = [isinstance(part, FillMissing) for part in window_parts if _changes(part)]
+        self._seen = None if is_filled[-1:] == [True] else self._which_are_seen()
 
     def _may_step(self, window_parts: Sequence[Any]) -> bool:
         model, window = self.model, self.window
@@ -74,8 +84,39 @@ class OnnxGraph(Module):
         return whole or window.length >= getattr(model, "receptive_field", window.length + 1)
 
     def _initial_state(self) -> tuple[Tensor, ...]:
+        # That of the model, and for how many frames a missing reading still counts.
         model: Any = self.model
-        return tuple(model.initial_state(1)) if self.is_stepped else ()
+        return (*model.initial_state(1), torch.zeros(1)) if self.is_stepped else ()
+
+    @torch.no_grad()
+    def _which_are_seen(self) -> Tensor:
+        # The readings (N, F) without which there is no answer. Of a runtime, a maximum or a
+        # recurrent layer may lose what is missing, and go on with a number.
+        given = self.blank()
+        given["tactile"] = torch.randn_like(given["tactile"])
+        data = self._prepared(given["tactile"].flatten(0, -3), given)
+        rows, features = data.x.shape[1:]
+        by_row = torch.eye(rows, dtype=torch.bool).unsqueeze(2).expand(-1, -1, features)
+        by_feature = torch.eye(features, dtype=torch.bool).unsqueeze(1).expand(-1, rows, -1)
+        lost = [
+            torch.cat([self._is_lost(data, part) for part in missing.split(_CHUNK)])
+            for missing in (by_row, by_feature)
+        ]
+        return lost[0].unsqueeze(1) & lost[1]
+
+    def _is_lost(self, data: StaticData, missing: Tensor) -> Tensor:
+        many = data.index_select(torch.zeros(len(missing), dtype=torch.long))
+        many.x = many.x.masked_fill(missing, torch.nan)
+        if not self.is_stepped:
+            return self._predictor[0].logits(many).isnan().any(dim=1)
+        model: Any = self.model
+        state = model.initial_state(len(missing))
+        logits, _ = model.step(many.x, many.edge_index, state, **self._joint(many))
+        lost: Tensor = logits.isnan().any(dim=1)
+        return lost
+
+    def _joint(self, data: StaticData) -> dict[str, Tensor]:
+        return {"joint": data.joint} if "joint" in self._predictor[0]._names else {}
 
     @staticmethod
     def _count_joints(predictor: Predictor, parts: Sequence[Any]) -> int:
@@ -181,9 +222,19 @@ class OnnxGraph(Module):
         tactile = given["tactile"]
         frames = tactile if self.window is None else tactile[0]
         data = self._prepared(frames, given)
-        self.at = repr(self.model)
+        self.at = type(self.model).__name__
         predictor = self._predictor[0]
-        return predictor.probability(predictor.logits(data))
+        probability = predictor.probability(predictor.logits(data))
+        missing = self._is_missing(data, given)
+        return probability if missing is None else probability.masked_fill(missing, torch.nan)
+
+    def _is_missing(self, data: StaticData, given: dict[str, Tensor]) -> Tensor | None:
+        parts = []
+        if self._seen is not None:
+            parts.append((data.x.isnan() & self._seen).any())
+        if "joint" in given:
+            parts.append(given["joint"].isnan().any())
+        return None if not parts else parts[0] if len(parts) == 1 else parts[0] | parts[1]
 
     def run_step(self, given: dict[str, Tensor]) -> tuple[Tensor, tuple[Tensor, ...]]:
         r"""Returns the probabilities after a frame, and the state.
@@ -192,12 +243,19 @@ class OnnxGraph(Module):
             given (dict): The inputs by name.
         """
         data = self._prepared(given["tactile"], given)
-        self.at = repr(self.model)
+        self.at = type(self.model).__name__
         model: Any = self.model
-        state = tuple(given[f"state_{i}"] for i in range(len(self.state)))
-        joint = {"joint": data.joint} if "joint" in self._predictor[0]._names else {}
-        logits, after = model.step(data.x, data.edge_index, state, **joint)
-        return self._predictor[0].probability(logits), tuple(after)
+        *state, left = (given[f"state_{i}"] for i in range(len(self.state)))
+        logits, after = model.step(data.x, data.edge_index, tuple(state), **self._joint(data))
+        probability = self._predictor[0].probability(logits)
+        missing = None if self._seen is None else (data.x.isnan() & self._seen).any()
+        left = (left - 1).clamp(min=0)
+        if missing is not None:
+            left = left.masked_fill(missing, float(model.receptive_field))
+        lacks = left > 0
+        if "joint" in given:
+            lacks = lacks | given["joint"].isnan().any()
+        return probability.masked_fill(lacks, torch.nan), (*after, left)
 
     def _prepared(self, frames: Tensor, given: dict[str, Tensor]) -> StaticData:
         if self.rest is not None:
