@@ -18,7 +18,7 @@ Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T
 
 
 def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator[Example]:
-    r"""Yields frames like those that the predictor was fitted on, and others: next to nothing,
+    r"""Yields frames like those that the predictor was fitted on, and others: hardly touched,
     one taxel without a reading, and none with one.
 
     Args:
@@ -33,8 +33,8 @@ def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator
     for i in range(count + 3):
         frames = center + (1 + i) / 2 * scale * draw.standard_normal(size)
         angles = draw.uniform(-0.3, 0.9, joints)
-        if i == count:  # nothing is touched; taxels that tie may be taken in any order
-            frames = center + 1e-3 * scale * draw.standard_normal(size)
+        if i == count:  # hardly touched; taxels that tie may be taken in any order
+            frames = center + 1e-1 * scale * draw.standard_normal(size)
             angles = np.zeros(joints)
         elif i == count + 1:
             frames[:, :1] = np.nan
