@@ -24,11 +24,19 @@ class Source(ABC):
             :class:`~torch_geometric_tactile.data.Recording`: :obj:`"sensor"` (name of the layout),
             :obj:`"unit"`, :obj:`"rate"`, :obj:`"joint_names"`; complete once it is open.
         reopens (bool): Whether it is worth opening again after it was lost.
+        clock_rate (float): Seconds on the clock of the device for each second, such as 2 for a
+            recording at double speed; infinite if the two have nothing to do with each other.
+        repeats (int): Messages that came again, and were left out.
+        waits (bool): Whether it may be kept waiting, as a file that is read as fast as possible:
+            then a slow subscriber of policy :obj:`"all"` holds it up, and never overflows.
     """
 
     checksum: str = "none"
     clock_period: float | None = None
     reopens: bool = True
+    clock_rate: float = 1.0
+    repeats: int = 0
+    waits: bool = False
 
     def __init__(self, name: str, meta: Mapping[str, Any] | None = None) -> None:
         self.name = name
@@ -59,6 +67,11 @@ class Source(ABC):
     @abstractmethod
     def close(self) -> None:
         r"""Closes it; does nothing if it is closed."""
+
+    def is_there(self) -> bool:
+        r"""Returns whether a lost source seems to be back, if there is a cheap way to know; it is
+        then opened without waiting longer."""
+        return False
 
     def __enter__(self) -> Self:
         self.open()

@@ -1,0 +1,162 @@
+r"""How well a stream runs."""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live.source import Source
+
+STATES = ("closed", "open", "silent", "lost", "ended")
+_NS = 1_000_000_000
+_SPAN = 2 * _NS  # over which rate and jitter are measured
+_KEPT = 4096  # times of frames: 2 s at 2 kHz
+_LOOK = _NS // 20  # between two looks at which taxels change
+_STALE = _NS
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    r"""How well a stream runs, at one moment.
+
+    Args:
+        state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but nothing comes),
+            :obj:`"lost"` (waits for its port or server to come back) or :obj:`"ended"`.
+        frames (int): Frames since it was opened.
+        rate (float): Frames per second over the last 2 seconds.
+        jitter (float): Standard deviation of the time from one arrival to the next in seconds, over
+            the last 2 seconds.
+        lost (int): Frames that the numbers or times of the others say are missing.
+        corrupt (int): Packets that failed their check.
+        skipped (int): Bytes that belong to no frame.
+        dropped (int): Frames that slow subscribers did not get, over all subscribers.
+        repeated (int): Frames with the readings of the frame before, bit for bit, and messages that
+            came again.
+        reconnects (int): How often it was opened again.
+        stale_taxels (int): Taxels that did not change for a second while others did, and those
+            without any reading. Taxels that no touch reaches are stale as well, if their sensor has
+            no noise.
+        age (float): Time since the last frame in seconds; NaN before the first.
+        checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
+
+    Examples:
+        >>> Health("open", frames=500, rate=498.7, jitter=4e-4, corrupt=2, age=0.001).line()
+        '498.7 Hz  jitter 0.4 ms  lost 0  corrupt 2  age 1 ms'
+    """
+
+    state: str = "closed"
+    frames: int = 0
+    rate: float = 0.0
+    jitter: float = 0.0
+    lost: int = 0
+    corrupt: int = 0
+    skipped: int = 0
+    dropped: int = 0
+    repeated: int = 0
+    reconnects: int = 0
+    stale_taxels: int = 0
+    age: float = math.nan
+    checksum: str = "none"
+
+    def line(self) -> str:
+        r"""Returns it as one quiet line: the state unless it is open, and of the rarer counts only
+        those that are not zero."""
+        parts = [] if self.state == "open" else [self.state]
+        parts += [f"{self.rate:.1f} Hz", f"jitter {self.jitter * 1e3:.1f} ms"]
+        parts += [f"lost {self.lost}", f"corrupt {self.corrupt}"]
+        rare = {"dropped": self.dropped, "reconnects": self.reconnects, "stale": self.stale_taxels}
+        parts += [f"{name} {count}" for name, count in rare.items() if count]
+        if not math.isnan(self.age):
+            parts.append(
+                f"age {self.age:.1f} s" if self.age >= 1 else f"age {self.age * 1e3:.0f} ms"
+            )
+        return "  ".join(parts)
+
+
+class HealthMeter:
+    r"""Measures the health of a stream; one thread tells it of frames, any thread asks.
+
+    Attributes:
+        dropped (int): Frames that slow subscribers did not get.
+        reconnects (int): How often the source was opened again.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self.reconnects = 0
+        self._frames = 0
+        self._repeated = 0
+        self._received = np.zeros(_KEPT, dtype=np.int64)
+        self._last = b""
+        self._looked = 0
+        self._stale = 0
+        self._seen: np.ndarray | None = None
+        self._changed = np.zeros(0, dtype=np.int64)
+
+    def observe(self, frame: LiveFrame) -> None:
+        r"""Takes note of a frame as the source gave it.
+
+        Args:
+            frame (LiveFrame): The frame.
+        """
+        self._received[self._frames % _KEPT] = frame.received
+        self._frames += 1
+        readings = frame.tactile.tobytes()
+        self._repeated += readings == self._last
+        self._last = readings
+        if frame.received - self._looked >= _LOOK or self._seen is None:
+            self._look(frame)
+
+    def _look(self, frame: LiveFrame) -> None:
+        now, tactile = frame.received, frame.tactile
+        self._looked = now
+        if self._seen is None or self._seen.shape != tactile.shape:
+            self._changed = np.full(len(tactile), now, dtype=np.int64)
+            self._seen = tactile.copy()
+        missing = np.isnan(tactile).all(axis=1)
+        same = (tactile == self._seen) | (np.isnan(tactile) & np.isnan(self._seen))
+        self._changed[~same.all(axis=1)] = now
+        self._seen = tactile.copy()
+        still = now - self._changed > _STALE
+        self._stale = int((missing | still).sum() if not still.all() else missing.sum())
+
+    def snapshot(self, state: str, source: Source, now: int | None = None) -> Health:
+        r"""Returns the health of this moment.
+
+        Args:
+            state (str): The state of the stream.
+            source (Source): Its source, which counts what it lost.
+            now (int, optional): The time on the monotonic clock in nanoseconds; the present if left
+                out.
+        """
+        now = time.monotonic_ns() if now is None else now
+        frames, counts = self._frames, source.counts
+        received = np.sort(self._received[: min(frames, _KEPT)])
+        last = int(received[-1]) if frames else 0
+        recent = received[received > now - _SPAN]
+        gaps = np.diff(recent) / _NS
+        return Health(
+            state=state,
+            frames=frames,
+            rate=_rate(gaps, (now - last) / _NS),
+            jitter=float(gaps.std()) if len(gaps) else 0.0,
+            lost=counts.lost,
+            corrupt=counts.corrupt,
+            skipped=counts.skipped,
+            dropped=self.dropped,
+            repeated=self._repeated + source.repeats,
+            reconnects=self.reconnects,
+            stale_taxels=self._stale,
+            age=max(0.0, (now - last) / _NS) if frames else math.nan,
+            checksum=source.checksum,
+        )
+
+
+def _rate(gaps: np.ndarray, age: float) -> float:
+    # A stream that stopped slows down, from twice its usual distance of frames on.
+    if not len(gaps) or not gaps.sum() > 0:
+        return 0.0
+    late = max(0.0, age - 2 * float(gaps.mean()))
+    return len(gaps) / (float(gaps.sum()) + late)

@@ -1,0 +1,290 @@
+r"""Live frames for any number of readers."""
+
+import logging
+import math
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Self
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live.clock_map import ClockMap
+from torch_geometric_tactile.live.health import Health, HealthMeter
+from torch_geometric_tactile.live.source import Source, SourceEnded
+from torch_geometric_tactile.live.subscription import Subscription
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.live.taxel_map import TaxelMap
+
+_log = logging.getLogger(__name__)
+_READ = 0.1  # seconds that one read of the source may wait
+_BACK_OFF = (0.1, 2.0)
+_STEP = 1e-6  # between two frames that came at once: times as of 1970 keep it in a double
+_JOIN = 10.0
+
+
+class Stream:
+    r"""Reads a source in one thread, for any number of subscribers.
+
+    Subscribe before opening, so that no frame is missed. A source that is lost after it was open is
+    opened again, first after 0.1 s and then in steps up to 2 s, or as soon as it is seen to be
+    back. All of this shows in :meth:`health`. Any other error of the source ends the stream, and is
+    raised at every subscriber. A stream is opened once. The readings are shared by all subscribers,
+    who must not write into them.
+
+    Args:
+        source (Source): The source; the stream opens and closes it.
+        taxel_map (TaxelMap, optional): The order of the taxels, from that of the source to that of
+            a layout.
+        silent_after (float): After how many seconds without a frame the state is :obj:`"silent"`.
+
+    Attributes:
+        anchor (tuple of int): One moment in nanoseconds since 1970, and on the monotonic clock: the
+            date of frame :obj:`f` is :obj:`anchor[0] + f.time * 1e9 - anchor[1]`.
+        error (BaseException, optional): What the source raised, if it failed.
+
+    Raises:
+        ValueError: If :obj:`silent_after` is not positive.
+
+    Examples:
+        >>> from torch_geometric_tactile.live import ReplaySource, Stream  # doctest: +SKIP
+        >>> with Stream(ReplaySource("grasp.h5")) as stream:  # doctest: +SKIP
+        ...     for frame in stream:
+        ...         print(frame.time, stream.health().line())
+    """
+
+    def __init__(
+        self, source: Source, *, taxel_map: "TaxelMap | None" = None, silent_after: float = 1.0
+    ) -> None:
+        if not silent_after > 0:
+            raise ValueError(f"'silent_after' must be positive, in seconds (got {silent_after})")
+        self.source = source
+        self.taxel_map = taxel_map
+        self.silent_after = silent_after
+        self.anchor = (time.time_ns(), time.monotonic_ns())
+        self.error: BaseException | None = None
+        self._state = "closed"
+        self._meter = HealthMeter()
+        self._clock = ClockMap(source.clock_period)
+        self._time = -math.inf
+        self._subscriptions: tuple[weakref.ref[Subscription], ...] = ()
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._over = False
+        self._thread: threading.Thread | None = None
+
+    @property
+    def state(self) -> str:
+        r"""The state, as in :class:`Health`."""
+        return self._state
+
+    @property
+    def meta(self) -> dict[str, Any]:
+        r"""What is known about the readings, after the map of taxels."""
+        meta = dict(self.source.meta)
+        if self.taxel_map is not None and self.taxel_map.layout:
+            meta["sensor"] = self.taxel_map.layout
+        return meta
+
+    def health(self) -> Health:
+        r"""Returns how well it runs, at this moment."""
+        return self._meter.snapshot(self._state, self.source)
+
+    def subscribe(self, policy: str = "all", size: int | None = None) -> Subscription:
+        r"""Returns a queue of the frames from now on. One that nobody holds any more is given up.
+
+        Args:
+            policy (str): :obj:`"all"`, :obj:`"drop_oldest"` or :obj:`"newest"`, see
+                :class:`Subscription`.
+            size (int, optional): Most frames in the queue.
+        """
+        subscription = Subscription(policy, size)
+        with self._lock:
+            if self._over:
+                subscription.end(self.error)
+            else:
+                alive = [one for one in self._subscriptions if one() is not None]
+                self._subscriptions = (*alive, weakref.ref(subscription))
+        return subscription
+
+    def open(self) -> None:
+        r"""Opens the source and begins to read; does nothing if it is open.
+
+        Raises:
+            OSError: If the source is not there.
+            ValueError: If the stream was closed.
+        """
+        with self._lock:
+            if self._over or self._stop.is_set():
+                raise ValueError("a stream is opened once: make a new one")
+            if self._thread is not None:
+                return
+            opened: Future[None] = Future()
+            self._thread = threading.Thread(
+                target=self._run, args=(opened,), name=f"stream {self.source.name}", daemon=True
+            )
+            self._thread.start()
+        try:
+            opened.result()
+        except BaseException:  # such as Ctrl-C
+            self._stop.set()
+            raise
+
+    def close(self) -> None:
+        r"""Ends it: closes the source, and wakes all subscribers; does nothing if it is closed."""
+        self._stop.set()
+        thread = self._thread
+        if thread is None:
+            self._end(None)
+        elif thread is not threading.current_thread():
+            thread.join(_JOIN)
+            if thread.is_alive():
+                _log.warning("%s does not answer, and is left behind", self.source)
+                self._end(None)
+
+    def _run(self, opened: "Future[None]") -> None:
+        # Everything that touches the source is called here: it is used by one thread.
+        try:
+            self.source.open()
+        except BaseException as failed:
+            self._end(None)
+            opened.set_exception(failed)
+            return
+        self._state = "open"
+        opened.set_result(None)
+        error: BaseException | None = None
+        try:
+            self._read_all()
+        except SourceEnded:
+            pass
+        except (StopIteration, StopAsyncIteration) as wrong:  # would end a loop in silence
+            error = RuntimeError(f"{self.source} raised {type(wrong).__name__}")
+            error.__cause__ = wrong
+        except BaseException as wrong:
+            error = wrong
+        finally:
+            with suppress(Exception):
+                self.source.close()
+            self._end(error)
+
+    def _end(self, error: BaseException | None) -> None:
+        with self._lock:
+            if self._over:
+                return
+            self._over = True
+            self.error = error
+            self._state = "closed" if self._stop.is_set() or self._state == "closed" else "ended"
+            subscriptions = self._subscriptions
+        for one in subscriptions:
+            subscription = one()
+            if subscription is not None:
+                subscription.end(error)
+
+    def _read_all(self) -> None:
+        last = time.monotonic()
+        back_off = _BACK_OFF[0]
+        while not self._stop.is_set():
+            try:
+                frames = self.source.read(_READ)
+            except SourceEnded:
+                raise
+            except (EOFError, OSError) as error:
+                if not self.source.reopens:
+                    raise
+                back_off = self._open_again(error, back_off)
+                last = time.monotonic()
+                continue
+            if frames:
+                self._deliver(frames)
+                self._state = "open"
+                last, back_off = time.monotonic(), _BACK_OFF[0]
+            elif time.monotonic() - last > self.silent_after:
+                self._state = "silent"
+
+    def _open_again(self, error: BaseException, back_off: float) -> float:
+        # The next back-off: it is shortened only by a frame, since a port may open and fail at once
+        self._state = "lost"
+        _log.warning("%s is lost (%s), and is opened again", self.source.name, error)
+        with suppress(Exception):
+            self.source.close()
+        while not self._stop.is_set():
+            returned = self._returned(back_off)
+            back_off = _BACK_OFF[0] if returned else min(2 * back_off, _BACK_OFF[1])
+            if self._stop.is_set():
+                break
+            try:
+                self.source.open()
+            except SourceEnded:
+                raise
+            except (EOFError, OSError):
+                continue
+            self._meter.reconnects += 1
+            self._clock.reset()
+            self._state = "open"
+            break
+        return back_off
+
+    def _returned(self, back_off: float) -> bool:
+        # Waits, but no longer than until the source is seen to come back.
+        deadline = time.monotonic() + back_off
+        missing = not self.source.is_there()
+        while not self._stop.wait(max(0.0, min(_READ, deadline - time.monotonic()))):
+            there = self.source.is_there()
+            if missing and there:
+                return True
+            missing = missing or not there
+            if time.monotonic() >= deadline:
+                break
+        return False
+
+    def _deliver(self, frames: list[LiveFrame]) -> None:
+        for frame in frames:
+            self._meter.observe(frame)
+            frame = self._mapped(frame)
+            for one in self._subscriptions:
+                if self.source.waits:
+                    self._wait_for_room(one)
+                subscription = one()
+                if subscription is not None:
+                    self._meter.dropped += subscription.put(frame)
+
+    def _wait_for_room(self, one: "weakref.ref[Subscription]") -> None:
+        while not self._stop.is_set():
+            subscription = one()  # asked each time, since its reader may give it up meanwhile
+            if subscription is None or subscription.has_room(_READ):
+                return
+            del subscription
+
+    def _mapped(self, frame: LiveFrame) -> LiveFrame:
+        device, rate = frame.device_time, self.source.clock_rate
+        device = None if device is None or not math.isfinite(rate) else device / rate
+        self._time = max(self._clock.map(device, frame.received), self._time + _STEP)
+        tactile = frame.tactile if self.taxel_map is None else self.taxel_map.apply(frame.tactile)
+        return LiveFrame(
+            frame.sequence,
+            self._time,
+            frame.received,
+            frame.device_time,
+            tactile,
+            frame.joint,
+            frame.extra,
+        )
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[LiveFrame]:
+        return self.subscribe()
+
+    def __aiter__(self) -> Subscription:
+        return self.subscribe()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.source!r}, state={self._state!r})"

@@ -1,0 +1,165 @@
+r"""From the order in which a device sends its taxels to that of a layout."""
+
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.texts import read_json
+from torch_geometric_tactile.typing import PathLike
+
+_KEYS = ("index", "num_taxels", "layout", "source")
+
+
+class TaxelMap:
+    r"""The order of taxels, from that of a source to that of a layout.
+
+    Args:
+        index (sequence of int): For each taxel of the layout, where the source has it, or -1 if it
+            does not :math:`(N,)`.
+        num_taxels (int): Number of taxels of the source :math:`M`.
+        layout (str): Name of the layout.
+        source (str): Where the order comes from.
+
+    Raises:
+        ValueError: If :obj:`index` holds other than integers from -1 to :math:`M - 1`, or a taxel
+            of the source twice.
+
+    Examples:
+        >>> TaxelMap([2, -1, 0], num_taxels=3).apply(np.float32([[10], [20], [30]]))
+        array([[30.],
+               [nan],
+               [10.]], dtype=float32)
+    """
+
+    def __init__(
+        self,
+        index: Sequence[int] | np.ndarray,
+        num_taxels: int,
+        *,
+        layout: str = "",
+        source: str = "",
+    ) -> None:
+        if isinstance(num_taxels, bool) or not isinstance(num_taxels, int) or num_taxels < 1:
+            raise ValueError(f"'num_taxels' must be a positive integer (got {num_taxels!r})")
+        for name, text in (("layout", layout), ("source", source)):
+            if not isinstance(text, str):
+                raise ValueError(f"'{name}' must be a text (got {type(text).__name__})")
+        self.index = _checked_index(index, num_taxels)
+        self.num_taxels = num_taxels
+        self.layout = layout
+        self.source = source
+        self._missing = np.flatnonzero(self.index < 0)
+
+    def apply(self, tactile: np.ndarray) -> np.ndarray:
+        r"""Returns readings in the order of the layout; those of missing taxels are NaN.
+
+        Args:
+            tactile (numpy.ndarray): Readings in the order of the source :math:`(M, C)`, float32.
+
+        Returns:
+            numpy.ndarray: Readings :math:`(N, C)`.
+
+        Raises:
+            ValueError: If there is another number of taxels.
+        """
+        if len(tactile) != self.num_taxels:
+            raise ValueError(
+                f"'tactile' must have {self.num_taxels} taxels for this map (got {len(tactile)})"
+            )
+        out: np.ndarray = tactile[self.index]  # the last one where it is missing
+        out[self._missing] = np.nan
+        return out
+
+    def save(self, path: PathLike) -> None:
+        r"""Writes the map as a JSON file that a person can edit.
+
+        Args:
+            path (str or PathLike): The file. It is written whole or not at all.
+        """
+        content = {
+            "layout": self.layout,
+            "source": self.source,
+            "num_taxels": self.num_taxels,
+            "index": self.index.tolist(),
+        }
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, name_or_path: PathLike) -> Self:
+        r"""Reads a map: the one of this name that comes with the package, or the one in a file.
+
+        Args:
+            name_or_path (str or PathLike): Its name, such as :obj:`"allegro_368"`, or the path of a
+                JSON file of :meth:`save`; a text that ends in :obj:`.json` or has a folder in front
+                is a path.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If there is no map of this name, or the file holds none.
+        """
+        text = str(name_or_path)
+        if not isinstance(name_or_path, str) or text.endswith(".json") or Path(text).name != text:
+            return cls._read(Path(text).expanduser())
+        if text not in cls.names():
+            raise ValueError(
+                f"'name_or_path' must be one of {cls.names()}, or the path of a file of a map "
+                f"(.json) (got {text!r})"
+            )
+        return cls._read(_folder() / f"{text}.json")
+
+    @staticmethod
+    def names() -> list[str]:
+        r"""Returns the names of the maps that come with the package."""
+        return sorted(file.stem for file in _folder().glob("*.json"))
+
+    @classmethod
+    def _read(cls, path: Path) -> Self:
+        try:
+            content = read_json(path)
+            if not isinstance(content, dict) or not {"index", "num_taxels"} <= content.keys():
+                raise ValueError("it must be a JSON object with 'index' and 'num_taxels'")
+            known: dict[str, Any] = {key: content[key] for key in _KEYS if key in content}
+            return cls(**known)
+        except ValueError as error:
+            raise ValueError(f"'{path}' is not a map of taxels: {error}") from error
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({self.num_taxels} -> {len(self.index)}, "
+            f"missing={len(self._missing)}, layout={self.layout!r})"
+        )
+
+
+def _folder() -> Path:
+    return Path(str(files(__package__) / "taxel_maps"))
+
+
+def _checked_index(index: Any, num_taxels: int) -> np.ndarray:
+    try:
+        array = np.asarray(index)
+    except ValueError:  # rows of different lengths
+        array = np.zeros((0, 0))
+    if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
+        raise ValueError(
+            "'index' must be a list of integers, one for each taxel of the layout (got shape "
+            f"{array.shape} of {array.dtype})"
+        )
+    if array.min() < -1 or array.max() >= num_taxels:
+        wrong = array.min() if array.min() < -1 else array.max()
+        raise ValueError(
+            f"'index' must hold places from 0 to {num_taxels - 1}, or -1 for a missing taxel (got "
+            f"{wrong})"
+        )
+    array = array.astype(np.intp)
+    places, times = np.unique(array[array >= 0], return_counts=True)
+    if (times > 1).any():
+        raise ValueError(
+            f"'index' must hold each place at most once (got {places[times > 1][0]} twice)"
+        )
+    return array
