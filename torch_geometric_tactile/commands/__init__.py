@@ -19,6 +19,7 @@ VERBS = (
     "validate",
     "test",
     "predict",
+    "view",
 )
 
 __all__ = ["VERBS"]

@@ -11,6 +11,7 @@ from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
 from .taxel_map import TaxelMap
+from .viewer import Viewer
 from .xela_source import XelaSource
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "Viewer",
     "XelaSource",
     "list_ports",
     "open_source",
