@@ -17,6 +17,8 @@ from fuzz import (
     model_bases,
     oracles,
     readers,
+    stream_bases,
+    stream_oracles,
     tree_oracles,
 )
 from fuzz.bytes_mutations import BYTES
@@ -204,6 +206,17 @@ def _predictor(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return JUDGED
 
 
+def _stream(protocol: str, weight: int) -> Target:
+    return Target(
+        f"stream: {protocol}",
+        getattr(stream_bases, protocol),
+        stream_bases.reader(protocol),
+        _bytes,
+        getattr(stream_oracles, protocol),
+        weight,
+    )
+
+
 TARGETS: Sequence[Target] = (
     Target("wide CSV", bases.wide_csv, readers.wide_csv, _text, oracles.wide_csv, 8),
     Target("named CSV", bases.named_csv, readers.named_csv, _text, oracles.named_csv, 5),
@@ -327,6 +340,12 @@ TARGETS: Sequence[Target] = (
         tree=True,
         agrees=lambda tree, found: bool(tree["result"] == found),
     ),
+    _stream("cobs", 4),
+    _stream("anyskin", 4),
+    _stream("m1616", 3),
+    _stream("text", 4),
+    _stream("robotiq", 4),
+    _stream("letter_array", 2),
 )
 
 
