@@ -131,6 +131,16 @@ def _json_lines(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return JUDGED
 
 
+def _live_json(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """A message of a server, which the reader itself compares with what the slow parser says."""
+    if draw.random() < 0.5:
+        _bytes(path, data, draw, other)
+    else:
+        tree = mutated_tree(json.loads(data, strict=False), draw)
+        path.write_bytes(encoded(as_json(tree, draw), draw))
+    return REWRITTEN
+
+
 def _yaml(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     kind = draw.random()
     if kind < 0.3:
@@ -245,6 +255,7 @@ TARGETS: Sequence[Target] = (
         oracles.xela_messages,
         7,
     ),
+    Target("XELA live", bases.xela_live, readers.xela_live, _live_json, weight=4),
     Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
     Target("BioTac SP DoS CSV", bases.dos_csv, readers.dos_csv, _text, oracles.dos_csv, 4),
     Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
