@@ -95,9 +95,9 @@ class TaxelMap:
         r"""Reads a map: the one of this name that comes with the package, or the one in a file.
 
         Args:
-            name_or_path (str or PathLike): Its name, such as :obj:`"allegro_368"`, or the path of a
-                JSON file of :meth:`save`; a text that ends in :obj:`.json` or has a folder in front
-                is a path.
+            name_or_path (str or PathLike): Its name, such as :obj:`"xela_allegro_368"`, or the
+                path of a JSON file of :meth:`save`; a text that ends in :obj:`.json` or has a
+                folder in front is a path.
 
         Raises:
             FileNotFoundError: If there is no such file.
