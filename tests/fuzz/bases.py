@@ -190,3 +190,24 @@ def hdf5_appended(folder: Path) -> None:
     for name, recording in (("a.h5", full_recording()), ("b.h5", small_recording(joints=0))):
         for part in (slice(0, 2), slice(2, 3), slice(3, None)):
             append_hdf5(recording.select(part), folder / name)
+
+
+def mcap(folder: Path) -> None:
+    from torch_geometric_tactile.data import LiveFrame
+    from torch_geometric_tactile.io import McapWriter, write_mcap
+
+    write_mcap(full_recording(), folder / "a.mcap")
+    whole = small_recording()
+    with McapWriter(
+        folder / "b.mcap", meta={"unit": "count"}, anchor=(10**18, 5 * 10**9), label="mug"
+    ) as writer:
+        for i, time in enumerate(whole.time.tolist()):
+            extra = {"temp": np.full(3, i, dtype=np.int16)}
+            joint = whole.joint[i] if i % 2 else None
+            writer.write_frame(
+                LiveFrame(i + 3, 5 + time, i, i / 128, whole.tactile[i], joint, extra)
+            )
+            writer.write_points(5 + time, np.zeros((3, 3)), {"pressure": np.ones(3)}, "palm")
+            if i % 2:  # several chunks
+                writer.write_health(5 + time, {"state": "open", "rate": 128.0})
+                writer.flush()

@@ -3,6 +3,7 @@ reader must return, or raise ``Refused``."""
 
 import csv
 import decimal
+import functools
 import io
 import re
 from collections.abc import Sequence
@@ -309,3 +310,19 @@ def _xela_frame(message: Any) -> dict[str, Any]:
         "handedness": [str(message[key].get("handedness", "")) for key in keys],
         "version": str(message.get("version", "")),
     }
+
+
+def is_part_of_mcap(mutated: bytes, found: Any) -> bool:
+    """Whether a damaged recording was told of, and has only frames of a whole one."""
+    frames = _whole_mcap_frames()
+    return found["told"] and all(
+        found["tactile"][i].tobytes() in frames for i in range(len(found["time"]))
+    )
+
+
+@functools.cache
+def _whole_mcap_frames() -> set[bytes]:
+    from fuzz import bases
+
+    recordings = (bases.full_recording(), bases.small_recording())
+    return {frame.tobytes() for recording in recordings for frame in recording.tactile}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,35 @@ def npz(path: Path) -> Any:
     from torch_geometric_tactile.io import read_npz
 
     return recording(read_npz(path))
+
+
+def mcap(path: Path) -> Any:
+    from torch_geometric_tactile.io import read_mcap
+
+    return recording(read_mcap(path, recover=False))
+
+
+def recovered_mcap(path: Path) -> Any:
+    """What was read of a file that may be damaged, and whether a warning said so."""
+    from torch_geometric_tactile.io import read_mcap
+
+    told = _Told()
+    log = logging.getLogger("torch_geometric_tactile.io.mcap_reader")
+    log.addHandler(told)
+    try:
+        found = recording(read_mcap(path))
+    finally:
+        log.removeHandler(told)
+    return {**found, "told": bool(told.records)}
+
+
+class _Told(logging.Handler):
+    def __init__(self) -> None:
+        super().__init__()
+        self.records: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.records.append(record)
 
 
 def samples_npz(path: Path) -> Any:

@@ -114,7 +114,7 @@ def _make_in_child(targets: list[Target], folder: Path) -> None:
 
 def preload() -> None:
     """Imports what the workers need, before they are forked."""
-    import h5py  # noqa: F401
+    import zstandard  # noqa: F401
 
 
 def attack(

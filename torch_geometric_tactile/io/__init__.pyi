@@ -13,31 +13,21 @@ from .matrix_files import read_matrices
 from .matrix_mat import read_matrix_mat
 from .matrix_npy import read_matrix_npy
 from .matrix_png import read_matrix_png
+from .mcap_reader import read_mcap
+from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
 from .packets import CobsDecoder, encode_packet
 from .protocols import PROTOCOLS, decoder_of
-from .recording_files import (
-    read_recording,
-    recording_format,
-    write_recording,
-)
-from .recording_hdf5 import (
-    append_hdf5,
-    read_hdf5,
-    read_hdf5_head,
-    write_hdf5,
-)
+from .recording_files import read_recording, recording_format, write_recording
+from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
+from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .robotiq import RobotiqDecoder
 from .samples_npz import read_samples_npz
 from .text_rows import TextRowsDecoder
 from .wide_csv import read_wide_csv, write_wide_csv
 from .xela_log_csv import read_xela_log_csv
-from .xela_message import (
-    XelaFrame,
-    format_xela_message,
-    parse_xela_message,
-)
+from .xela_message import XelaFrame, format_xela_message, parse_xela_message
 from .xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [
@@ -51,6 +41,8 @@ __all__ = [
     "ICubGraspFrames",
     "LetterArrayDecoder",
     "M1616Decoder",
+    "McapWriter",
+    "RepairReport",
     "RobotiqDecoder",
     "TextRowsDecoder",
     "XelaFrame",
@@ -72,6 +64,7 @@ __all__ = [
     "read_matrix_mat",
     "read_matrix_npy",
     "read_matrix_png",
+    "read_mcap",
     "read_named_csv",
     "read_npz",
     "read_recording",
@@ -80,7 +73,9 @@ __all__ = [
     "read_xela_log_csv",
     "read_xela_messages",
     "recording_format",
+    "repair_mcap",
     "write_hdf5",
+    "write_mcap",
     "write_npz",
     "write_recording",
     "write_wide_csv",

@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.mcap_reader import read_mcap
+from torch_geometric_tactile.io.mcap_records import MAGIC
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
+from torch_geometric_tactile.io.recording_mcap import write_mcap
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
 from torch_geometric_tactile.io.recording_schema import checked_file
 from torch_geometric_tactile.io.wide_csv import has_own_names, read_wide_csv, write_wide_csv
@@ -19,6 +22,7 @@ from torch_geometric_tactile.typing import PathLike
 _READERS: dict[str, Callable[..., Recording]] = {
     "HDF5": read_hdf5,
     "npz": read_npz,
+    "MCAP": read_mcap,
     "wide CSV": read_wide_csv,
     "named CSV": read_named_csv,
     "XELA log CSV": read_xela_log_csv,
@@ -28,6 +32,7 @@ _SUFFIXES = {
     ".h5": "HDF5",
     ".hdf5": "HDF5",
     ".npz": "npz",
+    ".mcap": "MCAP",
     ".csv": "wide CSV",
     ".json": "XELA messages",
     ".jsonl": "XELA messages",
@@ -38,17 +43,18 @@ _WRITERS: dict[str, Callable[[Recording, PathLike], None]] = {
     ".h5": write_hdf5,
     ".hdf5": write_hdf5,
     ".npz": write_npz,
+    ".mcap": write_mcap,
     ".csv": write_wide_csv,
     ".jsonl": write_xela_messages,
     ".ndjson": write_xela_messages,
 }
-_SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz"}
+_SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
 _XELA_LOG = re.compile(rb"(\xef\xbb\xbf)?\s*\"?receive time", re.IGNORECASE)
 
 
 def recording_format(path: PathLike) -> str:
-    r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"wide CSV"`,
-    :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
+    r"""Returns the name of a file's format: :obj:`"HDF5"`, :obj:`"npz"`, :obj:`"MCAP"`,
+    :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
 
     The suffix must be a known one; the beginning of the file decides between the kinds of CSV, and
     overrules a suffix that is wrong. CSV files with a header of names are named CSV, unless one is
@@ -110,9 +116,9 @@ def _options(reader: Callable[..., Recording]) -> list[str]:
 
 
 def write_recording(recording: Recording, path: PathLike) -> None:
-    r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.csv``
-    (one frame a row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot hold is
-    logged as a warning.
+    r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.mcap``,
+    ``.csv`` (one frame a row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot
+    hold is logged as a warning.
 
     Args:
         recording (Recording): The recording.

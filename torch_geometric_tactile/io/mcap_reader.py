@@ -1,0 +1,236 @@
+r"""MCAP files of recordings, read whole or as far as they can be."""
+
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.mcap_frames import FrameRows
+from torch_geometric_tactile.io.mcap_records import (
+    Channel,
+    Message,
+    Metadata,
+    Record,
+    Scan,
+    Schema,
+    count_messages,
+)
+from torch_geometric_tactile.io.mcap_schemas import FRAME, check_schema
+from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, VERSION, texts_checksum
+from torch_geometric_tactile.io.recording_schema import checked_file, recording_from_fields
+from torch_geometric_tactile.texts import parse_json, printable
+from torch_geometric_tactile.typing import PathLike
+
+_log = logging.getLogger(__name__)
+_MOST_TOLD = 5
+
+
+def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -> Recording:
+    r"""Reads a recording from an MCAP file, of :class:`McapWriter` or of others.
+
+    A file that was cut, by a crash or a full disk, or is damaged is read chunk by chunk: each chunk
+    with its checksum, those that are not whole are left out, and a warning is logged that tells how
+    much is missing. A frame that is read is as it was written.
+
+    Args:
+        path (str or PathLike): The file.
+        recover (bool): Whether to read what can be read of a file that is not whole.
+        allow_large (bool): Whether to read a file whose frames take more than 1 GiB and more than
+            200 times its own size, as a hostile one does.
+
+    Returns:
+        Recording: The time is in seconds since the anchor of the stream, and the frames of a live
+        stream have their numbers and the times of their device as :obj:`"sequence"` and
+        :obj:`"device_time"` in :obj:`extra`.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If the extra :obj:`live` is missing.
+        ValueError: If it is no MCAP file, has no topic :obj:`tactile.Frame` or no frame that can be
+            read, or is not whole and :obj:`recover` is false. The message names the file.
+    """
+    path = checked_file(path)
+    scan = Scan(path)
+    content = _Content(path, FrameRows(0, 0, False))
+    counts = count_messages(path)
+    # Of all channels: which one has the frames is not known yet.
+    expected = max(counts.values(), default=0)
+    content.rows = FrameRows(expected, path.stat().st_size, allow_large)
+    for batch in scan.batches():
+        for record in batch:
+            content.add(record)
+    if not content.rows.num_frames:
+        raise ValueError(content.why_empty(scan))
+    problems = [*scan.damage, *content.problems()]
+    if problems and not recover:
+        raise ValueError(
+            f"'{path}' is not whole: {told(problems)}; read it with recover=True, or repair it "
+            "with `tactile replay FILE --repair OUT`"
+        )
+    recording, gaps = content.recording()
+    if problems:
+        _log.warning(
+            "'%s' is not whole: %s; %d frames were read%s",
+            path,
+            told(problems),
+            recording.num_frames,
+            f", and {gaps}" if gaps else "",
+        )
+    return recording
+
+
+def told(problems: list[str]) -> str:
+    r"""Returns the first few of some problems as one text.
+
+    Args:
+        problems (list of str): The problems.
+    """
+    more = len(problems) - _MOST_TOLD
+    few = "; ".join(printable(problem) for problem in problems[:_MOST_TOLD])
+    return f"{few}; and {more} more" if more > 0 else few
+
+
+@dataclass
+class _Content:
+    # What the records of a file say.
+    path: Path
+    rows: FrameRows
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+    known: dict[int, bool] = field(default_factory=dict)
+    wrong: list[str] = field(default_factory=list)
+    num_wrong: int = 0
+    disorder: int = 0
+
+    def add(self, record: Record) -> None:
+        if isinstance(record, Message):
+            self._add_message(record)
+        elif isinstance(record, Channel):
+            self.channels.setdefault(record.id, record)
+        elif isinstance(record, Schema):
+            self.schemas.setdefault(record.id, record)
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME and not self.texts:
+            texts = dict(record.values)
+            if texts.pop("crc32", "") == str(texts_checksum(texts)):
+                self._check_version(texts)
+                self.texts = texts
+            else:
+                self.wrong.append("label and metadata differ from their checksum")
+
+    def _check_version(self, texts: dict[str, str]) -> None:
+        if texts.get("version") != str(VERSION):
+            raise ValueError(
+                f"'{self.path}' must be of format version {VERSION} (got "
+                f"{printable(texts.get('version'))}): read it with the version of "
+                "torch-geometric-tactile that wrote it"
+            )
+
+    def _add_message(self, message: Message) -> None:
+        if message.channel not in self.known:
+            self.known[message.channel] = self._holds_frames(message.channel)
+        if not self.known[message.channel]:
+            return
+        try:
+            self.rows.add(message.data)
+        except ValueError as error:
+            self.num_wrong += 1
+            if self.num_wrong == 1:
+                self.wrong.append(f"a message is no frame of this recording: {error}")
+        except MemoryError as error:
+            raise ValueError(f"'{self.path}' cannot be read: {error}") from error
+
+    def _holds_frames(self, number: int) -> bool:
+        channel = self.channels.get(number)
+        if channel is None:
+            # Its description was in a chunk that is damaged; ours is in the metadata too.
+            return self._stated_channels().get(FRAME) == number
+        schema = self.schemas.get(channel.schema)
+        if channel.encoding != "protobuf" or FRAME not in (
+            channel.topic,
+            "" if schema is None else schema.name,
+        ):
+            return False
+        problem = "" if schema is None else check_schema(schema.data)
+        if problem:
+            raise ValueError(
+                f"'{self.path}' must have frames of our schema in the topic "
+                f"'{printable(channel.topic)}': {printable(problem)}"
+            )
+        return True
+
+    def _stated_channels(self) -> dict[str, Any]:
+        try:
+            found = parse_json(self.texts.get("channels", "{}"))
+        except ValueError:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    def why_empty(self, scan: Scan) -> str:
+        problems = [*scan.damage, *self.wrong]
+        why = f" ({told(problems)})" if problems else ""
+        topics = sorted({printable(channel.topic) for channel in self.channels.values()})
+        if FRAME in topics:
+            return f"'{self.path}' must hold a frame that can be read (got none{why})"
+        return (
+            f"'{self.path}' must have the topic '{FRAME}', or another one of its schema (got "
+            f"{', '.join(topics[:20]) or 'no topics'}{why})"
+        )
+
+    def problems(self) -> list[str]:
+        out = [*self.wrong]
+        if self.num_wrong > 1:
+            out.append(f"{self.num_wrong} messages are no frames of this recording")
+        stated = self._stated_channels()
+        if stated and not self.channels:
+            out.append("its table of topics is damaged")
+        return out
+
+    def recording(self) -> tuple[Recording, str]:
+        arrays, lost = self.rows.arrays()
+        if lost:
+            _log.warning(
+                "'%s': left out %s, which some frames do not have",
+                self.path,
+                ", ".join(printable(name) for name in lost),
+            )
+        order = _increasing(arrays["time"])
+        if order is not None:
+            _log.warning(
+                "'%s': frames were not in the order of their time, or twice; %d of %d are kept",
+                self.path,
+                len(order),
+                self.rows.num_frames,
+            )
+            arrays = {name: array[order] for name, array in arrays.items()}
+        gaps = _gaps(arrays["sequence"], arrays["time"])
+        anchor = int(self.texts.get("monotonic_ns", "0")) / 1e9
+        if anchor:
+            arrays["time"] = arrays["time"] - anchor
+        clocks = {name: arrays.pop(name) for name in ("sequence", "received", "device_time")}
+        if self.texts.get("live") == "1":
+            arrays["extra/sequence"] = clocks["sequence"]
+            if not np.isnan(clocks["device_time"]).all():
+                arrays["extra/device_time"] = clocks["device_time"]
+        texts = {"label": "null", "meta": "{}", **self.texts}
+        return recording_from_fields(self.path, arrays, texts), gaps
+
+
+def _increasing(time: np.ndarray) -> np.ndarray | None:
+    if (np.diff(time) > 0).all():
+        return None
+    order = np.argsort(time, kind="stable")
+    keep = np.r_[True, np.diff(time[order]) > 0]
+    return order[keep]
+
+
+def _gaps(sequence: np.ndarray, time: np.ndarray) -> str:
+    step = np.diff(sequence)
+    holes = np.flatnonzero(step > 1)
+    if not len(holes):
+        return ""
+    seconds = float((time[holes + 1] - time[holes]).sum())
+    return f"{int((step[holes] - 1).sum())} between them are missing, in {seconds:.2f} s"

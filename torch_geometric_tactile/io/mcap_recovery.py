@@ -1,0 +1,165 @@
+r"""A whole MCAP file from what is left of a cut or damaged one."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile.io.mcap_reader import told
+from torch_geometric_tactile.io.mcap_records import Channel, Message, Metadata, Record, Scan, Schema
+from torch_geometric_tactile.io.mcap_schemas import TOPICS, schema_of
+from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, texts_checksum
+from torch_geometric_tactile.io.recording_schema import checked_file
+from torch_geometric_tactile.texts import parse_json
+from torch_geometric_tactile.typing import PathLike
+
+
+@dataclass(frozen=True)
+class RepairReport:
+    r"""What was saved of a file.
+
+    Args:
+        messages (dict of str to int): Number of messages saved, by topic.
+        chunks (int): Number of chunks saved.
+        skipped_bytes (int): Bytes in which nothing could be read.
+        damage (tuple of str): What was wrong; empty for a whole file.
+        seconds (float): From the first to the last message that was saved.
+    """
+
+    messages: dict[str, int]
+    chunks: int
+    skipped_bytes: int
+    damage: tuple[str, ...]
+    seconds: float
+
+    def __str__(self) -> str:
+        saved = ", ".join(f"{count} {topic}" for topic, count in self.messages.items())
+        wrong = told([*self.damage]) if self.damage else "it was whole"
+        return (
+            f"saved {saved or 'nothing'} ({self.seconds:.2f} s, {self.chunks} chunks); left out "
+            f"{self.skipped_bytes} bytes: {wrong}"
+        )
+
+
+def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
+    r"""Writes a whole file with what can be saved of another one, of all topics. Attachments are
+    left out.
+
+    Args:
+        path (str or PathLike): The file, which stays as it is.
+        out (str or PathLike): The new file, written whole or not at all.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If the extra :obj:`live` is missing.
+        OSError: If the disk is full.
+        ValueError: If it is no MCAP file, nothing can be saved, or :obj:`out` is the same file.
+    """
+    library = require_mcap()
+    path, out = checked_file(path), Path(out)
+    if out.exists() and out.samefile(path):
+        raise ValueError(f"'out' must be another file than '{path}' (got the same)")
+    scan = Scan(path)
+    with atomic_path(out) as temporary:
+        output = McapOutput(temporary, overwrite=True, lock=False)
+        try:
+            writer = library.Writer(output, enable_data_crcs=True)
+            writer.start(library="torch_geometric_tactile")
+            copy = _Copy(writer)
+            for batch in scan.batches():
+                for record in batch:
+                    copy.add(record)
+            if not copy.counts:
+                raise ValueError(f"'{path}' holds nothing to save ({told(scan.damage)})")
+            writer.finish()
+        except OSError as error:
+            raise OSError(error.errno, os.strerror(error.errno or 0), str(out)) from error
+        finally:
+            output.close()
+    return RepairReport(
+        messages=dict(sorted(copy.counts.items())),
+        chunks=scan.chunks,
+        skipped_bytes=scan.skipped,
+        damage=tuple(scan.damage),
+        seconds=(copy.last - copy.first) / 1e9,
+    )
+
+
+class _Copy:
+    # Writes records to another file, whose channels have numbers of their own.
+
+    def __init__(self, writer: Any) -> None:
+        self.writer = writer
+        self.counts: dict[str, int] = {}
+        self.first = self.last = 0
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._written: dict[int, int] = {}
+        self._schema_numbers: dict[int, int] = {0: 0}
+        self._stated: dict[int, str] = {}
+
+    def add(self, record: Record) -> None:
+        if isinstance(record, Message):
+            self._add_message(record)
+        elif isinstance(record, Schema):
+            self._schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel):
+            self._channels.setdefault(record.id, record)
+        elif record.name != METADATA_NAME:
+            self.writer.add_metadata(record.name, record.values)
+        else:
+            self._add_ours(record)
+
+    def _add_ours(self, record: Metadata) -> None:
+        texts = dict(record.values)
+        if texts.pop("crc32", "") != str(texts_checksum(texts)):
+            return
+        self._stated = {
+            number: topic
+            for topic, number in parse_json(texts["channels"]).items()
+            if topic in TOPICS
+        }
+        # In our order, so that what the metadata say of the channels stays true.
+        for number, topic in sorted(self._stated.items()):
+            self._schemas[number] = Schema(number, topic, "protobuf", schema_of(topic))
+            self._channels[number] = Channel(number, number, topic, "protobuf", {})
+        for number in sorted(self._stated):
+            self._register(number)
+        self.writer.add_metadata(record.name, record.values)
+
+    def _register(self, number: int) -> int | None:
+        if number in self._written:
+            return self._written[number]
+        channel = self._channels.get(number)
+        if channel is None:
+            return None
+        schema = self._schemas.get(channel.schema)
+        if schema is not None and channel.schema not in self._schema_numbers:
+            self._schema_numbers[channel.schema] = self.writer.register_schema(
+                schema.name, schema.encoding, schema.data
+            )
+        self._written[number] = self.writer.register_channel(
+            channel.topic,
+            channel.encoding,
+            self._schema_numbers.get(channel.schema, 0),
+            channel.metadata,
+        )
+        return self._written[number]
+
+    def _add_message(self, message: Message) -> None:
+        number = self._register(message.channel)
+        if number is None:
+            return
+        self.writer.add_message(
+            channel_id=number,
+            log_time=message.log_time,
+            publish_time=message.publish_time,
+            sequence=message.sequence,
+            data=bytes(message.data),
+        )
+        topic = self._channels[message.channel].topic
+        self.first = min(self.first, message.log_time) if self.counts else message.log_time
+        self.last = max(self.last, message.log_time)
+        self.counts[topic] = self.counts.get(topic, 0) + 1

@@ -1,0 +1,369 @@
+r"""Recordings as MCAP files, which viewers of robot data open and which survive a crash.
+
+Topics are :obj:`tactile.Frame`, :obj:`tactile.Prediction`, :obj:`tactile.Health`,
+:obj:`tactile.Event` and :obj:`foxglove.PointCloud`
+(:mod:`~torch_geometric_tactile.io.mcap_schemas`). Label, metadata, name of the layout and the
+clocks are in a metadata record at the beginning, so that a cut file has them.
+
+The times of messages are nanoseconds since 1970. The :obj:`time` of a frame is that of the
+monotonic clock of the host, and of a :class:`~torch_geometric_tactile.data.Recording` the seconds
+since the anchor of the stream.
+"""
+
+import json
+import os
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile.io.mcap_schemas import (
+    EVENT,
+    FLOAT32,
+    FRAME,
+    HEALTH,
+    POINTS,
+    PREDICTION,
+    TOPICS,
+    encode,
+    schema_of,
+)
+from torch_geometric_tactile.typing import PathLike
+
+METADATA_NAME = "torch_geometric_tactile"
+VERSION = 1
+FLUSH_SECONDS = 0.25
+_NANO = 1_000_000_000
+_CHUNK = 2**20
+
+
+class McapWriter:
+    r"""Writes a recording frame by frame.
+
+    A quarter of a second after its first frame, a chunk is closed and handed to the operating
+    system: whatever happens to the process, only what came after that is lost. A power failure
+    may lose what the system had not yet written, a few seconds on Linux. What was written is never
+    touched again. If the disk is full, the half chunk is removed, the error names the file, and all
+    calls after that raise it again.
+
+    Args:
+        path (str or PathLike): The file.
+        meta (Mapping): Metadata, as of a :class:`~torch_geometric_tactile.data.Recording`.
+        anchor (tuple of int): One moment on two clocks: nanoseconds since 1970, and on the
+            monotonic clock.
+        layout (str, optional): Name of the layout.
+        label (str or int, optional): What the trial is an example of.
+        overwrite (bool): Whether to replace a file that exists.
+        flush_seconds (float, optional): After how many seconds a chunk is closed; :obj:`None`
+            closes it when it is full, for files that are written at once.
+        live (bool): Whether the numbers and device times of the frames are read as further signals
+            (:obj:`"sequence"`, :obj:`"device_time"`).
+
+    Raises:
+        FileExistsError: If the file exists, and :obj:`overwrite` is false.
+        ImportError: If the extra :obj:`live` is missing.
+        OSError: If the file cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: PathLike,
+        *,
+        meta: Mapping[str, Any] | None = None,
+        anchor: tuple[int, int] = (0, 0),
+        layout: str | None = None,
+        label: str | int | None = None,
+        overwrite: bool = False,
+        flush_seconds: float | None = FLUSH_SECONDS,
+        live: bool = True,
+    ) -> None:
+        library = require_mcap()
+        checked = Recording(
+            time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label, meta=dict(meta or {})
+        )
+        self.path = Path(path)
+        self._anchor = int(anchor[0]), int(anchor[1])
+        self._limit = None if flush_seconds is None else int(flush_seconds * _NANO)
+        self._began: int | None = None
+        schemas = {topic: schema_of(topic) for topic in TOPICS}
+        self._output = McapOutput(self.path, overwrite, lock=live)
+        self._writer = library.Writer(self._output, chunk_size=_CHUNK, enable_data_crcs=True)
+        self._channels: dict[str, int] = {}
+        try:
+            self._writer.start(library="torch_geometric_tactile")
+            self._writer.add_metadata(
+                METADATA_NAME, self._metadata(checked, layout or "", live, schemas)
+            )
+            for topic, schema in schemas.items():
+                number = self._writer.register_schema(topic, "protobuf", schema)
+                self._channels[topic] = self._writer.register_channel(topic, "protobuf", number)
+            self._output.commit()
+        except BaseException:
+            self._output.close()
+            raise
+
+    def _metadata(
+        self, checked: Recording, layout: str, live: bool, schemas: Mapping[str, bytes]
+    ) -> dict[str, str]:
+        texts = {
+            "version": str(VERSION),
+            "label": json.dumps(checked.label, ensure_ascii=False),
+            "meta": json.dumps(dict(checked.meta), ensure_ascii=False),
+            "layout": layout,
+            "unix_ns": str(self._anchor[0]),
+            "monotonic_ns": str(self._anchor[1]),
+            "live": str(int(live)),
+            # A file whose first chunk is damaged has lost its table of channels.
+            "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
+        }
+        return {**texts, "crc32": str(texts_checksum(texts))}
+
+    def _log_time(self, time: float) -> int:
+        return max(0, self._anchor[0] + round(time * _NANO) - self._anchor[1])
+
+    def _write(self, topic: str, time: float, data: bytes, sequence: int = 0) -> None:
+        now = self._log_time(time)
+        self._writer.add_message(
+            channel_id=self._channels[topic],
+            log_time=now,
+            publish_time=now,
+            sequence=sequence % 2**32,
+            data=data,
+        )
+
+    def write_frame(
+        self, frame: LiveFrame, privileged: Mapping[str, np.ndarray] | None = None
+    ) -> None:
+        r"""Writes a frame.
+
+        Args:
+            frame (LiveFrame): The frame.
+            privileged (Mapping of str to numpy.ndarray, optional): What only a simulator knows.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        tactile = np.asarray(frame.tactile)
+        data = encode(
+            FRAME,
+            {
+                "sequence": frame.sequence,
+                "time": frame.time,
+                "received": frame.received,
+                "device_time": frame.device_time,
+                "shape": tactile.shape,
+                "tactile": tactile,
+                "joint": frame.joint,
+                "extra": _signals(frame.extra),
+                "privileged": _signals(privileged or {}),
+            },
+        )
+        self._write(FRAME, frame.time, data, frame.sequence)
+        if self._limit is None:
+            return
+        if self._began is None:
+            self._began = frame.received
+        elif frame.received - self._began >= self._limit:
+            self.flush()
+
+    def write_prediction(
+        self,
+        time: float,
+        probability: np.ndarray,
+        class_names: tuple[str, ...] | list[str],
+        label: str,
+        *,
+        sequence: int | None = None,
+        task: str = "",
+        latency: float | None = None,
+    ) -> None:
+        r"""Writes what a model said of a frame.
+
+        Args:
+            time (float): Time of the frame.
+            probability (numpy.ndarray): Probabilities of the classes :math:`(K,)`.
+            class_names (sequence of str): Their names.
+            label (str): What was predicted.
+            sequence (int, optional): Number of the frame.
+            task (str): The task of the model.
+            latency (float, optional): Seconds from the frame to the label.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        values = {"probability": probability, "class_names": class_names, "label": label}
+        more = {"sequence": sequence, "task": task, "latency": latency}
+        self._write(PREDICTION, time, encode(PREDICTION, {"time": time, **values, **more}))
+
+    def write_health(self, time: float, health: Mapping[str, Any]) -> None:
+        r"""Writes how a stream fares.
+
+        Args:
+            time (float): The present, on the monotonic clock in seconds.
+            health (Mapping): The fields of :class:`~torch_geometric_tactile.live.Health`.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        self._write(HEALTH, time, encode(HEALTH, {**health, "time": time}))
+
+    def write_event(self, time: float, kind: str, text: str = "") -> None:
+        r"""Writes that something happened, such as a new tare.
+
+        Args:
+            time (float): When, on the monotonic clock in seconds.
+            kind (str): What kind of event.
+            text (str): More about it.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        self._write(EVENT, time, encode(EVENT, {"time": time, "kind": kind, "text": text}))
+
+    def write_points(
+        self, time: float, pos: np.ndarray, fields: Mapping[str, np.ndarray], frame_id: str
+    ) -> None:
+        r"""Writes the taxels as a cloud of points, for viewers.
+
+        Args:
+            time (float): When, on the monotonic clock in seconds.
+            pos (numpy.ndarray): Positions in metres :math:`(N, 3)`.
+            fields (Mapping of str to numpy.ndarray): Values of the points :math:`(N,)` by name.
+            frame_id (str): Name of the frame of the positions.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        columns = dict(zip("xyz", np.asarray(pos).T, strict=True)) | dict(fields)
+        table = np.stack([*columns.values()], axis=1).astype("<f4")
+        seconds, nanos = divmod(self._log_time(time), _NANO)
+        cloud = {
+            "timestamp": {"seconds": seconds, "nanos": nanos},
+            "frame_id": frame_id,
+            "pose": {
+                "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+                "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+            },
+            "point_stride": 4 * table.shape[1],
+            "fields": [
+                {"name": name, "offset": 4 * i, "type": FLOAT32} for i, name in enumerate(columns)
+            ],
+            "data": table.tobytes(),
+        }
+        self._write(POINTS, time, encode(POINTS, cloud))
+
+    def flush(self) -> None:
+        r"""Closes the chunk and hands it to the operating system.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        self._began = None
+        self._writer.flush()
+        self._output.commit()
+
+    def close(self) -> None:
+        r"""Writes what is left and the index, and closes the file; does nothing if it is closed.
+
+        Raises:
+            OSError: If the disk is full. The file holds what was written before.
+        """
+        if self._output.closed:
+            return
+        try:
+            if self._output.error is None:
+                self.flush()
+                self._writer.finish()
+                self._output.commit()
+        finally:
+            self._output.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def texts_checksum(texts: Mapping[str, str]) -> int:
+    r"""Returns the CRC-32 of names and texts.
+
+    Args:
+        texts (Mapping of str to str): The texts.
+    """
+    return zlib.crc32(json.dumps(sorted(texts.items())).encode())
+
+
+def _signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
+    out = []
+    for name, value in arrays.items():
+        array = np.asarray(value)
+        if array.dtype.kind not in "biufU":
+            raise ValueError(f"'{name}' must hold numbers or texts (got {array.dtype})")
+        array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+        signal = {"name": name, "dtype": array.dtype.str, "shape": array.shape}
+        out.append({**signal, "data": array.tobytes()})
+    return out
+
+
+def write_mcap(recording: Recording, path: PathLike) -> None:
+    r"""Writes a recording as an MCAP file that is either whole or absent.
+
+    Args:
+        recording (Recording): The recording.
+        path (str or PathLike): The file.
+
+    Raises:
+        ImportError: If the extra :obj:`live` is missing.
+        OSError: If the disk is full. The file keeps its old content.
+        ValueError: If there is no frame.
+    """
+    require_mcap()
+    if recording.num_frames == 0:
+        raise ValueError("'recording' must hold at least one frame to be MCAP (got none)")
+    layout = recording.meta.get("sensor")
+    with atomic_path(path) as temporary:
+        try:
+            with McapWriter(
+                temporary,
+                meta=recording.meta,
+                anchor=(_unix_ns(recording.meta.get("recorded_at")), 0),
+                layout=layout if isinstance(layout, str) else None,
+                label=recording.label,
+                overwrite=True,
+                flush_seconds=None,
+                live=False,
+            ) as writer:
+                for i, time in enumerate(recording.time.tolist()):
+                    writer.write_frame(*_frame(recording, i, time))
+        except OSError as error:
+            raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
+
+
+def _unix_ns(seconds: Any) -> int:
+    is_time = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+    return int(seconds * _NANO) if is_time and 0 <= seconds < 2**33 else 0
+
+
+def _frame(recording: Recording, i: int, time: float) -> tuple[LiveFrame, dict[str, np.ndarray]]:
+    frame = LiveFrame(
+        sequence=i,
+        time=time,
+        received=round(time * _NANO),
+        device_time=None,
+        tactile=recording.tactile[i],
+        joint=None if recording.joint is None else recording.joint[i],
+        extra=_row(recording.extra, i),
+    )
+    return frame, _row(recording.privileged, i)
+
+
+def _row(arrays: Mapping[str, np.ndarray], i: int) -> dict[str, np.ndarray]:
+    # Arrays without dimensions, where an index would give texts of their own length.
+    return {name: value[i : i + 1].reshape(value.shape[1:]) for name, value in arrays.items()}

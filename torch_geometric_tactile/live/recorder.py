@@ -1,0 +1,274 @@
+r"""What comes from a stream, kept in a file."""
+
+import logging
+import os
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.data.recording import Recording
+from torch_geometric_tactile.live.recorder_files import RecordingFile, new_file, require_format
+from torch_geometric_tactile.live.subscription import StreamEnded
+from torch_geometric_tactile.typing import PathLike
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.live.judge import Judgement
+    from torch_geometric_tactile.live.posed_points import PosedPoints
+    from torch_geometric_tactile.live.stream import Stream
+    from torch_geometric_tactile.sensors import TaxelLayout
+
+_log = logging.getLogger(__name__)
+_WAIT = 0.1
+_POINTS_SECONDS = 0.1
+_HEALTH_SECONDS = 1.0
+
+
+class Recorder:
+    r"""Writes all frames of a stream into a file, in a thread of its own.
+
+    The file has its name from the first frame on, and not only at the end. After a crash it is
+    where it was asked for, with all but the last quarter of a second (HDF5: the last second), and
+    :func:`~torch_geometric_tactile.io.read_recording` reads it as it is. A file under a temporary
+    name would have to be found and renamed by hand, or be taken for a leftover and removed. For the
+    same reason a file that exists is never replaced unasked.
+
+    Start it before the stream is opened, so that no frame is missed. Nothing is dropped in silence:
+    what goes wrong, such as a full disk, a stream that died or one that was too fast for the disk,
+    is raised by :meth:`close`, and :attr:`error` is set at once; what was written before is kept.
+
+    Readings that are infinite are written as NaN (missing), and told once.
+
+    Args:
+        path (str or PathLike): The file, :obj:`.mcap`, or :obj:`.h5` or :obj:`.hdf5`, which holds
+            frames only.
+        stream (Stream): The stream.
+        layout (TaxelLayout, str or PathLike, optional): The layout: for the taxels in space that
+            viewers show, ten times a second. Needs :obj:`torch`.
+        label (str or int, optional): What the trial is an example of.
+        overwrite (bool): Whether to replace a file that exists.
+        size (int, optional): Frames that may wait for the disk.
+
+    Attributes:
+        frames (int): Frames that were written.
+        error (BaseException or None): What went wrong.
+        rest (numpy.ndarray or None): Readings at rest :math:`(N, C)`, for the points; the first
+            frame if left out.
+
+    Raises:
+        FileExistsError: If the file exists, and :obj:`overwrite` is false.
+        FileNotFoundError: If its folder does not exist.
+        ValueError: If the suffix is unknown.
+    """
+
+    def __init__(
+        self,
+        path: PathLike,
+        stream: "Stream",
+        *,
+        layout: "TaxelLayout | PathLike | None" = None,
+        label: str | int | None = None,
+        overwrite: bool = False,
+        size: int | None = None,
+    ) -> None:
+        self.path = Path(path)
+        _check_target(self.path, overwrite)
+        Recording(time=np.zeros(0), tactile=np.zeros((0, 1, 1)), label=label)  # checks it
+        self.stream = stream
+        self.layout = layout
+        self.label = label
+        self.overwrite = overwrite
+        self.frames = 0
+        self.error: BaseException | None = None
+        self.rest: np.ndarray | None = None
+        self._size = size
+        self._file: RecordingFile | None = None
+        self._lock = threading.Lock()
+        self._early: list[tuple[str, tuple[Any, ...]]] = []
+        self._first: np.ndarray | None = None
+        self._points: PosedPoints | None = None
+        self._next_points = self._next_health = -float("inf")
+        self._told = False
+        self._closed = False
+        self._stopping: int | None = None
+        self._subscription: Any = None
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        r"""Begins to record; does nothing if it has begun."""
+        if self._thread is not None:
+            return
+        self._subscription = self.stream.subscribe("all", self._size)
+        self._thread = threading.Thread(target=self._run, name=f"recorder {self.path}", daemon=True)
+        self._thread.start()
+
+    def judgement(self, judgement: "Judgement") -> None:
+        r"""Writes what a model said of a frame.
+
+        Args:
+            judgement (Judgement): What it said.
+        """
+        self._add("prediction", judgement)
+
+    def event(self, kind: str, text: str = "") -> None:
+        r"""Writes that something happens now, such as a new tare.
+
+        Args:
+            kind (str): What kind of event.
+            text (str): More about it.
+        """
+        self._add("event", time.monotonic(), kind, text)
+
+    def close(self) -> None:
+        r"""Writes what came up to now, and closes the file.
+
+        Raises:
+            OSError: If the disk is full, or the stream was lost or too fast.
+            Exception: What the stream raised, or the file refused.
+        """
+        if self._thread is not None and self._stopping is None:
+            self._stopping = time.monotonic_ns()
+            self._thread.join()
+            if self.error is not None:
+                raise self.error
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _add(self, kind: str, *values: Any) -> None:
+        with self._lock:
+            if self.error is not None or self._closed:
+                return
+            if self._file is None:
+                self._early.append((kind, values))
+                return
+            try:
+                getattr(self._file, kind)(*values)
+            except (OSError, ValueError) as error:
+                self.error = error
+
+    def _run(self) -> None:
+        try:
+            self._write_all()
+        except BaseException as error:
+            self.error = self.error or error
+        finally:
+            self._subscription.close()
+            with self._lock:
+                self._closed = True
+                try:
+                    if self._file is not None:
+                        self._file.close()
+                except BaseException as error:
+                    self.error = self.error or error
+
+    def _write_all(self) -> None:
+        while self.error is None:
+            stopping = self._stopping
+            try:
+                frame = self._subscription.get(0.0 if stopping is not None else _WAIT)
+            except TimeoutError:
+                if stopping is not None:
+                    return
+                with self._lock:
+                    if self._file is not None:
+                        self._file.idle()
+                continue
+            except StreamEnded:
+                return
+            if stopping is not None and frame.received > stopping:
+                return
+            with self._lock:
+                self._write(self._finite(frame))
+
+    def _write(self, frame: LiveFrame) -> None:
+        if self._file is None:
+            self._open(frame)
+        assert self._file is not None
+        self._file.frame(frame)
+        self.frames += 1
+        if frame.time >= self._next_points and self.layout is not None:
+            self._next_points = frame.time + _POINTS_SECONDS
+            self._write_points(frame)
+        if frame.time >= self._next_health:
+            self._next_health = frame.time + _HEALTH_SECONDS
+            self._file.health(frame.time, self.stream.health())
+
+    def _open(self, frame: LiveFrame) -> None:
+        # Only now, since a source knows all about its readings when it is open.
+        meta = {
+            "source": self.stream.source.name,
+            "checksum": self.stream.source.checksum,
+            "recorded_at": self.stream.anchor[0] / 1e9,
+            **self.stream.meta,
+        }
+        if self.layout is not None:
+            self._open_points(meta)
+        name = meta.get("sensor")
+        self._file = new_file(
+            self.path,
+            self.overwrite,
+            meta=meta,
+            anchor=self.stream.anchor,
+            layout=name if isinstance(name, str) else None,
+            label=self.label,
+        )
+        self._first = frame.tactile
+        for kind, values in self._early:
+            getattr(self._file, kind)(*values)
+        self._early = []
+
+    def _open_points(self, meta: dict[str, Any]) -> None:
+        from torch_geometric_tactile.live.posed_points import PosedPoints
+
+        assert self.layout is not None
+        self._points = PosedPoints(self.layout, meta)
+        meta["sensor"] = self._points.layout.name
+
+    def _write_points(self, frame: LiveFrame) -> None:
+        assert self._file is not None
+        rest = self._first if self.rest is None else self.rest
+        if self._points is None or rest is None:
+            return
+        try:
+            self._file.points(frame.time, self._points(frame, rest))
+        except ValueError as error:
+            # What only viewers need must not end a recording.
+            _log.warning("'%s' has no points from here on: %s", self.path, error)
+            self._points = None
+
+    def _finite(self, frame: LiveFrame) -> LiveFrame:
+        joint = frame.joint
+        if not np.isinf(frame.tactile).any() and (joint is None or not np.isinf(joint).any()):
+            return frame
+        if not self._told:
+            self._told = True
+            _log.warning("'%s': infinite readings are written as missing", self.path)
+        return LiveFrame(
+            frame.sequence,
+            frame.time,
+            frame.received,
+            frame.device_time,
+            np.where(np.isinf(frame.tactile), np.nan, frame.tactile).astype(np.float32),
+            None if joint is None else np.where(np.isinf(joint), np.nan, joint),
+            frame.extra,
+        )
+
+
+def _check_target(path: Path, overwrite: bool) -> None:
+    require_format(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"'{path.parent}' does not exist: make the folder first")
+    if path.exists() and not overwrite:
+        raise FileExistsError(
+            f"'{path}' exists: give another name, or overwrite=True (--overwrite)"
+        )
+    if not os.access(path.parent, os.W_OK):
+        raise PermissionError(f"'{path.parent}' cannot be written to")
