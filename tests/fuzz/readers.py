@@ -223,6 +223,14 @@ def layout(path: Path) -> Any:
     return plain(as_layout(path).to_dict())
 
 
+def taxel_map(path: Path) -> Any:
+    from torch_geometric_tactile.live import TaxelMap
+
+    found = TaxelMap.load(path)
+    keys = ("layout", "source", "num_taxels")
+    return {"index": found.index.tolist(), **{key: getattr(found, key) for key in keys}}
+
+
 def chain(path: Path) -> Any:
     from torch_geometric_tactile.sensors import HandKinematics
 

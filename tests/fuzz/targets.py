@@ -305,6 +305,16 @@ TARGETS: Sequence[Target] = (
         tree=True,
     ),
     Target(
+        "taxel map",
+        description_bases.taxel_map,
+        readers.taxel_map,
+        _json,
+        tree_oracles.json_tree,
+        3,
+        tree=True,
+        agrees=tree_oracles.is_taxel_map,
+    ),
+    Target(
         "chain",
         description_bases.chain,
         readers.chain,
