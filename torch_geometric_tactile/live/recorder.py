@@ -16,7 +16,6 @@ from torch_geometric_tactile.live.subscription import StreamEnded
 from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.live.judge import Judgement
     from torch_geometric_tactile.live.posed_points import PosedPoints
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -105,7 +104,7 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name=f"recorder {self.path}", daemon=True)
         self._thread.start()
 
-    def judgement(self, judgement: "Judgement") -> None:
+    def judgement(self, judgement: Any) -> None:
         r"""Writes what a model said of a frame.
 
         Args:
