@@ -25,6 +25,7 @@ class FakeSource(Source):
         self.opened = self.closed = 0
         self.open_errors = deque()
         self.there = False
+        self.asked = 0
 
     def send(self, *script):
         with self._sent:
@@ -47,6 +48,7 @@ class FakeSource(Source):
         return entry if isinstance(entry, list) else [entry]
 
     def is_there(self):
+        self.asked += 1
         return self.there
 
     def close(self):

@@ -385,7 +385,7 @@ def test_lost_source_that_is_seen_to_be_back_is_opened_without_waiting(monkeypat
     stream = Stream(source)
     subscription = stream.subscribe()
     with stream:
-        wait_until(lambda: stream.state == "lost")
+        wait_until(lambda: source.asked)
         source.there = True
         assert subscription.get(LONG).sequence == 5
 

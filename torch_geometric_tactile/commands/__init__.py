@@ -11,6 +11,7 @@ VERBS = (
     "inspect",
     "convert",
     "simulate",
+    "ports",
     "analyze",
     "table",
     "compare",

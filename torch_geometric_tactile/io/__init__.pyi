@@ -1,3 +1,4 @@
+from .anyskin import AnySkinDecoder
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
 from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
@@ -5,6 +6,8 @@ from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from .decoder import Decoder, DecoderCounts
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
+from .letter_array_packets import LetterArrayDecoder, encode_letter_array
+from .m1616 import M1616Decoder
 from .matrix_csv import read_matrix_csv
 from .matrix_files import read_matrices
 from .matrix_mat import read_matrix_mat
@@ -13,6 +16,8 @@ from .matrix_png import read_matrix_png
 from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
+from .packets import CobsDecoder, encode_packet
+from .protocols import PROTOCOLS, decoder_of
 from .recording_files import (
     read_recording,
     recording_format,
@@ -26,7 +31,9 @@ from .recording_hdf5 import (
 )
 from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
+from .robotiq import RobotiqDecoder
 from .samples_npz import read_samples_npz
+from .text_rows import TextRowsDecoder
 from .wide_csv import read_wide_csv, write_wide_csv
 from .xela_log_csv import read_xela_log_csv
 from .xela_message import (
@@ -37,15 +44,25 @@ from .xela_message import (
 from .xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [
+    "PROTOCOLS",
+    "AnySkinDecoder",
     "BiGSFormat",
+    "CobsDecoder",
     "Decoder",
     "DecoderCounts",
     "GraspTable",
     "ICubGraspFrames",
     "McapWriter",
     "RepairReport",
+    "LetterArrayDecoder",
+    "M1616Decoder",
+    "RobotiqDecoder",
+    "TextRowsDecoder",
     "XelaFrame",
     "append_hdf5",
+    "decoder_of",
+    "encode_letter_array",
+    "encode_packet",
     "format_xela_message",
     "parse_xela_message",
     "read_bigs",

@@ -2,10 +2,16 @@ from .clock_map import ClockMap
 from .health import Health, HealthMeter
 from .recorder import Recorder
 from .replay_server import ReplayServer
+from .open_source import open_source
+from .replay_source import ReplaySource
+from .serial_port import SerialPort, list_ports
+from .serial_source import SerialSource
+from .simulated_source import SimulatedSource
 from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
 from .taxel_map import TaxelMap
+from .xela_source import XelaSource
 
 __all__ = [
     "ClockMap",
@@ -13,6 +19,10 @@ __all__ = [
     "HealthMeter",
     "Recorder",
     "ReplayServer",
+    "ReplaySource",
+    "SerialPort",
+    "SerialSource",
+    "SimulatedSource",
     "Source",
     "SourceEnded",
     "Stream",
@@ -20,4 +30,7 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "XelaSource",
+    "list_ports",
+    "open_source",
 ]

@@ -50,7 +50,7 @@ class Stream:
         ValueError: If :obj:`silent_after` is not positive.
 
     Examples:
-        >>> from torch_geometric_tactile.live import ReplaySource, Stream  # doctest: +SKIP
+        >>> from torch_geometric_tactile.live import ReplaySource, Stream
         >>> with Stream(ReplaySource("grasp.h5")) as stream:  # doctest: +SKIP
         ...     for frame in stream:
         ...         print(frame.time, stream.health().line())
@@ -207,7 +207,7 @@ class Stream:
     def _open_again(self, error: BaseException, back_off: float) -> float:
         # The next back-off: it is shortened only by a frame, since a port may open and fail at once
         self._state = "lost"
-        _log.warning("%s is lost (%s), and is opened again", self.source.name, error)
+        _log.info("%s is lost (%s), and is opened again", self.source.name, error)
         with suppress(Exception):
             self.source.close()
         while not self._stop.is_set():

@@ -35,6 +35,7 @@ from torch_geometric_tactile.sim.simulate import (
     PRESETS,
     Preset,
     TrialReport,
+    grasp_recordings,
     simulate,
 )
 from torch_geometric_tactile.sim.simulate_bigs import BIGS_GRASPS, BigsReport, simulate_bigs
@@ -85,6 +86,7 @@ __all__ = [
     "draw_grasp",
     "drawn_objects",
     "grasp_mjcf",
+    "grasp_recordings",
     "letter_strokes",
     "num_letter_files",
     "object_set",

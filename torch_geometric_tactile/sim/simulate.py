@@ -3,10 +3,11 @@ r"""Recordings of simulated grasps: many trials, on many processes, finished one
 import json
 import logging
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -175,14 +176,11 @@ def simulate(
     hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
     if hand not in HANDS:
         raise ValueError(f"'hand' must be one of {list(HANDS)} (got '{hand}')")
-    if motion not in MOTIONS:
-        raise ValueError(f"'motion' must be one of {list(MOTIONS)} (got '{motion}')")
+    _check_motion(motion, seed)
     trials = settings.trials if trials is None else trials
     for name, number in (("trials", trials), ("jobs", jobs), ("max_attempts", max_attempts)):
         if number < 1:
             raise ValueError(f"'{name}' must be at least 1 (got {number})")
-    if seed < 0:
-        raise ValueError(f"'seed' must not be negative (got {seed})")
     if plan is not None and not isinstance(plan, GraspSpread):
         raise ValueError(f"'plan' must be a GraspSpread, such as GraspSpread.wide() (got {plan!r})")
     set_name, items = object_set(objects, num_objects, seed)
@@ -206,6 +204,13 @@ def simulate(
         for index, item in enumerate(items)
     ]
     return _run(tasks, Path(out), jobs)
+
+
+def _check_motion(motion: str, seed: int) -> None:
+    if motion not in MOTIONS:
+        raise ValueError(f"'motion' must be one of {list(MOTIONS)} (got '{motion}')")
+    if seed < 0:
+        raise ValueError(f"'seed' must not be negative (got {seed})")
 
 
 def _settings(preset: str, seconds: float | None) -> Preset:
@@ -235,18 +240,66 @@ def _kept(task: _Task) -> TrialReport:
     return TrialReport(task.item.name, task.trial, attempt + 1, task.path, kept=True)
 
 
-def _simulate_trial(task: _Task, parent: int) -> TrialReport:
-    name = task.item.name
+def grasp_recordings(
+    objects: str | Sequence[GraspObject] = "paper8",
+    seed: int = 0,
+    *,
+    preset: str = "ci",
+    rate: float | None = None,
+    only: str | None = None,
+    motion: str = "lift",
+) -> Iterator[Recording]:
+    r"""Yields simulated grasps without end: those that :func:`simulate` would write, one trial of
+    each object after another. A grasp is simulated when it is asked for; one that fails is skipped.
+
+    Args:
+        objects, seed, preset: As of :func:`simulate`.
+        rate (float, optional): Frames per second, the preset's or a whole part of it.
+        only (str, optional): Name of the one object that is grasped, of those of the set.
+        motion (str): :obj:`"lift"` or :obj:`"squeeze"`.
+
+    Raises:
+        ImportError: If MuJoCo or h5py is missing.
+        ValueError: If an argument is unknown.
+    """
+    settings = _settings(preset, None)
+    if rate is not None:
+        if not 0 < rate <= settings.rate:
+            raise ValueError(f"'rate' must be above 0 and at most {settings.rate:g} (got {rate})")
+        settings = replace(settings, rate=float(rate))
+    _check_motion(motion, seed)
+    set_name, items = object_set(objects, None, seed)
+    chosen = [(index, item) for index, item in enumerate(items) if only in (None, item.name)]
+    if not chosen:
+        raise ValueError(f"'only' must be one of {[item.name for item in items]} (got '{only}')")
+    require_simulator("the simulated hand")
+    hand = HANDS[1] if objects == "twenty" else HANDS[0]
+    made = (10, settings, SkinModel(), GraspSpread(), motion)
+    trials = ((trial, *one) for trial in count() for one in chosen)
+    tasks = (_Task("", hand, set_name, item, i, trial, seed, *made) for trial, i, item in trials)
+    return (recording for task in tasks if (recording := _attempted(task)[0]) is not None)
+
+
+def _attempted(task: _Task, parent: int | None = None) -> tuple[Recording | None, int]:
+    # The trial, if an attempt at it succeeded, and the number of attempts.
     simulator = _simulator(task.hand, task.item, task.preset.timestep)
     for attempt in range(task.max_attempts):
-        end_without(parent)
+        if parent is not None:
+            end_without(parent)
         rng = np.random.default_rng([task.seed, task.index, task.trial, attempt])
         plan = _planned(task, rng)
         result = simulator.run(plan, task.preset.rate)
         if result.success:
-            recording = _recording(task, attempt, plan, result, simulator.layout, rng)
-            write_hdf5(recording, task.path)
-            return TrialReport(name, task.trial, attempt + 1, task.path, kept=False)
+            return _recording(task, attempt, plan, result, simulator.layout, rng), attempt + 1
+    return None, task.max_attempts
+
+
+def _simulate_trial(task: _Task, parent: int) -> TrialReport:
+    name = task.item.name
+    recording, attempts = _attempted(task, parent)
+    if recording is not None:
+        write_hdf5(recording, task.path)
+        return TrialReport(name, task.trial, attempts, task.path, kept=False)
     _logger.warning(
         "%s, trial %d: not %s in %d attempts",
         name,

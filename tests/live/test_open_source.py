@@ -1,0 +1,68 @@
+import pytest
+
+from torch_geometric_tactile.live import ReplaySource, open_source
+
+
+def test_open_source_of_files(tmp_path):
+    source = open_source("file:some/grasp.h5?speed=2.5&loop=1")
+    assert isinstance(source, ReplaySource)
+    assert (source.path, source.speed, source.loop) == ("some/grasp.h5", 2.5, True)
+    assert open_source("some/grasp.h5").path == "some/grasp.h5"
+    assert open_source("grasp.h5?loop=no&speed=0").waits
+    odd = tmp_path / "what?speed=2.npz"
+    odd.touch()
+    assert open_source(str(odd)).path == str(odd)
+    assert open_source(odd, speed=3).speed == 3
+
+
+def test_settings_go_before_those_of_the_url():
+    assert open_source("file:grasp.h5?speed=2", speed=8).speed == 8
+
+
+def test_open_source_of_a_server():
+    pytest.importorskip("websockets", reason="needs the extra 'live'")
+    source = open_source("ws://10.0.0.5:5000?forces=yes")
+    assert (source.name, source.forces) == ("ws://10.0.0.5:5000", True)
+
+
+def test_open_source_of_a_simulation():
+    pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+    source = open_source("sim:?object=sponge&seed=3")
+    assert repr(source) == "SimulatedSource('sim:?object=sponge')"
+
+
+@pytest.mark.parametrize(
+    ("url", "match"),
+    [
+        ("", "a source must be one of serial:"),
+        (None, "a source must be one of serial:"),
+        ("usb:/dev/x", r"a source must be one of serial:.*, ws:.*, file:.*, .* or sim:"),
+        ("file:", "a source of a file must name it"),
+        ("file:x.h5?spede=2", r"an option of file: must be one of \['speed', 'loop'\] \(got 'spe"),
+        ("file:x.h5?speed=fast", r"'speed' must be a number \(got 'fast'\)"),
+        ("file:x.h5?speed=-1", "'speed' must be 0 or more"),
+        ("file:x.h5?loop=maybe", r"'loop' must be 1 or 0 \(got 'maybe'\)"),
+        ("file:x.h5?speed=1&speed=2", "option 'speed' must be given once"),
+    ],
+)
+def test_wrong_source_raises(url, match):
+    with pytest.raises(ValueError, match=match):
+        open_source(url)
+
+
+@pytest.mark.parametrize(
+    ("url", "match"),
+    [
+        ("sim:sponge", "a simulated source must be sim: or"),
+        ("sim:?object=cup", r"'only' must be one of \['plastic_tube', 'sponge'"),
+        ("sim:?seed=one", "'seed' must be an integer"),
+        ("sim:?seed=-1", "'seed' must not be negative"),
+        ("sim:?rate=0", "'rate' must be above 0"),
+        ("sim:?motion=throw", "'motion' must be one of"),
+        ("sim:?objects=some", "'objects' must be one of"),
+    ],
+)
+def test_wrong_simulation_raises(url, match):
+    pytest.importorskip("mujoco", reason="needs the extra 'sim'")
+    with pytest.raises(ValueError, match=match):
+        open_source(url)

@@ -1,0 +1,42 @@
+r"""Keys that are pressed while a verb runs."""
+
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+
+@contextmanager
+def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[[], None]]:
+    r"""Yields a function that calls the action of each key that was pressed since the last time;
+    without a terminal, there are none. Ctrl-C stays what it is.
+
+    Args:
+        actions (Mapping of str to callable): What each key does, such as :obj:`{"t": tare}`.
+    """
+    if os.name != "posix" or sys.stdin is None or not sys.stdin.isatty():
+        yield lambda: None
+        return
+    import termios
+    import tty
+
+    line = sys.stdin.fileno()
+    before = termios.tcgetattr(line)
+
+    def heed() -> None:
+        while select.select([line], [], [], 0)[0]:
+            pressed = os.read(line, 1).decode("ascii", "replace").lower()
+            if not pressed:
+                return
+            actions.get(pressed, _nothing)()
+
+    tty.setcbreak(line, termios.TCSANOW)  # key by key, and Ctrl-C still stops
+    try:
+        yield heed
+    finally:
+        termios.tcsetattr(line, termios.TCSADRAIN, before)
+
+
+def _nothing() -> None:
+    return

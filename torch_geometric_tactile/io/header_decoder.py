@@ -1,0 +1,78 @@
+r"""Packets that begin with a header of fixed bytes."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.io.decoder import Decoder
+
+WAIT, NONE = 0, -1
+
+
+class HeaderDecoder(Decoder):
+    r"""Base class of decoders of packets that begin with a header of fixed bytes.
+
+    A packet that fails its check is looked through for the header of another: an intact packet is
+    found whatever came before it.
+
+    Attributes:
+        header (bytes): The first bytes of each packet.
+    """
+
+    header: ClassVar[bytes]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._buffer = b""
+        self._in_place = False  # whether a good packet ended where this one begins
+        self._missing = 0  # bytes since the last good packet
+
+    @abstractmethod
+    def _size(self, buffer: bytes, start: int) -> int:
+        """Size of the packet that begins at :obj:`start`, :obj:`WAIT` if more bytes have to tell,
+        :obj:`NONE` if none begins there."""
+
+    @abstractmethod
+    def _read(self, packet: bytes, now: int) -> list[LiveFrame] | None:
+        """The frames that a packet completes, or :obj:`None` if it fails its check."""
+
+    def feed(self, data: bytes, now: int) -> list[LiveFrame]:
+        r"""Takes bytes, and returns the frames that they complete."""
+        buffer = self._buffer + data
+        frames: list[LiveFrame] = []
+        start = 0
+        while True:
+            place = buffer.find(self.header, start)
+            if place < 0:
+                place = len(buffer) - self._half_header(buffer[start:])
+            self._skip(place - start)
+            start = place
+            size = self._size(buffer, start) if len(buffer) - start >= len(self.header) else WAIT
+            if size == WAIT:
+                break
+            found = None if size == NONE else self._read(buffer[start : start + size], now)
+            if found is None:
+                self.counts.corrupt += self._in_place or len(self.header) > 1
+                self._skip(1)
+                start += 1
+                continue
+            frames += found
+            start += size
+            self._in_place, self._missing = True, 0
+        self._buffer = buffer[start:]
+        return frames
+
+    def reset(self) -> None:
+        r"""Forgets a half packet."""
+        self._skip(len(self._buffer))
+        self._buffer, self._in_place = b"", False
+
+    def _skip(self, size: int) -> None:
+        if size:
+            self._in_place = False
+            self._missing += size
+            self.counts.skipped += size
+
+    def _half_header(self, rest: bytes) -> int:
+        sizes = range(len(self.header) - 1, 0, -1)
+        return next((size for size in sizes if rest.endswith(self.header[:size])), 0)

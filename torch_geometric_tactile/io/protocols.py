@@ -1,0 +1,71 @@
+r"""Decoders by the names of their protocols."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from torch_geometric_tactile.io.anyskin import AnySkinDecoder
+from torch_geometric_tactile.io.decoder import Decoder
+from torch_geometric_tactile.io.letter_array_packets import LetterArrayDecoder
+from torch_geometric_tactile.io.m1616 import M1616Decoder
+from torch_geometric_tactile.io.packets import CobsDecoder
+from torch_geometric_tactile.io.robotiq import RobotiqDecoder
+from torch_geometric_tactile.io.text_rows import TextRowsDecoder
+
+PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(
+    {
+        "cobs": CobsDecoder,
+        "anyskin": AnySkinDecoder,
+        "m1616": M1616Decoder,
+        "text": TextRowsDecoder,
+        "robotiq": RobotiqDecoder,
+        "letter_array": LetterArrayDecoder,
+    }
+)
+
+
+def decoder_of(protocol: str, **settings: Any) -> Decoder:
+    r"""Returns the decoder of a protocol.
+
+    Args:
+        protocol (str): A name of :obj:`PROTOCOLS`.
+        **settings (optional): Arguments of the decoder, or their texts, as in a URL: numbers, and
+            :obj:`"12x32"` for a shape.
+
+    Raises:
+        ValueError: If the protocol or a setting is unknown, or a value cannot be.
+
+    Examples:
+        >>> decoder_of("text", shape="12x32").shape
+        (12, 32)
+    """
+    if protocol not in PROTOCOLS:
+        raise ValueError(f"'protocol' must be one of {', '.join(PROTOCOLS)} (got '{protocol}')")
+    kind = PROTOCOLS[protocol]
+    known = inspect.signature(kind).parameters
+    for name in settings:
+        if name not in known:
+            raise ValueError(
+                f"protocol '{protocol}' must have settings among {', '.join(known) or 'none'} "
+                f"(got '{name}')"
+            )
+    return kind(**{name: _value(name, value, known[name]) for name, value in settings.items()})
+
+
+def _value(name: str, value: Any, parameter: inspect.Parameter) -> Any:
+    if not isinstance(value, str):
+        return value
+    read = _READERS[type(parameter.default)]
+    try:
+        return read(value)
+    except ValueError as error:
+        example = "x".join(map(str, parameter.default)) if read is _shape else parameter.default
+        raise ValueError(f"'{name}' must be like {example} (got '{value}')") from error
+
+
+def _shape(text: str) -> tuple[int, ...]:
+    return tuple(int(size) for size in text.split("x"))
+
+
+_READERS: dict[type, Callable[[str], Any]] = {int: int, float: float, tuple: _shape}

@@ -1,0 +1,107 @@
+r"""Rows of numbers as text, as 3D-ViTac and FlexiTac boards send them."""
+
+import re
+from typing import ClassVar
+
+import numpy as np
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.io.decoder import Decoder
+
+_TEXT = b"0123456789 \t\r\n"
+_EMPTY_ROW = re.compile(rb"\n\r?\n")
+_HIGHEST = 255
+
+
+class TextRowsDecoder(Decoder):
+    r"""Decoder of `3D-ViTac <https://binghao-huang.github.io/3D-ViTac/>`_ and FlexiTac boards.
+
+    A frame is rows of numbers from 0 to 255 in ASCII with blanks between them, each row with CR LF
+    at its end, and an empty row after the last. A frame with another number of rows or columns,
+    or with anything but numbers, is corrupt. There is no checksum: a digit that is damaged or lost
+    reads as another number. The first frame after the port was opened is left out, since the
+    beginning of its first number may be missing.
+
+    Readings are counts :math:`(R \cdot C, 1)`, row by row.
+
+    Args:
+        shape (tuple of int): Number of rows :math:`R` and of columns :math:`C`.
+
+    Raises:
+        ValueError: If the shape is not two positive numbers.
+
+    Examples:
+        >>> decoder = TextRowsDecoder(shape=(2, 3))
+        >>> (frame,) = decoder.feed(b"\r\n1 2 3 \r\n4 5 255 \r\n\r\n", now=0)
+        >>> frame.tactile.ravel().tolist()
+        [1.0, 2.0, 3.0, 4.0, 5.0, 255.0]
+    """
+
+    checksum: ClassVar[str] = "none"
+    baudrate: ClassVar[int] = 2_000_000
+
+    def __init__(self, shape: tuple[int, int] = (16, 16)) -> None:
+        super().__init__()
+        if len(shape) != 2 or not all(1 <= size <= 1024 for size in shape):
+            raise ValueError(f"'shape' must be rows and columns, from 1 to 1024 each (got {shape})")
+        self.shape = (int(shape[0]), int(shape[1]))
+        self._longest = self.shape[0] * (5 * self.shape[1] + 2)  # of a frame, with some blanks
+        self._sequence = -1
+        self._missing = 0  # rows since the last frame
+        self._buffer = b""
+        self._whole = False  # whether an empty row came before what is in the buffer
+        self._too_long = False
+
+    def feed(self, data: bytes, now: int) -> list[LiveFrame]:
+        r"""Takes bytes, and returns the frames that they complete."""
+        buffer = self._buffer + data
+        frames = []
+        start = 0
+        while (end := _EMPTY_ROW.search(buffer, start)) is not None:
+            block = buffer[start : end.start() + 1]
+            if block.strip(b"\r\n") or self._too_long:
+                frame = self._frame(block, now)
+                if frame is not None:
+                    frames.append(frame)
+            self._whole, self._too_long = True, False
+            start = end.end()
+        self._buffer = buffer[start:]
+        if len(self._buffer) > self._longest + 2 or self._too_long:
+            self._skip(self._buffer[:-2])
+            self._buffer, self._too_long = self._buffer[-2:], True  # half an empty row, perhaps
+        return frames
+
+    def reset(self) -> None:
+        r"""Forgets a half frame."""
+        self._skip(self._buffer)
+        self._buffer, self._whole, self._too_long = b"", False, False
+
+    def _frame(self, block: bytes, now: int) -> LiveFrame | None:
+        whole = self._whole or block.startswith((b"\n", b"\r\n"))
+        counts = None if self._too_long or not whole else self._counts(block)
+        if counts is None:
+            self.counts.corrupt += whole
+            self._skip(block)
+            return None
+        lost = round(self._missing / self.shape[0]) if self._sequence >= 0 else 0
+        self._missing = 0
+        self._sequence += 1 + lost
+        self.counts.lost += lost
+        self.counts.good += 1
+        return LiveFrame(self._sequence, now / 1e9, now, None, counts)
+
+    def _counts(self, block: bytes) -> np.ndarray | None:
+        if len(block) > self._longest or block.translate(None, _TEXT):
+            return None
+        rows = [row.split() for row in block.strip(b"\r\n").split(b"\n")]
+        if len(rows) != self.shape[0] or any(len(row) != self.shape[1] for row in rows):
+            return None
+        cells = [cell for row in rows for cell in row]
+        if max(map(len, cells)) > 3:
+            return None
+        counts = np.array(list(map(int, cells)), dtype=np.float32)
+        return counts.reshape(-1, 1) if counts.max() <= _HIGHEST else None
+
+    def _skip(self, data: bytes) -> None:
+        self.counts.skipped += len(data)
+        self._missing += data.count(b"\n")

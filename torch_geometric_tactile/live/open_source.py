@@ -1,0 +1,173 @@
+r"""Sources by their URL."""
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+from urllib.parse import parse_qsl, unquote
+
+from torch_geometric_tactile.live.source import Source
+from torch_geometric_tactile.texts import printable
+
+_TRUE = ("1", "true", "yes")
+_FALSE = ("0", "false", "no")
+_FORMS = (
+    "serial:/dev/ttyACM0?protocol=anyskin, ws://host:5000, file:grasp.h5?speed=2&loop=1, the path "
+    "of a file, or sim:?object=sponge"
+)
+
+
+def open_source(url: str, **settings: Any) -> Source:
+    r"""Returns the source of a URL, which is not opened yet.
+
+    ============================================ ===================================================
+    :obj:`serial:PORT?protocol=NAME`             :class:`SerialSource` with the decoder of
+                                                 :func:`~torch_geometric_tactile.io.decoder_of`;
+                                                 :obj:`baudrate`, and what the decoder takes
+    :obj:`ws://HOST:PORT`, :obj:`wss://...`      :class:`XelaSource`; :obj:`forces`
+    :obj:`file:PATH`, or the path alone          :class:`ReplaySource`; :obj:`speed`, :obj:`loop`
+    :obj:`sim:`                                  :class:`SimulatedSource`; :obj:`object`,
+                                                 :obj:`rate`, :obj:`seed`, :obj:`objects`,
+                                                 :obj:`motion`
+    ============================================ ===================================================
+
+    Options follow a question mark, as :obj:`name=value` with :obj:`&` between them.
+
+    Args:
+        url (str): The URL.
+        **settings (optional): Options, which go before those of the URL.
+
+    Raises:
+        ImportError: If an extra is missing.
+        ValueError: If the scheme, an option or its value is unknown; the message lists what there
+            is.
+
+    Examples:
+        >>> open_source("file:grasp.h5?speed=2")
+        ReplaySource('file:grasp.h5')
+    """
+    if not isinstance(url, str | os.PathLike) or not str(url):
+        raise ValueError(f"a source must be one of {_FORMS} (got {url!r})")
+    url = os.fspath(url)
+    scheme, colon, rest = url.partition(":")
+    if not colon or "/" in scheme or len(scheme) < 2 or os.path.exists(url):  # C: is a drive
+        return _file(url, settings) if os.path.exists(url) else _file(*_split(url, settings))
+    if scheme in ("ws", "wss"):
+        address, options = _split(url, settings)
+        return _websocket(address, options)
+    if scheme not in _SOURCES:
+        raise ValueError(f"a source must be one of {_FORMS} (got '{printable(url)}')")
+    return _SOURCES[scheme](*_split(rest, settings))
+
+
+def _split(text: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    path, _, query = text.partition("?")
+    options: dict[str, Any] = {}
+    for name, value in parse_qsl(query, keep_blank_values=True):
+        if name in options:
+            raise ValueError(f"option '{name}' must be given once (got it twice)")
+        options[name] = value
+    return unquote(path) if "%" in path else path, {**options, **settings}
+
+
+def _file(path: str, options: Mapping[str, Any]) -> Source:
+    from torch_geometric_tactile.live.replay_source import ReplaySource
+
+    known = _converted("file:", options, {"speed": _number, "loop": _truth})
+    if not path:
+        raise ValueError("a source of a file must name it, such as file:grasp.h5")
+    return ReplaySource(path, **known)
+
+
+def _websocket(url: str, options: Mapping[str, Any]) -> Source:
+    from torch_geometric_tactile.live.xela_source import XelaSource
+
+    return XelaSource(url, **_converted("ws:", options, {"forces": _truth}))
+
+
+def _serial(port: str, options: Mapping[str, Any]) -> Source:
+    from torch_geometric_tactile.io.protocols import PROTOCOLS, decoder_of
+    from torch_geometric_tactile.live.serial_source import SerialSource
+
+    settings = dict(options)
+    protocol = settings.pop("protocol", None)
+    if protocol is None:
+        raise ValueError(
+            f"a serial source must name its protocol, as {_shown_port(port)}?protocol=NAME with "
+            f"one of {list(PROTOCOLS)}"
+        )
+    baudrate = settings.pop("baudrate", None)
+    baudrate = None if baudrate is None else _whole("baudrate", baudrate)
+    return SerialSource(port, decoder_of(protocol, **_guessed(settings)), baudrate)
+
+
+def _shown_port(port: str) -> str:
+    return f"serial:{port or '/dev/ttyACM0'}"
+
+
+def _simulated(rest: str, options: Mapping[str, Any]) -> Source:
+    from torch_geometric_tactile.live.simulated_source import SimulatedSource
+
+    if rest:
+        raise ValueError(f"a simulated source must be sim: or sim:?object=NAME (got 'sim:{rest}')")
+    kinds = {"object": _text, "rate": _number, "seed": _whole, "objects": _text, "motion": _text}
+    return SimulatedSource(**_converted("sim:", options, kinds))
+
+
+_SOURCES: dict[str, Callable[[str, Mapping[str, Any]], Source]] = {
+    "serial": _serial,
+    "file": _file,
+    "sim": _simulated,
+}
+
+
+def _converted(
+    scheme: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[[str, Any], Any]]
+) -> dict[str, Any]:
+    for name in options:
+        if name not in kinds:
+            raise ValueError(
+                f"an option of {scheme} must be one of {list(kinds)} (got '{printable(name)}')"
+            )
+    return {name: kinds[name](name, value) for name, value in options.items()}
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"'{name}' must be a number (got {value!r})") from None
+
+
+def _whole(name: str, value: Any) -> int:
+    try:
+        return int(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"'{name}' must be an integer (got {value!r})") from None
+
+
+def _text(name: str, value: Any) -> str:
+    return str(value)
+
+
+def _truth(name: str, value: Any) -> bool:
+    if isinstance(value, bool):
+        return value
+    text = str(value).lower()
+    if text not in _TRUE + _FALSE:
+        raise ValueError(f"'{name}' must be 1 or 0 (got {value!r})")
+    return text in _TRUE
+
+
+def _guessed(options: Mapping[str, Any]) -> dict[str, Any]:
+    # Settings of decoders: integers, sizes such as 16x16, or texts.
+    return {name: _guess(value) for name, value in options.items()}
+
+
+def _guess(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    parts = value.split("x")
+    if all(part.isascii() and part.isdigit() for part in parts):
+        numbers = tuple(map(int, parts))
+        return numbers[0] if len(numbers) == 1 else numbers
+    return value

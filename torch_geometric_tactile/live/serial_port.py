@@ -1,0 +1,78 @@
+r"""The serial ports of this machine."""
+
+import os
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPort:
+    r"""A serial port.
+
+    Args:
+        device (str): Its path or name, such as :obj:`"/dev/ttyACM0"` or :obj:`"COM3"`.
+        description (str): What it calls itself.
+        vid (int, optional): Vendor of a USB device.
+        pid (int, optional): Product of a USB device.
+        serial_number (str, optional): Serial number of a USB device.
+    """
+
+    device: str
+    description: str = ""
+    vid: int | None = None
+    pid: int | None = None
+    serial_number: str | None = None
+
+    @property
+    def usb_id(self) -> str:
+        r"""Vendor and product as :obj:`"VID:PID"` in hexadecimal, empty without USB."""
+        if self.vid is None or self.pid is None:
+            return ""
+        return f"{self.vid:04X}:{self.pid:04X}"
+
+    def __str__(self) -> str:
+        parts = [self.device, self.usb_id, self.serial_number or "", self.description]
+        return "  ".join(part for part in parts if part)
+
+
+def list_ports() -> list[SerialPort]:
+    r"""Returns the serial ports of this machine, by name. Those that belong to no device, such as
+    the never connected ones of a PC, are left out where the system tells."""
+    from serial.tools.list_ports import comports
+
+    ports = [
+        SerialPort(
+            device=port.device,
+            description=port.description if port.description not in (None, "n/a") else "",
+            vid=port.vid,
+            pid=port.pid,
+            serial_number=port.serial_number or None,
+        )
+        for port in comports()
+    ]
+    return sorted(ports, key=lambda port: port.device)
+
+
+def find_port(path: str) -> SerialPort | None:
+    r"""Returns the port of a path, which may be a link such as one in :obj:`/dev/serial/by-id`.
+
+    Args:
+        path (str): The path or name.
+    """
+    real = os.path.realpath(path)
+    for port in list_ports():
+        if path == port.device or real == os.path.realpath(port.device):
+            return port
+    return None
+
+
+def find_again(port: SerialPort) -> SerialPort | None:
+    r"""Returns where a USB device is now, by its vendor, product and serial number.
+
+    Args:
+        port (SerialPort): Where it was.
+    """
+    same = (port.vid, port.pid, port.serial_number)
+    for other in list_ports():
+        if (other.vid, other.pid, other.serial_number) == same:
+            return other
+    return None

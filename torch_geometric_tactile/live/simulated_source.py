@@ -1,0 +1,97 @@
+r"""Frames of a simulated hand."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.data.recording import Recording
+from torch_geometric_tactile.live.replay_source import ReplaySource
+from torch_geometric_tactile.live.source import Source, SourceEnded
+
+
+class SimulatedSource(Source):
+    r"""Gives the frames of a simulated Allegro hand of 384 taxels that grasps one object after
+    another, without end. Needs the extra :obj:`sim`.
+
+    The physics runs ahead: a grasp of 5 s is simulated as a whole when it is due, which takes
+    seconds in which no frame comes, and then given at its times. The frames have no time of a
+    device.
+
+    Args:
+        object (str, optional): Name of the one object that is grasped; all of the set in turn if
+            left out.
+        rate (float, optional): Frames per second, 50 (if left out) or a whole part of it.
+        seed (int): Seed of the grasps, not negative.
+        objects (str): Name of the set of objects, as of
+            :func:`~torch_geometric_tactile.sim.simulate`.
+        motion (str): :obj:`"lift"` or :obj:`"squeeze"`.
+
+    Attributes:
+        label (str, int or None): The object in the hand.
+
+    Raises:
+        ImportError: If the extra is missing.
+        ValueError: If an argument is unknown or out of range.
+    """
+
+    reopens = False
+
+    def __init__(
+        self,
+        object: str | None = None,
+        rate: float | None = None,
+        seed: int = 0,
+        *,
+        objects: str = "paper8",
+        motion: str = "lift",
+    ) -> None:
+        from torch_geometric_tactile.sim import grasp_recordings
+
+        if not isinstance(seed, int) or isinstance(seed, bool):
+            raise ValueError(f"'seed' must be an integer (got {seed!r})")
+        # Checks the arguments, and simulates nothing yet.
+        self._grasps: Iterator[Recording] = grasp_recordings(
+            objects, seed, rate=rate, only=object or None, motion=motion
+        )
+        super().__init__(f"sim:?object={object}" if object else "sim:")
+        self.label: str | int | None = None
+        self._replay: ReplaySource | None = None
+        self._sequence = 0
+
+    def open(self) -> None:
+        r"""Simulates the first grasp; does nothing if it is open."""
+        if self._replay is None:
+            self._begin()
+
+    def _begin(self) -> None:
+        recording = next(self._grasps)
+        self._replay = ReplaySource(recording)
+        self._replay.open()
+        self.label = recording.label
+        if not self.meta:
+            kept = ("unit", "rate", "sensor", "synthetic", "object_set", "seed", "motion")
+            self.meta.update((key, recording.meta[key]) for key in kept)
+
+    def read(self, timeout: float) -> list[LiveFrame]:
+        r"""Returns the frames whose time has come, or none if it comes for none in time; simulates
+        the next grasp where one ends.
+
+        Args:
+            timeout (float): How long to wait in seconds.
+        """
+        if self._replay is None:
+            raise OSError(f"{self.name} is not open")
+        try:
+            frames = self._replay.read(timeout)
+        except SourceEnded:
+            self._begin()
+            return []
+        start, self._sequence = self._sequence, self._sequence + len(frames)
+        self.counts.good += len(frames)
+        return [
+            replace(frame, sequence=start + i, device_time=None) for i, frame in enumerate(frames)
+        ]
+
+    def close(self) -> None:
+        r"""Lets the grasp go; does nothing if it is closed."""
+        self._replay = None
