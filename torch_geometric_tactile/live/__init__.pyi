@@ -1,8 +1,8 @@
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
+from .open_source import open_source
 from .recorder import Recorder
 from .replay_server import ReplayServer
-from .open_source import open_source
 from .replay_source import ReplaySource
 from .serial_port import SerialPort, list_ports
 from .serial_source import SerialSource

@@ -203,10 +203,10 @@ class Recorder:
     def _open(self, frame: LiveFrame) -> None:
         # Only now, since a source knows all about its readings when it is open.
         meta = {
+            **self.stream.meta,
             "source": self.stream.source.name,
             "checksum": self.stream.source.checksum,
             "recorded_at": self.stream.anchor[0] / 1e9,
-            **self.stream.meta,
         }
         if self.layout is not None:
             self._open_points(meta)
