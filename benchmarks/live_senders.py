@@ -10,6 +10,7 @@ import asyncio
 import json
 import os
 import random
+import struct
 import sys
 import time
 import tty
