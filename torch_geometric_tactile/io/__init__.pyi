@@ -18,17 +18,8 @@ from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
 from .packets import CobsDecoder, encode_packet
 from .protocols import PROTOCOLS, decoder_of
-from .recording_files import (
-    read_recording,
-    recording_format,
-    write_recording,
-)
-from .recording_hdf5 import (
-    append_hdf5,
-    read_hdf5,
-    read_hdf5_head,
-    write_hdf5,
-)
+from .recording_files import read_recording, recording_format, write_recording
+from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
 from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .robotiq import RobotiqDecoder
@@ -36,11 +27,7 @@ from .samples_npz import read_samples_npz
 from .text_rows import TextRowsDecoder
 from .wide_csv import read_wide_csv, write_wide_csv
 from .xela_log_csv import read_xela_log_csv
-from .xela_message import (
-    XelaFrame,
-    format_xela_message,
-    parse_xela_message,
-)
+from .xela_message import XelaFrame, format_xela_message, parse_xela_message
 from .xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [

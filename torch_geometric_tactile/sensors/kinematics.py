@@ -91,6 +91,7 @@ class HandKinematics:
         self.link_names = tree.names
         self._levels = tree_levels(tree, moving)
         self._kept: dict[bool, _Kept] = {}
+        self._axes: _Kept | None = None
 
     @property
     def num_joints(self) -> int:
@@ -246,12 +247,8 @@ class HandKinematics:
             ValueError: If a link of the layout is not one of this hand, or :obj:`joint` has another
                 number of angles.
         """
-        self.require_links(layout)
-        assert layout.link is not None
-        number = {name: i for i, name in enumerate(self.link_names)}
-        links = torch.tensor([number.get(name, 0) for name in layout.link_names])[layout.link]
-        turn = self.link_pose(joint).rotation[..., links.to(joint.device), :, :]
-        return layout.axes(torch.double).to(joint) @ turn.mT
+        links, axes = self._kept_axes(layout, joint)
+        return axes @ self.link_pose(joint).rotation[..., links, :, :].mT
 
     def require_links(self, layout: TaxelLayout) -> list[str]:
         r"""Returns the links that carry taxels of a layout.
@@ -286,6 +283,20 @@ class HandKinematics:
             self._kept[few] = kept = (layout, (like.dtype, like.device), made)
         return kept[2]
 
+    def _kept_axes(self, layout: TaxelLayout, like: Tensor) -> tuple[Tensor, Tensor]:
+        # The link of each taxel, and its axes in this link's frame.
+        kept = self._axes
+        if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
+            self.require_links(layout)
+            assert layout.link is not None
+            number = {name: i for i, name in enumerate(self.link_names)}
+            with torch.inference_mode(False):  # or no gradient could pass through them later
+                links = torch.tensor([number.get(name, 0) for name in layout.link_names])
+                made = links[layout.link].to(like.device), layout.axes(torch.double).to(like)
+            self._axes = kept = (layout, (like.dtype, like.device), made)
+        links, axes = kept[2]
+        return links, axes
+
     def __repr__(self) -> str:
         return (
             f"{type(self).__name__}('{self.name}', num_joints={self.num_joints}, "
@@ -301,6 +312,8 @@ def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
         )
     if not joint.is_floating_point():
         raise ValueError(f"'joint' must be floating-point angles (got {joint.dtype})")
+    if torch.compiler.is_compiling():  # an export must not depend on values
+        return
     # No hand turns this far.
     if joint.numel() and bool((joint.detach().abs() > 2 * math.pi).any()):
         warnings.warn(

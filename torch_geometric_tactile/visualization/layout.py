@@ -48,20 +48,33 @@ def layout_plane(layout: TaxelLayout) -> Tensor:
                 [2., 0.],
                 [4., 0.]])
     """
-    pos = layout.pos.double()
-    points = pos - pos.mean(dim=0)
-    normal = torch.zeros(3, dtype=pos.dtype)
-    if layout.normal is not None:
-        normal = layout.normal.double().mean(dim=0)
-    if float(normal.norm()) > 1e-3:
-        normal = normal / normal.norm()
-        first = _main_axis(points, normal)
-        second = torch.linalg.cross(normal, first)
-    else:
-        first = _main_axis(points, torch.zeros_like(normal))
-        second = _main_axis(points, first)
-    plane: Tensor = (pos @ torch.stack([first, second], dim=1) * 1e3).float()
+    axes = facing_axes(layout.pos, layout.normal)
+    plane: Tensor = (layout.pos.double() @ axes[:2].T * 1e3).float()
     return plane
+
+
+def facing_axes(pos: Tensor, normal: Tensor | None) -> Tensor:
+    r"""Returns the axes of :func:`layout_plane` and the one towards the viewer.
+
+    Args:
+        pos (torch.Tensor): Places of the taxels in metres :math:`(N, 3)`.
+        normal (torch.Tensor, optional): Their outward normals :math:`(N, 3)`.
+
+    Shapes:
+        - **output:** unit axes to the right, up and towards the viewer as rows :math:`(3, 3)`, in
+          double
+    """
+    points = pos.double() - pos.double().mean(dim=0)
+    toward = points.new_zeros(3) if normal is None else normal.double().mean(dim=0)
+    if float(toward.norm()) > 1e-3:
+        toward = toward / toward.norm()
+        first = _main_axis(points, toward)
+        second = torch.linalg.cross(toward, first)
+    else:
+        first = _main_axis(points, torch.zeros_like(toward))
+        second = _main_axis(points, first)
+        toward = torch.linalg.cross(first, second)
+    return torch.stack([first, second, toward])
 
 
 def _main_axis(points: Tensor, excluded: Tensor) -> Tensor:

@@ -1,0 +1,152 @@
+r"""From the first byte on the wire to the label, and a replay beside `tactile predict`."""
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from live_wire import Sender, sender
+
+from torch_geometric_tactile import Predictor
+from torch_geometric_tactile.data import LiveFrame, Recording
+from torch_geometric_tactile.io import write_recording
+from torch_geometric_tactile.live import (
+    Judge,
+    Judgement,
+    Stream,
+    StreamEnded,
+    Subscription,
+    open_source,
+)
+
+_WRAP = 2**32 / 1e6  # seconds after which the clock of the board starts over
+_WARM = 20  # first judgements, in which memory is taken
+_RATE = 100.0
+
+
+def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str, Any]:
+    r"""Returns milliseconds by part, as ONNX and eager in one run.
+
+    Args:
+        predictor (Predictor): Of 384 taxels and 16 joints.
+        onnx (Path): The same as one file.
+        seconds (float): How long packets come.
+    """
+    judges = {"onnx": Judge(onnx), "eager": Judge(predictor)}
+    options = ("--rate", _RATE, "--seconds", seconds, "--taxels", 384, "--joints", 16)
+    found: dict[str, list[tuple[float, Judgement]]] = {name: [] for name in judges}
+    with sender("board", *options) as other:
+        stream = Stream(open_source(f"serial:{other.name}?protocol=cobs"))
+        subscription = stream.subscribe("newest")
+        with stream:
+            other.say()
+            _set_rests(judges, subscription)
+            for number, frame in enumerate(_frames(subscription, other)):
+                # In turns, such that whatever else the machine does meets both.
+                name = ("onnx", "eager")[number % 2]
+                judgement = judges[name](frame)
+                assert judgement is not None
+                assert frame.device_time is not None
+                sent = frame.device_time % _WRAP
+                found[name].append(((judgement.finished / 1e9 - sent) % _WRAP, judgement))
+    return {name: _parts(parts[_WARM:]) for name, parts in found.items()}
+
+
+def _set_rests(judges: dict[str, Judge], subscription: Subscription) -> None:
+    frame = subscription.get(timeout=10)
+    for judge in judges.values():
+        if judge.rest is not None:
+            judge.rest.set(np.zeros_like(frame.tactile))
+
+
+def _frames(subscription: Subscription, other: Sender) -> Any:
+    while True:
+        try:
+            yield subscription.get(timeout=1.0)
+        except TimeoutError:
+            if other.log.exists() or other.ended:
+                return
+
+
+def _parts(found: list[tuple[float, Judgement]]) -> dict[str, Any]:
+    def percentiles(values: list[float]) -> dict[str, float]:
+        p50, p99 = np.percentile(1000 * np.array(values), [50, 99])
+        return {"p50 (ms)": float(p50), "p99 (ms)": float(p99)}
+
+    judgements = [judgement for _, judgement in found]
+    parts: dict[str, Any] = {"judgements": len(found)}
+    parts["first byte to label"] = percentiles([whole for whole, _ in found])
+    parts["decoded frame to label"] = percentiles(
+        [j.latency["prepare"] + j.latency["model"] for j in judgements]
+    )
+    parts["wire and decoder"] = percentiles([w - j.latency["total"] for w, j in found])
+    for name in ("wait", "prepare", "model"):
+        parts[name] = percentiles([j.latency[name] for j in judgements])
+    return parts
+
+
+def measure_replay(predictor: Predictor, onnx: Path, seconds: float) -> dict[str, Any]:
+    r"""Returns how a replayed recording is judged, beside the predictor on the same recording.
+
+    Args:
+        predictor (Predictor): The predictor.
+        onnx (Path): The same as one file.
+        seconds (float): Length of the recording.
+    """
+    count = int(seconds * _RATE)
+    draw = np.random.default_rng(0)
+    recording = Recording(
+        time=np.arange(count) / _RATE,
+        tactile=draw.normal(size=(count, 384, 3)).astype(np.float32),
+        joint=draw.uniform(0, 1, size=(count, 16)).astype(np.float32),
+        meta={"sensor": "allegro_uskin", "unit": "count", "rate": _RATE},
+    )
+    with torch.inference_mode():
+        wanted = predictor.recording(recording).numpy()
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "recording.h5"
+        write_recording(recording, path)
+        for name, model in (("onnx", onnx), ("eager", predictor)):
+            judge = Judge(model)
+            if judge.rest is not None:
+                judge.rest.set(np.zeros((384, 3), dtype=np.float32))
+            got, times, received = _replayed(path, judge)
+            drift = (received[-1] - received[0]) - (recording.time[-1] - recording.time[0])
+            found[name] = {
+                "frames": len(got),
+                "same classes": bool((got.argmax(1) == wanted.argmax(1)).all()),
+                "largest difference": float(np.abs(got - wanted).max()),
+                "drift (ms a minute)": 1000 * abs(drift) / seconds * 60,
+                "times increase": bool((np.diff(times) > 0).all()),
+            }
+    return found
+
+
+def _replayed(path: Path, judge: Judge) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    stream = Stream(open_source(str(path)))
+    subscription = stream.subscribe("all")
+    probability, times, received = [], [], []
+    with stream:
+        while True:
+            try:
+                frame: LiveFrame = subscription.get(timeout=10)
+            except StreamEnded:
+                break
+            judgement = judge(frame)
+            assert judgement is not None
+            probability.append(judgement.probability)
+            times.append(frame.time)
+            received.append(frame.received / 1e9)
+    return np.array(probability), np.array(times), np.array(received)
+
+
+def wait_for_quiet(seconds: float = 2.0) -> None:
+    r"""Waits until what went before has left the processor.
+
+    Args:
+        seconds (float): How long.
+    """
+    time.sleep(seconds)

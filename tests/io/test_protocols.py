@@ -1,0 +1,66 @@
+import subprocess
+import sys
+
+import pytest
+
+from torch_geometric_tactile.io import (
+    PROTOCOLS,
+    AnySkinDecoder,
+    Decoder,
+    RobotiqDecoder,
+    decoder_of,
+)
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_every_protocol_has_a_decoder(name):
+    if name == "cobs":
+        pytest.importorskip("cobs", reason="needs the extra 'live'")
+    decoder = decoder_of(name)
+    assert isinstance(decoder, Decoder)
+    assert decoder.checksum in ("none", "crc32")
+    assert decoder.feed(b"", 0) == []
+
+
+def test_settings_as_values_and_as_texts():
+    assert decoder_of("anyskin", num_magnetometers=2).stride == 34
+    assert decoder_of("anyskin", num_magnetometers="2").stride == 34
+    assert isinstance(decoder_of("anyskin"), AnySkinDecoder)
+    assert decoder_of("text", shape=(12, 32)).shape == (12, 32)
+    assert decoder_of("text", shape="12x32").shape == (12, 32)
+    robotiq = decoder_of("robotiq", period="0.016", num_fingers="1")
+    assert isinstance(robotiq, RobotiqDecoder)
+    assert (robotiq.period, robotiq.num_fingers) == (0.016, 1)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: decoder_of("reskin"),
+            r"one of cobs, anyskin, m1616, text, robotiq, letter_array \(got 'reskin'\)",
+        ),
+        (lambda: decoder_of("text", size=3), r"'text' must have settings among shape \(got 'size'"),
+        (lambda: decoder_of("m1616", a=1), r"'m1616' must have settings among none \(got 'a'\)"),
+        (lambda: decoder_of("text", shape="12"), r"'shape' must be rows and columns"),
+        (lambda: decoder_of("text", shape="axb"), r"'shape' must be like 16x16 \(got 'axb'\)"),
+        (
+            lambda: decoder_of("anyskin", num_magnetometers="five"),
+            r"'num_magnetometers' must be like 5 \(got 'five'\)",
+        ),
+        (lambda: decoder_of("robotiq", period="nan"), r"'period' must be between"),
+    ],
+    ids=range(7),
+)
+def test_refuses(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_decoders_import_without_torch():
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "from torch_geometric_tactile.io import decoder_of, encode_letter_array\n"
+        "assert decoder_of('anyskin').feed(b'x' * 200, 0) == []\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

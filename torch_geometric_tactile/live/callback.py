@@ -1,0 +1,64 @@
+r"""Your own code in a live session."""
+
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.live.health import Health
+    from torch_geometric_tactile.live.judge import Judgement
+    from torch_geometric_tactile.live.session import LiveSession
+
+
+class Callback:
+    r"""Base class of what a :class:`~torch_geometric_tactile.live.LiveSession` calls, such as a
+    gripper that closes when a slip is near. Each method does nothing unless overridden.
+
+    All but :meth:`on_health` are called by the thread that judges, one after another: one that
+    takes long makes the session skip frames, never the recorder. What one raises ends the session
+    and is raised where it runs.
+
+    Examples:
+        >>> class Gripper(Callback):
+        ...     def on_judgement(self, session, judgement):
+        ...         if judgement.label == "slip":
+        ...             print("close the hand")
+    """
+
+    def on_start(self, session: "LiveSession") -> None:
+        r"""Called when the source is open.
+
+        Args:
+            session (LiveSession): The session.
+        """
+
+    def on_frame(self, session: "LiveSession", frame: LiveFrame) -> None:
+        r"""Called with each frame that is looked at, before it is judged.
+
+        Args:
+            session (LiveSession): The session.
+            frame (LiveFrame): The frame.
+        """
+
+    def on_judgement(self, session: "LiveSession", judgement: "Judgement") -> None:
+        r"""Called with what the model says of a frame.
+
+        Args:
+            session (LiveSession): The session.
+            judgement (Judgement): Its probabilities, label and latency.
+        """
+
+    def on_health(self, session: "LiveSession", health: "Health") -> None:
+        r"""Called about twice a second, by the thread that runs the session.
+
+        Args:
+            session (LiveSession): The session.
+            health (Health): The state of the stream.
+        """
+
+    def on_end(self, session: "LiveSession") -> None:
+        r"""Called once at the end, however it came.
+
+        Args:
+            session (LiveSession): The session.
+        """

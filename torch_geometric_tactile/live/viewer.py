@@ -1,0 +1,318 @@
+r"""The viewer: a page in the browser that shows a stream."""
+
+import asyncio
+import base64
+import hashlib
+import ipaddress
+import logging
+import re
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Self
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from torch_geometric_tactile.live.viewer_client import ViewerClient
+from torch_geometric_tactile.live.viewer_screen import ViewerScreen
+from torch_geometric_tactile.typing import PathLike
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.live.judge import Judgement
+    from torch_geometric_tactile.live.stream import Stream
+    from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+
+_INSTALL = "pip install 'torch-geometric-tactile[live]'"
+_LOG = logging.getLogger(__name__)
+_MOST_PAGES = 8
+_LARGEST_COMMAND = 1024  # bytes
+_CLOSING = 1.0  # seconds that a page is waited for
+
+
+class Viewer:
+    r"""Shows a stream on a page in the browser: the hand in its pose, readings as colour and shear
+    as arrows, label probabilities, rate, age and loss.
+
+    The page is one file that asks nobody else for anything. It is served on this machine only,
+    unless :obj:`host` says otherwise, and a page of another site cannot read it or press its
+    buttons: requests whose :obj:`Host` is a foreign name, or whose :obj:`Origin` is another page's,
+    are refused. There is no password: whoever may open connections to :obj:`host`, as other users
+    of this machine, sees what is shown and may press the buttons.
+
+    Each page has a subscription of its own that keeps the newest frame only, and gets it when the
+    one before is on the screen: a slow page skips frames, never lags, and holds nobody up. Without
+    a page open nothing is done.
+
+    Args:
+        stream (Stream): The stream; it may be opened later.
+        layout (TaxelLayout, str or PathLike, optional): Where the taxels are: a layout, its name or
+            its file. If left out, the one that the source names as :obj:`"sensor"`; without one,
+            taxels are a grid by number.
+        host (str): Address to serve on.
+        port (int): Port to serve on; any free one if 0.
+        joint (numpy.ndarray, optional): Joint angles in radians to show while frames carry none;
+            those of an open hand if left out.
+        kinematics (HandKinematics, optional): The hand that carries the layout; the Allegro hand if
+            left out, for layouts of its links.
+
+    Attributes:
+        on_tare (callable, optional): Called without arguments, in a thread of its own, when the
+            tare button is pressed. If :obj:`None`, the rest that is shown is measured anew.
+        on_record (callable, optional): Called likewise by the record button, to begin or end a
+            recording; set :attr:`recording` in it. Without it there is no such button.
+
+    Raises:
+        ImportError: If websockets is missing.
+        ValueError: If the layout, its hand and the joint angles do not fit.
+    """
+
+    def __init__(
+        self,
+        stream: "Stream",
+        layout: "TaxelLayout | PathLike | None" = None,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        joint: np.ndarray | None = None,
+        kinematics: "HandKinematics | None" = None,
+    ) -> None:
+        _require_websockets()
+        self._screen = ViewerScreen(stream, layout, joint, kinematics)
+        self._host, self._port = host, port
+        self._page, self._policy = _page()
+        self._pages = 0
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stop: asyncio.Event | None = None
+
+    def start(self) -> None:
+        r"""Begins to serve, in a thread of its own; does nothing if it does already.
+
+        Raises:
+            OSError: If the port is taken or the address is not one of this machine.
+        """
+        if self._thread is not None:
+            return
+        self._screen.prepare()
+        listening = _listening(self._host, self._port)
+        self._port = listening.getsockname()[1]
+        ready = threading.Event()
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve(listening, ready)), name="viewer", daemon=True
+        )
+        self._thread.start()
+        ready.wait()
+        if not _is_local(self._host):
+            _LOG.warning(
+                "the viewer is served on '%s': who reaches this address sees it and may press its "
+                "buttons",
+                self._host,
+            )
+
+    @property
+    def url(self) -> str:
+        r"""Address of the page; its port is known once it is served."""
+        host = "127.0.0.1" if self._host in ("", "0.0.0.0") else self._host
+        host = "[::1]" if host == "::" else f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self._port}/"
+
+    def judgement(self, judgement: "Judgement") -> None:
+        r"""Shows what a model says; the last one stays until the next.
+
+        Args:
+            judgement (Judgement): The judgement.
+        """
+        self._screen.judgement = judgement
+
+    def note(self, text: str) -> None:
+        r"""Shows a line, such as an event or a warning.
+
+        Args:
+            text (str): The line.
+        """
+        self._screen.note(text)
+
+    @property
+    def rest(self) -> np.ndarray | None:
+        r"""What readings are shown relative to :math:`(N, C)`. While it is :obj:`None`, the page's
+        first second.
+        """
+        return self._screen.rest.given
+
+    @rest.setter
+    def rest(self, rest: np.ndarray | None) -> None:
+        self._screen.rest.given = None if rest is None else np.asarray(rest)
+
+    @property
+    def recording(self) -> bool:
+        r"""Whether a recording is shown as running."""
+        return self._screen.recording_since is not None
+
+    @recording.setter
+    def recording(self, recording: bool) -> None:
+        if recording != self.recording:
+            self._screen.recording_since = time.monotonic() if recording else None
+
+    @property
+    def on_tare(self) -> Callable[[], object] | None:
+        r"""What the tare button calls."""
+        return self._screen.on_tare
+
+    @on_tare.setter
+    def on_tare(self, callback: Callable[[], object] | None) -> None:
+        self._screen.on_tare = callback
+
+    @property
+    def on_record(self) -> Callable[[], object] | None:
+        r"""What the record button calls."""
+        return self._screen.on_record
+
+    @on_record.setter
+    def on_record(self, callback: Callable[[], object] | None) -> None:
+        self._screen.on_record = callback
+
+    def close(self) -> None:
+        r"""Ends the serving, and disconnects the pages; does nothing if it is closed."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        with suppress(RuntimeError):  # its loop has ended by itself
+            assert self._loop is not None
+            assert self._stop is not None
+            self._loop.call_soon_threadsafe(self._stop.set)
+        thread.join()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
+        from websockets.asyncio.server import serve
+
+        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        quiet = logging.getLogger(f"{__name__}.websockets")
+        quiet.setLevel(logging.CRITICAL)  # broken requests are the client's affair
+        async with serve(
+            self._show,
+            sock=listening,
+            process_request=self._answer,
+            compression=None,
+            max_size=_LARGEST_COMMAND,
+            close_timeout=_CLOSING,
+            server_header=None,
+            logger=quiet,
+        ):
+            ready.set()
+            await self._stop.wait()
+
+    async def _show(self, connection: Any) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        self._pages += 1
+        try:
+            with suppress(ConnectionClosed):
+                await ViewerClient(connection, self._screen).run()
+        finally:
+            self._pages -= 1
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        host = _only(request.headers.get_all("Host"))
+        origin = request.headers.get_all("Origin")
+        own = {"localhost", self._host.lower(), connection.local_address[0]}
+        if host is None or _hostname(host) not in own:
+            return connection.respond(403, "This name is not one of the viewer's.\n")
+        if origin and _only(origin) != f"http://{host}":
+            return connection.respond(403, "Pages of others may not use the viewer.\n")
+        path = request.path.partition("?")[0]
+        if path == "/live":
+            full = self._pages >= _MOST_PAGES
+            return connection.respond(503, "Too many pages are open.\n") if full else None
+        if path != "/":
+            return connection.respond(404, "There is only one page: /\n")
+        response = connection.respond(200, self._page)
+        del response.headers["Content-Type"]
+        response.headers.update(self._headers(host))
+        return response
+
+    def _headers(self, host: str) -> dict[str, str]:
+        return {
+            "Content-Type": "text/html; charset=utf-8",
+            # Some browsers do not count a web socket of the same host as 'self'.
+            "Content-Security-Policy": f"{self._policy}; connect-src 'self' ws://{host}",
+            "Cache-Control": "no-store",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+            "X-Frame-Options": "DENY",
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Resource-Policy": "same-origin",
+        }
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.url!r})"
+
+
+def _require_websockets() -> None:
+    try:
+        import websockets  # noqa: F401
+    except ImportError as error:
+        raise ImportError(f"the viewer needs websockets: {_INSTALL}") from error
+
+
+def _page() -> tuple[str, str]:
+    # The page, and a policy under which nothing runs and nothing is loaded but what is in it.
+    page = files(__package__).joinpath("viewer.html").read_text(encoding="utf-8")
+    script, style = (
+        " ".join(_digest(text) for text in re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL))
+        for tag in ("script", "style")
+    )
+    rules = {
+        "default-src": "'none'",
+        "script-src": script,
+        "style-src": style,
+        "img-src": "data:",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+        "frame-ancestors": "'none'",
+    }
+    return page, "; ".join(f"{name} {value}" for name, value in rules.items())
+
+
+def _digest(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        text = error.strerror or str(error)
+        raise OSError(error.errno, f"the viewer cannot use {host}:{port}: {text}") from error
+
+
+def _is_local(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _hostname(host: str) -> str | None:
+    # Without the port, which differs where it is forwarded, as by `ssh -L`.
+    if not re.fullmatch(r"[\w.:\[\]-]+", host, re.ASCII):
+        return None
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def _only(values: list[str]) -> str | None:
+    return values[0] if len(values) == 1 else None

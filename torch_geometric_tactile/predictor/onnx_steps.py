@@ -1,0 +1,327 @@
+r"""The transforms of a predictor as steps of one graph, without what depends on values."""
+
+import copy
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile import transforms as T
+from torch_geometric_tactile.data import StaticData, apply_transform, join_frames
+from torch_geometric_tactile.data.apply_transform import static_rule
+from torch_geometric_tactile.predictor.settling import access
+from torch_geometric_tactile.transforms import FittedTransform
+from torch_geometric_tactile.transforms._resampling import new_times, resampling_matrix
+from torch_geometric_tactile.transforms._windows import joined_signals, repeated, require_signals
+
+Step = Callable[[StaticData], StaticData]
+
+# What they do to a frame of a window does not depend on the others.
+_FRAMEWISE = (
+    T.AbsoluteMorphology,
+    T.CommonMode,
+    T.DropPatches,
+    T.DropTaxels,
+    T.FillMissing,
+    T.GeometricEdgeAttr,
+    T.KNNGraph,
+    T.SectorGraph,
+    T.SelectChannels,
+    T.TaxelPose,
+    T.TopologicalSegmentation,
+)
+_RANDOM = (
+    T.DropPatches,
+    T.DropTaxels,
+    T.RandomContrast,
+    T.RandomGain,
+    T.RandomInversion,
+    T.RandomMirror,
+    T.RandomNoise,
+    T.RandomOffset,
+    T.RandomShift,
+    T.RandomTimeShift,
+)
+_ALL = ("x", "joint", "pos", "normal", "tangent", "edge_index", "edge_attr", "edge_weight")
+
+
+class GivenRest:
+    r"""A transform that measures sessions, with what it measured as an input of the graph.
+
+    Args:
+        part (FittedTransform): The transform.
+        of_windows (bool): Whether its samples are windows, not frames.
+    """
+
+    def __init__(self, part: FittedTransform, of_windows: bool) -> None:
+        if part.attr != "x":
+            raise NotImplementedError(
+                f"{part!r} cannot be exported: only readings may be measured by session (got "
+                f"attr='{part.attr}')"
+            )
+        self.part = part
+        self.of_windows = of_windows
+        self.reads_changed = False  # whether steps before it change the readings
+        self.center: Tensor | None = None
+        self.scale: Tensor | None = None
+        self.seen: Tensor | None = None
+
+    @property
+    def has_scale(self) -> bool:
+        r"""Whether it divides by a scale as well."""
+        return not self.part.unit_scale
+
+    def __call__(self, data: StaticData) -> StaticData:
+        assert self.center is not None
+        self.seen = x = data.x
+        center, scale = self.center, self.scale
+        if self.part.per == "signal":
+            center = repeated(center, data.num_frames)
+            scale = None if scale is None else repeated(scale, data.num_frames)
+        # Raw counts are large and vary little.
+        x = (x.double() - center).to(x.dtype)
+        data.x = x if scale is None else x / scale
+        return data
+
+
+class _Set:
+    # Attributes that are the same for all frames, and columns of the readings.
+    def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
+        self.replaces = replaces
+        old, new = before.to_dict(), after.to_dict()
+        self.removed = [key for key in old if key not in new]
+        self.values = {
+            key: value for key, value in new.items() if key != "x" and value is not old.get(key)
+        }
+        self.schema = after
+        columns = after.x.size(-1)
+        self.columns = after.x if columns else None
+
+    def __call__(self, data: StaticData) -> StaticData:
+        schema: Any = self.schema.schema
+        data = data.declare(**schema)
+        for key in self.removed:
+            if key in data:
+                del data[key]
+        for key in sorted(self.values, key=lambda key: key != "edge_index"):
+            data[key] = self.values[key]
+        if self.columns is not None:
+            columns = self.columns.to(data.x).expand(data.x.size(0), -1, -1)
+            data.x = columns if self.replaces else torch.cat([data.x, columns], dim=-1)
+        return data
+
+
+class _Dropped:
+    # The same taxels in all frames.
+    def __init__(self, part: T.DropTaxels, known: StaticData) -> None:
+        self.value = part.value
+        self.dead = part.dead(known, known.x)[0]
+
+    def __call__(self, data: StaticData) -> StaticData:
+        data.x = data.x.masked_fill(self.dead.unsqueeze(-1), self.value)
+        old = getattr(data, "dropped", None)
+        data.dropped = self.dead if old is None else self.dead | old.bool()
+        return data
+
+
+class _Segmented:
+    # Edges are chosen beforehand: their number must not depend on values.
+    def __init__(self, part: T.TopologicalSegmentation, known: StaticData) -> None:
+        source, target = known.edge_index
+        within = part.segment[source] == part.segment[target]
+        self.kept = within.nonzero().view(-1)
+        self.count = known.edge_index.size(1)
+        self.segment = part.segment
+        self.within = None if part.drop else within
+        self.edge_index = known.edge_index[:, self.kept] if part.drop else known.edge_index
+
+    def __call__(self, data: StaticData) -> StaticData:
+        rows = {}
+        if self.within is None:
+            for key, value in data.to_dict().items():
+                if key != "edge_index" and isinstance(value, Tensor) and data.level(key) == "edge":
+                    rows[key] = value.index_select(0 if data.is_shared(key) else 1, self.kept)
+        for key in ("edge_is_within", *rows):
+            if key in data:
+                del data[key]
+        data.edge_index = self.edge_index
+        for key, value in rows.items():
+            data[key] = value
+        if self.within is not None:
+            data.edge_is_within = self.within
+        data.segment_batch = self.segment
+        return data
+
+
+class _Resampled:
+    # Of windows of one length, where a taxel has all of its frames or none.
+    def __init__(self, part: T.Resample) -> None:
+        self.part = part
+
+    def __call__(self, data: StaticData) -> StaticData:
+        if getattr(data, "valid_frames", None) is not None:
+            raise NotImplementedError(f"{self.part!r} cannot be exported for padded windows")
+        signals, num = require_signals(self.part, data), self.part.num
+        length = signals.size(-1)
+        if length != num:
+            matrix = resampling_matrix(length, num).t()
+            level = signals[..., :1]
+            nearest = (new_times(length, num) + 0.5).floor().long()
+            missing = signals.isnan()
+            # Bridged from both sides would need a loop; a gap takes all frames of its signal.
+            bridged = _bridged(signals.double(), missing)
+            level = bridged[..., :1]
+            out = (level + (bridged - level) @ matrix).to(signals.dtype)
+            out = torch.cat([signals[..., :1], out[..., 1:-1], signals[..., -1:]], dim=-1)
+            signals = out.masked_fill(missing[..., nearest], torch.nan)
+        data.x = joined_signals(signals, data)
+        data.num_frames = num
+        return data
+
+
+def _bridged(values: Tensor, missing: Tensor) -> Tensor:
+    # As of `_resampling`, with maxima over past frames in place of running ones.
+    length = values.size(-1)
+    frames = torch.arange(length)
+    past = frames.unsqueeze(0) <= frames.unsqueeze(1)  # (to, from)
+    known = torch.where(missing, -1, frames).unsqueeze(-2)
+    left = torch.where(past, known, -1).amax(dim=-1)
+    known = torch.where(missing, length, frames).unsqueeze(-2)
+    right = torch.where(past.t(), known, length).amin(dim=-1)
+    first, last = left.clamp(min=0), right.clamp(max=length - 1)
+    first, last = torch.where(left < 0, last, first), torch.where(right >= length, first, last)
+    start, stop = values.gather(-1, first), values.gather(-1, last)
+    part = (frames - first) / (last - first).clamp(min=1)
+    line = start + part * (stop - start)
+    return torch.where(missing, line, values).nan_to_num(nan=0.0)
+
+
+def is_framewise(part: Any) -> bool:
+    r"""Tells whether a transform of windows does the same to each frame by itself.
+
+    Args:
+        part (callable): The transform.
+    """
+    if isinstance(part, FittedTransform):
+        return part.attr != "x" or part.per == "signal"
+    return isinstance(part, _FRAMEWISE)
+
+
+def lowered(
+    parts: Sequence[Any], known: StaticData, changing: set[str], of_windows: bool
+) -> tuple[list[tuple[str, Step]], StaticData]:
+    r"""Returns steps with the names of their transforms, and what is known after them.
+
+    Args:
+        parts (sequence of callable): The transforms.
+        known (StaticData): One sample without readings: what all frames share.
+        changing (set of str): Attributes that differ from frame to frame; extended.
+        of_windows (bool): Whether the samples are windows, not frames.
+
+    Raises:
+        NotImplementedError: If a transform cannot be part of a graph; it is named.
+    """
+    steps: list[tuple[str, Step]] = []
+    for part in parts:
+        step, known = _lowered(part, known, changing, of_windows)
+        if step is not None:
+            steps.append((repr(part), step))
+    return steps, known
+
+
+def _lowered(
+    part: Any, known: StaticData, changing: set[str], of_windows: bool
+) -> tuple[Step | None, StaticData]:
+    if isinstance(part, FittedTransform) and part.key is not None:
+        rest = GivenRest(part, of_windows)
+        rest.reads_changed = "$x" in changing
+        changing.add("$x")
+        return rest, known
+    if isinstance(part, _RANDOM) and _draws(part):
+        if _is_identity(part, known):
+            return None, known
+        raise NotImplementedError(
+            f"{part!r} cannot be exported: it draws random numbers; leave it out of the predictor"
+        )
+    if isinstance(part, T.DropTaxels):
+        changing.add("$x")
+        return _Dropped(part, known), known
+    if isinstance(part, T.ContactCrop):
+        raise NotImplementedError(
+            f"{part!r} cannot be exported: the length of its windows depends on the readings"
+        )
+    if isinstance(part, T.Resample):
+        changing.add("$x")
+        return _Resampled(part), known
+    if isinstance(part, T.TopologicalSegmentation) and "edge_index" not in changing:
+        step = _Segmented(part, known)
+        return step, step(copy.copy(known))
+    reads, writes = _access(part)
+    if reads is not None and writes is not None and changing.isdisjoint((*reads, *writes)):
+        after = apply_transform(part, known)
+        blank = after.x.size(-1)
+        step_set = _Set(known, after, static_rule(part).x == "replace")
+        if blank:
+            changing.add("$x")
+            after = copy.copy(after)
+            after.x = known.x
+        return step_set, after
+    if writes is None:
+        changing.update(_ALL)
+        changing.add("$x")
+    else:
+        changing.update(writes)
+        if "x" in writes:
+            changing.add("$x")
+    if getattr(part, "supports_static", False):
+        return part, known
+    return _per_sample(part), known
+
+
+def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
+    reads, writes = access(part)
+    if reads is not None or getattr(part, "supports_static", False):
+        return reads, writes
+    rule = static_rule(part)
+    if rule.reads is None or rule == type(rule)():
+        return None, None
+    added = (*rule.node, *rule.edge, *rule.shared, "edge_index", "edge_attr", "edge_weight")
+    # Columns of readings are set apart; positions, which some change, are what they read.
+    return rule.reads, tuple(dict.fromkeys((*added, *rule.reads)))
+
+
+def _per_sample(part: Any) -> Step:
+    def step(data: StaticData) -> StaticData:
+        return apply_transform(part, data)
+
+    return step
+
+
+def _draws(part: Any) -> bool:
+    return not isinstance(part, T.DropPatches | T.DropTaxels) or part.p is not None
+
+
+def _is_identity(part: Any, known: StaticData) -> bool:
+    # Some are kept from training with nothing left to draw, such as noise of zero.
+    for seed in range(3):
+        data = copy.copy(known)
+        draw = torch.Generator().manual_seed(seed)
+        data.x = torch.randn(4, known.num_nodes, 6, generator=draw)
+        data.num_frames = 2
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            after = copy.deepcopy(part)(copy.copy(data))
+        if not torch.allclose(after.x, data.x, rtol=1e-6, atol=1e-6):
+            return False
+    return True
+
+
+def as_window(frames: Tensor) -> Tensor:
+    r"""Returns frames :math:`(T, N, C)` as a window :math:`(1, N, C \cdot T)`.
+
+    Args:
+        frames (torch.Tensor): The frames.
+    """
+    return join_frames(frames.transpose(0, 1)).unsqueeze(0)
+
