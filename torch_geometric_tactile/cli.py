@@ -31,6 +31,8 @@ examples:
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
+  tactile record ws://127.0.0.1:5000 grasp.mcap  what a sensor sends, until Ctrl-C
+  tactile replay grasp.mcap --serve ws           a double of XELA's server, of a recording
   tactile compare touches.npz --grid 28x50       which model to take for data of your own
   tactile table p1-table2 --root grasps          the models of a paper, beside its published numbers
 

@@ -12,6 +12,8 @@ VERBS = (
     "convert",
     "simulate",
     "ports",
+    "record",
+    "replay",
     "analyze",
     "table",
     "compare",
