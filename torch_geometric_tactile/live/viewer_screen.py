@@ -104,6 +104,8 @@ class ViewerScreen:
 
     def _find_layout(self, name: Any) -> None:
         self._asked = True
+        if name is None:
+            return
         try:
             from torch_geometric_tactile.sensors import stock_layout, stock_names
 
