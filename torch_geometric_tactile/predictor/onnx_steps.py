@@ -73,6 +73,7 @@ class GivenRest:
         return not self.part.unit_scale
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Subtracts and divides."""
         assert self.center is not None
         self.seen = x = data.x
         center, scale = self.center, self.scale
@@ -324,4 +325,3 @@ def as_window(frames: Tensor) -> Tensor:
         frames (torch.Tensor): The frames.
     """
     return join_frames(frames.transpose(0, 1)).unsqueeze(0)
-
