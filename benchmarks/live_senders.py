@@ -14,6 +14,7 @@ import sys
 import time
 import tty
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -153,10 +154,8 @@ def send_unplugged(arguments: argparse.Namespace) -> None:
 def _send_for(master: int, number: int, arguments: argparse.Namespace, seconds: float) -> int:
     os.set_blocking(master, False)
     for _ in _paced(arguments.rate, seconds):
-        try:
+        with suppress(BlockingIOError):  # nobody reads
             os.write(master, _cobs_packet(number, arguments.taxels))
-        except BlockingIOError:
-            pass  # nobody reads
         number += 1
     return number
 

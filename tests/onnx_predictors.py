@@ -32,7 +32,7 @@ def dataset(transform=None):
         pos=LAYOUT.pos,
         edge_index=LAYOUT.edge_index("original"),
     )
-    return StaticDataset._of((data, {"class_names": NAMES}), LAYOUT, transform, None, None)
+    return StaticDataset._of((data, {"class": NAMES}), LAYOUT, transform, None, None)
 
 
 def _fitted(model, data, *parts):

@@ -18,6 +18,7 @@ VERBS = (
     "validate",
     "test",
     "predict",
+    "export",
 )
 
 __all__ = ["VERBS"]

@@ -26,6 +26,7 @@ class OnnxModel:
         info (dict): What the file says of itself: :obj:`"class_names"`, :obj:`"task"`,
             :obj:`"num_taxels"`, :obj:`"num_channels"`, :obj:`"num_joints"`, :obj:`"window"`,
             :obj:`"rest"` and more.
+        inputs (dict): The shape of each input of the graph by name; :obj:`outputs` likewise.
         prepare_ns (int): How long preparing the last answer took in nanoseconds.
         model_ns (int): How long computing the last answer took.
 
@@ -58,10 +59,10 @@ class OnnxModel:
             raise ValueError(f"'{os.fspath(path)}' is not a model in ONNX ({error})") from error
         entries = self._session.get_modelmeta().custom_metadata_map
         self.info = _read_info(entries, os.fspath(path))
-        self._inputs = [node.name for node in self._session.get_inputs()]
-        self._shapes = {node.name: node.shape for node in self._session.get_inputs()}
-        states = [name for name in self._inputs if name.startswith("state_")]
-        self._states = {name: np.zeros(self._shapes[name], np.float32) for name in states}
+        self.inputs = {node.name: node.shape for node in self._session.get_inputs()}
+        self.outputs = {node.name: node.shape for node in self._session.get_outputs()}
+        states = [name for name in self.inputs if name.startswith("state_")]
+        self._states = {name: np.zeros(self.inputs[name], np.float32) for name in states}
         self._outputs = ["probability", *(f"next_{name}" for name in states)]
         self._rest: dict[str, np.ndarray] = {}
         size = (self.info["num_taxels"], self.info["num_channels"])
@@ -163,6 +164,21 @@ class OnnxModel:
         self.prepare_ns = ready - start
         return probability[0] if wanted and is_full else None
 
+    def typical_seconds(self, count: int = 200) -> float:
+        r"""Returns how long one answer takes on this machine, the median of some.
+
+        Args:
+            count (int): Number of answers.
+        """
+        kinds = {"rest": np.float64}
+        feed = {name: np.ones(size, kinds.get(name, np.float32)) for name, size in self.inputs.items()}
+        taken = []
+        for _ in range(count):
+            start = perf_counter_ns()
+            self._session.run(self._outputs, feed)
+            taken.append(perf_counter_ns() - start)
+        return float(np.median(taken)) * 1e-9
+
     def _push(self, tactile: np.ndarray, joint: np.ndarray | None) -> None:
         # Each frame is there twice, so that the last ones always lie in one piece.
         place = (self._count - 1) % self.length
@@ -189,8 +205,8 @@ class OnnxModel:
         # Readings as the transform sees them that measures the session.
         shape = self.info["rest"]["shape"]
         rest = {"rest": np.zeros(shape), "rest_scale": np.ones(shape, np.float32)}
-        given = {name: value for name, value in rest.items() if name in self._inputs}
-        size = tuple(self._shapes["tactile"])
+        given = {name: value for name, value in rest.items() if name in self.inputs}
+        size = tuple(self.inputs["tactile"])
         out = []
         for start in range(0, len(frames) - length + 1, hop):
             part = frames[start : start + length]
@@ -198,7 +214,7 @@ class OnnxModel:
                 part = np.repeat(part, self.length, axis=0)
             feed = {"tactile": part.reshape(size), **given, **self._states}
             if self.info["num_joints"] and joint is not None:
-                angles = np.broadcast_to(joint[start + length - 1], self._shapes["joint"])
+                angles = np.broadcast_to(joint[start + length - 1], self.inputs["joint"])
                 feed["joint"] = angles.astype(np.float32)
             out.append(self._session.run(["before_rest"], feed)[0][0])
         return np.stack(out)
