@@ -21,6 +21,7 @@ VERBS = (
     "validate",
     "test",
     "predict",
+    "export",
 )
 
 __all__ = ["VERBS"]

@@ -7,6 +7,9 @@ from .replay_source import ReplaySource
 from .serial_port import SerialPort, list_ports
 from .serial_source import SerialSource
 from .simulated_source import SimulatedSource
+from .judge import Judge, Judgement
+from .onnx_judge import OnnxModel
+from .rest import Drift, Rest, RestFrames
 from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
@@ -15,6 +18,7 @@ from .xela_source import XelaSource
 
 __all__ = [
     "ClockMap",
+    "Drift",
     "Health",
     "HealthMeter",
     "Recorder",
@@ -23,6 +27,11 @@ __all__ = [
     "SerialPort",
     "SerialSource",
     "SimulatedSource",
+    "Judge",
+    "Judgement",
+    "OnnxModel",
+    "Rest",
+    "RestFrames",
     "Source",
     "SourceEnded",
     "Stream",

@@ -49,7 +49,7 @@ class OnnxGraph(Module):
         window_parts = preparation._parts
         known = copy.copy(self._constant)
         is_windowed = self.window is not None
-        if is_windowed:
+        if self.window is not None:
             known.num_frames = self.window.length
         self._frame_steps, known = lowered(frame_parts, known, changing, False)
         self._steps, known = lowered(window_parts, known, changing, is_windowed)
@@ -141,7 +141,7 @@ class OnnxGraph(Module):
             try:
                 with torch.no_grad():
                     self.run_window(self.blank())
-            except Exception:  # noqa: BLE001 - whatever a model makes of other channels
+            except Exception:
                 continue
             fitting.append(count)
         if len(fitting) != 1:
@@ -158,7 +158,7 @@ class OnnxGraph(Module):
 
     def blank(self) -> dict[str, Tensor]:
         r"""Returns inputs of zeros, by name, without the state."""
-        size = (1, self.layout.num_taxels, self.num_channels)
+        size: tuple[int, ...] = (1, self.layout.num_taxels, self.num_channels)
         if self.window is not None and not getattr(self, "is_stepped", False):
             size = (1, self.length, *size[1:])
         inputs = {"tactile": torch.zeros(size)}
@@ -211,7 +211,7 @@ class OnnxGraph(Module):
         else:
             probability, states = self.run_window(given), ()
         seen = () if not self.shows_rest or self.rest is None else (self.rest.seen,)
-        return (probability, *states, *seen)  # type: ignore[arg-type]
+        return (probability, *states, *seen)
 
     def run_window(self, given: dict[str, Tensor]) -> Tensor:
         r"""Returns the probabilities of a frame or window.

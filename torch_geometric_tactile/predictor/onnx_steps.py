@@ -73,6 +73,7 @@ class GivenRest:
         return not self.part.unit_scale
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Subtracts and divides."""
         assert self.center is not None
         self.seen = x = data.x
         center, scale = self.center, self.scale
