@@ -1,15 +1,15 @@
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
+from .judge import Judge, Judgement
+from .onnx_judge import OnnxModel
 from .open_source import open_source
 from .recorder import Recorder
 from .replay_server import ReplayServer
 from .replay_source import ReplaySource
+from .rest import Drift, Rest, RestFrames
 from .serial_port import SerialPort, list_ports
 from .serial_source import SerialSource
 from .simulated_source import SimulatedSource
-from .judge import Judge, Judgement
-from .onnx_judge import OnnxModel
-from .rest import Drift, Rest, RestFrames
 from .source import Source, SourceEnded
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
@@ -21,17 +21,17 @@ __all__ = [
     "Drift",
     "Health",
     "HealthMeter",
-    "Recorder",
-    "ReplayServer",
-    "ReplaySource",
-    "SerialPort",
-    "SerialSource",
-    "SimulatedSource",
     "Judge",
     "Judgement",
     "OnnxModel",
+    "Recorder",
+    "ReplayServer",
+    "ReplaySource",
     "Rest",
     "RestFrames",
+    "SerialPort",
+    "SerialSource",
+    "SimulatedSource",
     "Source",
     "SourceEnded",
     "Stream",
