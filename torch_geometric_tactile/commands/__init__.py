@@ -12,6 +12,7 @@ VERBS = (
     "convert",
     "simulate",
     "ports",
+    "live",
     "record",
     "replay",
     "analyze",

@@ -1,3 +1,4 @@
+from .callback import Callback
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
 from .judge import Judge, Judgement
@@ -9,20 +10,24 @@ from .replay_source import ReplaySource
 from .rest import Drift, Rest, RestFrames
 from .serial_port import SerialPort, list_ports
 from .serial_source import SerialSource
+from .session import LiveSession
 from .simulated_source import SimulatedSource
 from .source import Source, SourceEnded
+from .status import Status
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
 from .taxel_map import TaxelMap
 from .xela_source import XelaSource
 
 __all__ = [
+    "Callback",
     "ClockMap",
     "Drift",
     "Health",
     "HealthMeter",
     "Judge",
     "Judgement",
+    "LiveSession",
     "OnnxModel",
     "Recorder",
     "ReplayServer",
@@ -34,6 +39,7 @@ __all__ = [
     "SimulatedSource",
     "Source",
     "SourceEnded",
+    "Status",
     "Stream",
     "StreamEnded",
     "StreamOverflow",
