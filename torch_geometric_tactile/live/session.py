@@ -194,7 +194,9 @@ class LiveSession:
         """
         stop = None if seconds is None else time.monotonic() + seconds
         while not self._ended.is_set():
-            left = _HEALTH_SECONDS if stop is None else min(_HEALTH_SECONDS, stop - time.monotonic())
+            left = (
+                _HEALTH_SECONDS if stop is None else min(_HEALTH_SECONDS, stop - time.monotonic())
+            )
             if left <= 0 or self._ended.wait(left):
                 break
             self._tell_status(on_status)
@@ -274,4 +276,3 @@ class LiveSession:
             self.viewer.judgement(judgement)
         for callback in self.callbacks:
             callback.on_judgement(self, judgement)
-

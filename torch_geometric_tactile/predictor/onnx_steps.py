@@ -324,4 +324,3 @@ def as_window(frames: Tensor) -> Tensor:
         frames (torch.Tensor): The frames.
     """
     return join_frames(frames.transpose(0, 1)).unsqueeze(0)
-
