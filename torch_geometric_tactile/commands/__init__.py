@@ -15,6 +15,7 @@ VERBS = (
     "live",
     "record",
     "replay",
+    "view",
     "analyze",
     "table",
     "compare",

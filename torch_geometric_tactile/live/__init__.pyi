@@ -17,6 +17,7 @@ from .status import Status
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
 from .taxel_map import TaxelMap
+from .viewer import Viewer
 from .xela_source import XelaSource
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "Viewer",
     "XelaSource",
     "list_ports",
     "open_source",

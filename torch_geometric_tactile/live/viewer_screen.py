@@ -197,6 +197,7 @@ class ViewerScreen:
     def tare(self) -> None:
         r"""Calls :obj:`on_tare`, or measures the rest that is shown anew."""
         if self.on_tare is None:
+            self.rest.given = None
             self.rest.again()
             self.note("Rest measured anew")
         else:
