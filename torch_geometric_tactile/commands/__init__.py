@@ -12,6 +12,10 @@ VERBS = (
     "convert",
     "simulate",
     "ports",
+    "live",
+    "record",
+    "replay",
+    "view",
     "analyze",
     "table",
     "compare",
@@ -19,7 +23,7 @@ VERBS = (
     "validate",
     "test",
     "predict",
-    "view",
+    "export",
 )
 
 __all__ = ["VERBS"]
