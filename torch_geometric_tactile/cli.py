@@ -25,12 +25,15 @@ examples:
   tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
   tactile fit --help                             every option of fit
   tactile predict CHECKPOINT recording.h5        probabilities of each frame, as a CSV table
+  tactile export CHECKPOINT model.onnx           one graph from readings to label, for a robot
   tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   the facts of a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
+  tactile record ws://127.0.0.1:5000 grasp.mcap  what a sensor sends, until Ctrl-C
+  tactile replay grasp.mcap --serve ws           a double of XELA's server, of a recording
   tactile compare touches.npz --grid 28x50       which model to take for data of your own
   tactile table p1-table2 --root grasps          the models of a paper, beside its published numbers
 

@@ -11,7 +11,8 @@ for module in ("mcap", "google.protobuf", "zstandard", "lz4"):
     pytest.importorskip(module, reason="needs the extra 'live'")
 
 import zstandard
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2
+from io_messages import messages
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
@@ -47,18 +48,6 @@ def write_frames(path, frames, **more):
         for frame in frames:
             writer.write_frame(frame)
     return path
-
-
-def messages(path, topic):
-    """The messages of a topic, read by others: the library of MCAP, and protobuf."""
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-            if channel.topic == topic:
-                pool = descriptor_pool.DescriptorPool()
-                for part in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-                    pool.Add(part)
-                form = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-                yield message, form.FromString(message.data)
 
 
 def equal(a, b):

@@ -92,6 +92,13 @@ def recording_writers() -> Iterator[Writer]:
         new,
     )
     try:
+        import google.protobuf  # noqa: F401
+        import mcap  # noqa: F401
+    except ImportError:
+        pass
+    else:
+        yield Writer("MCAP", ".mcap", io.write_mcap, lambda p: readings(io.read_mcap(p)), old, new)
+    try:
         import h5py  # noqa: F401
     except ImportError:
         return

@@ -32,7 +32,7 @@ class Job(NamedTuple):
 def jobs() -> list[Job]:
     """Returns all jobs whose extras are installed."""
     found = [processing(), convert(), grasps(), simulated_letters()]
-    for make in (append, store, fit, report, demo, simulation, simulated_bigs):
+    for make in (append, convert_mcap, store, fit, report, demo, simulation, simulated_bigs):
         try:
             found.append(make())
         except ImportError:
@@ -96,6 +96,27 @@ def convert() -> Job:
         return {path.name: numbers(read_npz(path)) for path in folder.glob("*.npz")}
 
     return Job("convert", prepare, run, read, 4)
+
+
+def convert_mcap() -> Job:
+    """Converts a CSV file to MCAP by the command line."""
+    import google.protobuf  # noqa: F401
+    import mcap  # noqa: F401
+
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.io import read_mcap, write_wide_csv
+
+    def prepare(folder):
+        write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
+
+    def run(folder, tell):
+        assert main(["convert", str(folder / "a.csv"), str(folder / "b.mcap")]) == 0
+
+    def read(folder):
+        paths = folder.glob("*.mcap")
+        return {path.name: numbers(read_mcap(path, recover=False)) for path in paths}
+
+    return Job("convert-mcap", prepare, run, read, 2)
 
 
 def grasps() -> Job:

@@ -2,8 +2,8 @@ r"""``tactile convert``: a recording in another format."""
 
 import argparse
 
-_READABLE = ".h5, .hdf5, .npz, .csv, .json, .jsonl, .ndjson or .txt"
-_WRITABLE = ".h5, .hdf5, .npz, .csv, .jsonl or .ndjson"
+_READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
+_WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl or .ndjson"
 HELP = "write a recording in another format"
 DESCRIPTION = """\
 Reads a recording and writes it in the format of the other suffix. What that format cannot

@@ -3,11 +3,11 @@ r"""``tactile inspect``: a recording as text and as a picture."""
 import argparse
 from pathlib import PurePath
 
-_READABLE = ".h5, .hdf5, .npz, .csv, .json, .jsonl, .ndjson or .txt"
+_READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
 HELP = "describe and draw a recording"
 DESCRIPTION = """\
-Reads an HDF5, npz or CSV file of a recording, a log of xela_log or messages of XELA's
-server, prints frames, rate, taxels, readings, joints, dead taxels and metadata, and draws
+Reads an HDF5, npz, MCAP or CSV file of a recording, a log of xela_log or messages of
+XELA's server, prints frames, rate, taxels, readings, joints, dead taxels and metadata, and draws
 readings, contact and joints over time.
 """
 EXAMPLES = """\

@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.mcap_content import Channel, Message, Metadata, Record, Schema
 from torch_geometric_tactile.io.mcap_frames import FrameRows
-from torch_geometric_tactile.io.mcap_records import (
-    Channel,
-    Message,
-    Metadata,
-    Record,
-    Scan,
-    Schema,
-    count_messages,
-)
+from torch_geometric_tactile.io.mcap_records import Scan, count_messages, summary_records
 from torch_geometric_tactile.io.mcap_schemas import FRAME, check_schema
 from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, VERSION, texts_checksum
 from torch_geometric_tactile.io.recording_schema import checked_file, recording_from_fields
@@ -54,11 +47,11 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
     """
     path = checked_file(path)
     scan = Scan(path)
-    content = _Content(path, FrameRows(0, 0, False))
-    counts = count_messages(path)
     # Of all channels: which one has the frames is not known yet.
-    expected = max(counts.values(), default=0)
-    content.rows = FrameRows(expected, path.stat().st_size, allow_large)
+    expected = max(count_messages(path).values(), default=0)
+    content = _Content(path, FrameRows(expected, path.stat().st_size, allow_large))
+    for record in summary_records(path):
+        content.add(record)
     for batch in scan.batches():
         for record in batch:
             content.add(record)

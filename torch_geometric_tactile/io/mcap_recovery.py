@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.io.mcap_content import Channel, Message, Metadata, Record, Schema
 from torch_geometric_tactile.io.mcap_output import McapOutput, require_mcap
 from torch_geometric_tactile.io.mcap_reader import told
-from torch_geometric_tactile.io.mcap_records import Channel, Message, Metadata, Record, Scan, Schema
+from torch_geometric_tactile.io.mcap_records import Scan, summary_records
 from torch_geometric_tactile.io.mcap_schemas import TOPICS, schema_of
 from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io.recording_schema import checked_file
@@ -68,6 +69,8 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
             writer = library.Writer(output, enable_data_crcs=True)
             writer.start(library="torch_geometric_tactile")
             copy = _Copy(writer)
+            for record in summary_records(path):
+                copy.add(record)
             for batch in scan.batches():
                 for record in batch:
                     copy.add(record)

@@ -23,7 +23,7 @@ TOPICS = (FRAME, PREDICTION, HEALTH, EVENT, POINTS)
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _VARINT, _EIGHT, _TEXT, _FOUR = 0, 1, 2, 5
-_ARRAYS = {"double": np.dtype("<f8"), "float": np.dtype("<f4")}
+_ARRAYS: dict[str, np.dtype] = {"double": np.dtype("<f8"), "float": np.dtype("<f4")}
 _WIRE = {
     "double": _EIGHT,
     "float": _FOUR,
@@ -312,12 +312,14 @@ def decode(message: str, data: bytes | memoryview) -> dict[str, Any]:
             out[name] += _numbers(value)
         else:
             single = _single(name, field, wire, value)
-            form = _ARRAYS.get(field.kind)
-            out[name].append(single if form is None else np.array([single], form))
-    for name, form in repeated.items():
-        if form is not None:
+            is_number = field.kind in _ARRAYS
+            out[name].append(np.array([single], _ARRAYS[field.kind]) if is_number else single)
+    for name, dtype in repeated.items():
+        if dtype is not None:
             parts = out[name]
-            out[name] = parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, form), *parts])
+            out[name] = (
+                parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, dtype), *parts])
+            )
     return out
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -43,7 +44,9 @@ class PosedPoints:
         ValueError: If there is no such layout.
     """
 
-    def __init__(self, layout: "TaxelLayout | str", meta: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self, layout: "TaxelLayout | PathLike", meta: Mapping[str, Any] | None = None
+    ) -> None:
         from torch_geometric_tactile.sensors import HandKinematics, as_layout
 
         self.layout = as_layout(layout)
@@ -100,8 +103,9 @@ class PosedPoints:
                 )
                 self._order = None
         with torch.no_grad():
-            joint = torch.from_numpy(self._joint)
-            return self._hand.taxel_pose(self.layout, joint, normal=False).pos.numpy()
+            angles = torch.from_numpy(self._joint)
+            posed = self._hand.taxel_pose(self.layout, angles, normal=False)
+            return np.asarray(posed.pos.numpy())
 
 
 def _order(wanted: tuple[str, ...], given: Any) -> list[int] | None:

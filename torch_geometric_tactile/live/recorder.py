@@ -16,7 +16,6 @@ from torch_geometric_tactile.live.subscription import StreamEnded
 from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.live.judge import Judgement
     from torch_geometric_tactile.live.posed_points import PosedPoints
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
@@ -89,13 +88,20 @@ class Recorder:
         self._lock = threading.Lock()
         self._early: list[tuple[str, tuple[Any, ...]]] = []
         self._first: np.ndarray | None = None
+        self._first_time = self._last_time = 0.0
         self._points: PosedPoints | None = None
         self._next_points = self._next_health = -float("inf")
         self._told = False
         self._closed = False
         self._stopping: int | None = None
+        self._asked = threading.Event()
         self._subscription: Any = None
         self._thread: threading.Thread | None = None
+
+    @property
+    def seconds(self) -> float:
+        r"""Seconds from the first to the last frame that was written."""
+        return self._last_time - self._first_time
 
     def start(self) -> None:
         r"""Begins to record; does nothing if it has begun."""
@@ -105,7 +111,7 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name=f"recorder {self.path}", daemon=True)
         self._thread.start()
 
-    def judgement(self, judgement: "Judgement") -> None:
+    def judgement(self, judgement: Any) -> None:
         r"""Writes what a model said of a frame.
 
         Args:
@@ -131,6 +137,7 @@ class Recorder:
         """
         if self._thread is not None and self._stopping is None:
             self._stopping = time.monotonic_ns()
+            self._asked.set()
             self._thread.join()
             if self.error is not None:
                 raise self.error
@@ -177,16 +184,22 @@ class Recorder:
             except TimeoutError:
                 if stopping is not None:
                     return
-                with self._lock:
-                    if self._file is not None:
-                        self._file.idle()
+                self._idle()
                 continue
             except StreamEnded:
+                # What a model says of the last frames comes after them.
+                while not self._asked.wait(_WAIT):
+                    self._idle()
                 return
             if stopping is not None and frame.received > stopping:
                 return
             with self._lock:
                 self._write(self._finite(frame))
+
+    def _idle(self) -> None:
+        with self._lock:
+            if self._file is not None:
+                self._file.idle()
 
     def _write(self, frame: LiveFrame) -> None:
         if self._file is None:
@@ -194,6 +207,7 @@ class Recorder:
         assert self._file is not None
         self._file.frame(frame)
         self.frames += 1
+        self._last_time = frame.time
         if frame.time >= self._next_points and self.layout is not None:
             self._next_points = frame.time + _POINTS_SECONDS
             self._write_points(frame)
@@ -204,10 +218,10 @@ class Recorder:
     def _open(self, frame: LiveFrame) -> None:
         # Only now, since a source knows all about its readings when it is open.
         meta = {
+            **self.stream.meta,
             "source": self.stream.source.name,
             "checksum": self.stream.source.checksum,
             "recorded_at": self.stream.anchor[0] / 1e9,
-            **self.stream.meta,
         }
         if self.layout is not None:
             self._open_points(meta)
@@ -221,6 +235,7 @@ class Recorder:
             label=self.label,
         )
         self._first = frame.tactile
+        self._first_time = frame.time
         for kind, values in self._early:
             getattr(self._file, kind)(*values)
         self._early = []

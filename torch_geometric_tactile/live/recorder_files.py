@@ -170,7 +170,8 @@ class Hdf5File(RecordingFile):
             "sequence": np.array([frame.sequence for frame in frames]),
             "device_time": np.array(clocks),
         }
-        for name, value in first.extra.items():
+        for name in first.extra.keys() - extra.keys():
+            value = first.extra[name]
             extra[name] = np.stack([_value(f.extra.get(name), value, name) for f in frames])
         recording = Recording(
             time=np.array([frame.time for frame in frames]) - self._anchor,

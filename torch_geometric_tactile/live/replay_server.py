@@ -1,10 +1,8 @@
 r"""A recording sent as XELA's server sends its frames."""
 
 import json
-import socket
 import threading
 import time
-from contextlib import suppress
 from typing import Any, Self
 
 import numpy as np
@@ -17,6 +15,7 @@ _HIGHEST = 0xFFFF
 _MOST_LATE = 2.0  # seconds after which a client that is too slow goes on with the present
 _WAIT = 0.1
 _JOIN = 5.0
+_CLOSE = 0.5
 
 
 class ReplayServer:
@@ -85,6 +84,11 @@ class ReplayServer:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"ws://{host}:{self.port}"
 
+    @property
+    def clients(self) -> int:
+        r"""The number of clients that are connected."""
+        return len(self._clients)
+
     def start(self) -> None:
         r"""Begins to listen; does nothing if it does.
 
@@ -92,7 +96,13 @@ class ReplayServer:
             OSError: If the port is taken.
         """
         if self._server is None:
-            self._server = self._serve(self._play, self.host, self._port, compression=None)
+            self._server = self._serve(
+                self._play,
+                self.host,
+                self._port,
+                compression=None,
+                close_timeout=_CLOSE,  # of a client that does not read
+            )
             self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
             self._thread.start()
 
@@ -110,11 +120,6 @@ class ReplayServer:
         self._ended.set()
         if self._server is not None and self._thread is not None:
             self._server.shutdown()
-            with self._lock:
-                clients = list(self._clients)
-            for client in clients:  # one that does not read keeps its thread waiting
-                with suppress(OSError):
-                    client.socket.shutdown(socket.SHUT_RDWR)
             self._thread.join(_JOIN)
 
     def __enter__(self) -> Self:
@@ -245,13 +250,14 @@ class _Messages:
             counts = self._counts[place, start:stop].astype(">u2")
             words = counts.tobytes().hex(",", 2).upper()
             parts.append(
-                f', "{i}": {{"time": {stamp!r}, "sensor": "{i}", "data": "{words}", {head}, '
-                f'"integer": {counts.ravel().tolist()}}}'
+                f', "{i}": {{"time": {stamp!r}, "sensor": "{i}", "data": "{words}", '
+                f'"model": {head[0]}, "taxels": {stop - start}, '
+                f'"integer": {counts.ravel().tolist()}, "handedness": {head[1]}}}'
             )
         return "".join([*parts, f', "sendtime": {time.time()!r}}}'])
 
 
-def _heads(recording: Recording) -> tuple[list[str], list[int]]:
+def _heads(recording: Recording) -> tuple[list[tuple[str, str]], list[int]]:
     meta, total = recording.meta, recording.num_taxels
     taxels = meta.get("taxels")
     known = isinstance(taxels, list) and all(isinstance(n, int) and n > 0 for n in taxels)
@@ -259,10 +265,9 @@ def _heads(recording: Recording) -> tuple[list[str], list[int]]:
         taxels = [total]
     assert taxels is not None
     heads = []
-    for i, count in enumerate(taxels):
+    for i in range(len(taxels)):
         model, side = _entry(meta.get("models"), i), _entry(meta.get("handedness"), i)
-        more = {"model": model, "taxels": count, "handedness": side or "right"}
-        heads.append(json.dumps(more)[1:-1])
+        heads.append((json.dumps(model), json.dumps(side or "right")))
     return heads, [0, *np.cumsum(taxels).tolist()]
 
 

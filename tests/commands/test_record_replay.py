@@ -1,0 +1,132 @@
+# ruff: noqa: E402
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+for module in ("mcap", "google.protobuf", "zstandard", "websockets"):
+    pytest.importorskip(module, reason="needs the extra 'live'")
+
+from websockets.sync.client import connect
+
+from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import read_recording, write_npz
+from torch_geometric_tactile.live import ReplayServer
+
+
+@pytest.fixture
+def whole(tmp_path):
+    counts = np.arange(60 * 16 * 3, dtype=np.float32).reshape(60, 16, 3)
+    recording = Recording(np.arange(60) / 100, counts, meta={"unit": "count"})
+    write_npz(recording, tmp_path / "whole.npz")
+    return recording
+
+
+def start(*arguments):
+    command = [sys.executable, "-m", "torch_geometric_tactile", *map(str, arguments)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+    )
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.h5"])
+def test_record_keeps_what_a_source_sends(whole, tmp_path, capsys, name):
+    if name == "a.h5":
+        pytest.importorskip("h5py", reason="needs the extra 'io'")
+    path = tmp_path / name
+    source = f"{tmp_path / 'whole.npz'}?speed=4"
+    assert main(["record", source, str(path), "--label", "mug"]) == 0
+    assert f"{path}: 60 frames in 0.1" in capsys.readouterr().out
+    found = read_recording(path)
+    assert found.label == "mug"
+    assert (found.tactile == whole.tactile).all()
+    assert main(["record", source, str(path)]) == 1
+    assert "exists: give another name" in capsys.readouterr().err
+    assert main(["record", source, str(path), "--overwrite", "--seconds", "0.05"]) == 0
+    assert read_recording(path).label is None
+
+
+def test_record_of_nothing_is_an_error_and_makes_no_file(tmp_path, capsys):
+    assert main(["record", str(tmp_path / "none.npz"), str(tmp_path / "a.mcap")]) == 1
+    assert "none.npz' does not exist" in capsys.readouterr().err
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("seconds", ["0", "nan", "x"])
+def test_record_refuses_strange_seconds(tmp_path, capsys, seconds):
+    with pytest.raises(SystemExit):
+        main(["record", "sim:", str(tmp_path / "a.mcap"), "--seconds", seconds])
+    assert "must be a positive number of seconds" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
+@pytest.mark.slow
+def test_ctrl_c_ends_a_recording_and_keeps_it(whole, tmp_path):
+    source = f"{tmp_path / 'whole.npz'}?loop=1"
+    with start("record", source, tmp_path / "a.mcap") as child:
+        first = child.stderr.readline()  # after the recorder has begun
+        deadline = time.monotonic() + 60
+        while not (tmp_path / "a.mcap").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(0.4)
+        child.send_signal(signal.SIGINT)
+        out, _ = child.communicate(timeout=60)
+    assert child.returncode == 0
+    assert "frames" in first
+    found = read_recording(tmp_path / "a.mcap", recover=False)
+    assert f"a.mcap: {found.num_frames} frames in" in out
+    assert (found.tactile == whole.tactile[np.arange(found.num_frames) % 60]).all()
+
+
+def test_replay_tells_how_it_went(whole, tmp_path, capsys):
+    assert main(["replay", str(tmp_path / "whole.npz"), "--speed", "10"]) == 0
+    said = capsys.readouterr()
+    assert said.out == f"{tmp_path / 'whole.npz'}: replayed 60 frames\n"
+    assert "Hz" in said.err
+
+
+def test_replay_repairs(whole, tmp_path, capsys):
+    path, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    assert main(["record", f"{tmp_path / 'whole.npz'}?speed=0", str(path)]) == 0
+    path.write_bytes(path.read_bytes()[:-300])
+    assert main(["replay", str(path), "--repair", str(out)]) == 0
+    assert "b.mcap: saved 1 tactile.Health" not in capsys.readouterr().err
+    assert (read_recording(out, recover=False).tactile == whole.tactile).all()
+    assert main(["replay", str(path), "--repair", str(path)]) == 1
+    assert "must be another file" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_replay_serves_its_frames(whole, tmp_path):
+    with start("replay", tmp_path / "whole.npz", "--serve", "ws:0", "--speed", "2") as child:
+        said = child.stderr.readline()
+        url = next(word for word in said.split() if word.startswith("ws://")).rstrip(",")
+        with connect(url) as client:
+            messages = [json.loads(text) for text in client]
+        out, _ = child.communicate(timeout=60)
+    assert messages[0] == {"message": "Welcome"}
+    assert [message["message"] for message in messages[1:]] == list(range(1, 61))
+    for message, counts in zip(messages[1:], whole.tactile, strict=True):
+        assert message["1"]["integer"] == counts.ravel().tolist()
+    assert "sent 60 messages" in out
+
+
+@pytest.mark.parametrize("port", ["ws:", "http", "ws:70000", "ws:-1", "ws:x"])
+def test_replay_refuses_strange_ports(tmp_path, capsys, port):
+    with pytest.raises(SystemExit):
+        main(["replay", str(tmp_path / "a.npz"), "--serve", port])
+    assert "must be ws or ws:PORT" in capsys.readouterr().err
+
+
+def test_taken_port_is_explained(whole, tmp_path, capsys):
+    with ReplayServer(whole, port=0) as server:
+        serve = f"ws:{server.port}"
+        assert main(["replay", str(tmp_path / "whole.npz"), "--serve", serve]) == 1
+    assert "ddress already in use" in capsys.readouterr().err
+    assert threading.active_count() < 20

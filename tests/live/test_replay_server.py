@@ -1,0 +1,140 @@
+import json
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+pytest.importorskip("websockets", reason="needs the extra 'live'")
+
+from websockets.sync.client import connect
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import format_xela_message, parse_xela_message
+from torch_geometric_tactile.live import ReplayServer
+
+
+def a_recording(frames=40, rate=400, **more):
+    draw = np.random.default_rng(0)
+    counts = draw.integers(0, 65536, (frames, 24, 3)).astype(np.float32)
+    meta = {"unit": "count", "taxels": [16, 8], "models": ["XR1944", "é"], "handedness": ["left"]}
+    return Recording(
+        np.arange(frames) / rate, counts, meta={**meta, **more.pop("meta", {})}, **more
+    )
+
+
+@contextmanager
+def client(url):
+    """One that never reads."""
+    with connect(url, max_queue=1, close_timeout=0.1) as one:
+        yield one
+
+
+def received(url, number=None):
+    with connect(url) as one:
+        return [json.loads(text) for text, _ in zip(one, range(number or 10**6), strict=False)]
+
+
+def test_clients_get_what_the_server_of_xela_sends():
+    recording = a_recording()
+    with ReplayServer(recording, port=0) as server:
+        messages = received(server.url)
+        assert server.wait(10)
+        assert server.sent == 40
+    assert messages[0] == {"message": "Welcome"}
+    for i, message in enumerate(messages[1:]):
+        expected = format_xela_message(
+            recording.tactile[i],
+            i + 1,
+            message["time"],
+            taxels=[16, 8],
+            models=["XR1944", "é"],
+            handedness=["left", "right"],
+        )
+        assert message.pop("sendtime") > 1e9
+        expected.pop("sendtime")
+        assert json.dumps(message) == json.dumps(expected)
+    steps = np.diff([message["time"] for message in messages[1:]])
+    assert steps == pytest.approx(1 / 400, abs=1e-5)
+
+
+def test_several_clients_get_the_same_numbers():
+    recording = a_recording(frames=100)
+    found = []
+    with ReplayServer(recording, port=0) as server:
+        threads = [
+            threading.Thread(target=lambda: found.append(received(server.url))) for _ in range(3)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(30)
+    assert len(found) == 3
+    for messages in found:
+        numbers = [message["message"] for message in messages[1:]]
+        assert numbers == list(range(numbers[0], 101))
+        for message in messages[1:]:
+            reading = parse_xela_message(message).reading
+            assert (reading == recording.tactile[message["message"] - 1]).all()
+
+
+def test_numbers_go_on_in_a_loop_and_tell_of_losses():
+    recording = a_recording(4, extra={"sequence": np.array([7, 8, 11, 12])})
+    with ReplayServer(recording, port=0, speed=4, loop=True) as server:
+        messages = received(server.url, 10)
+        assert server.clients == 0 or not server.wait(0)
+    numbers = [message["message"] for message in messages[1:]]
+    assert numbers == [1, 2, 5, 6, 7, 8, 11, 12, 13]
+
+
+def test_client_that_comes_late_gets_the_present(monkeypatch):
+    recording = a_recording(1000, rate=200)
+    with ReplayServer(recording, port=0) as server:
+        early = received(server.url, 40)
+        late = received(server.url, 3)
+    assert early[1]["message"] == 1
+    assert late[1]["message"] >= 39
+
+
+def test_client_that_is_too_slow_misses_frames(monkeypatch):
+    monkeypatch.setattr("torch_geometric_tactile.live.replay_server._MOST_LATE", 0.0)
+    recording = a_recording(200, rate=1000)
+    with ReplayServer(recording, port=0) as server:
+        numbers = [message["message"] for message in received(server.url)[1:]]
+    assert numbers == sorted(set(numbers))
+    assert len(numbers) <= 200
+
+
+def test_client_that_never_reads_does_not_keep_the_server():
+    recording = a_recording(20000, rate=10000)
+    with ReplayServer(recording, port=0) as server, client(server.url):
+        assert not server.wait(0.3)
+        server.close()
+        server.close()
+
+
+@pytest.mark.parametrize(
+    ("recording", "settings", "match"),
+    [
+        (a_recording(meta={"unit": "newton"}), {}, "must hold counts of 3 channels"),
+        (a_recording().select(slice(0, 0)), {}, "at least one frame"),
+        (a_recording(), {"speed": 0}, "'speed' must be positive"),
+        (a_recording(), {"speed": float("inf")}, "'speed' must be positive and finite"),
+        (
+            Recording([0.0], np.full((1, 2, 3), np.nan)),
+            {},
+            "from 0 to 65535 .*got nan in frame 0, taxel 0, axis x",
+        ),
+        (Recording([0.0], np.full((1, 2, 3), 0.5)), {}, "got 0.5 in frame 0"),
+    ],
+    ids=["unit", "empty", "speed", "infinite", "missing", "fraction"],
+)
+def test_what_the_server_of_xela_could_not_send(recording, settings, match):
+    with pytest.raises(ValueError, match=match):
+        ReplayServer(recording, port=0, **settings)
+
+
+def test_repr_and_address():
+    server = ReplayServer(a_recording(), port=5005)
+    assert repr(server) == "ReplayServer('ws://127.0.0.1:5005', num_frames=40)"
+    assert ReplayServer(a_recording(), host="::1").url == "ws://[::1]:5000"

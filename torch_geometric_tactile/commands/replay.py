@@ -1,0 +1,129 @@
+r"""``tactile replay``: a recording, as if it came now."""
+
+import argparse
+import math
+from contextlib import suppress
+from typing import Any
+
+_SHOWN_EVERY = 0.1
+_PORT = 5000
+HELP = "replay a recording, repair it, or serve it as XELA's server does"
+DESCRIPTION = """\
+Plays a recording at its own speed and tells how the stream is doing. With --serve it sends
+the frames over a WebSocket, in the messages of XELA's server, to any number of clients: a
+double of the real one for tests without a hand. With --repair it writes a whole file of what
+is left of an MCAP file that was cut or damaged, and plays nothing.
+"""
+EXAMPLES = """\
+examples:
+  tactile replay grasp.mcap --speed 4
+  tactile replay grasp.mcap --serve ws --loop    clients connect to ws://127.0.0.1:5000
+  tactile replay grasp.h5 --serve ws:0           at any free port, which is told
+  tactile replay cut.mcap --repair whole.mcap
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the arguments of the verb.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument("file", metavar="FILE", help="the recording, of any format")
+    parser.add_argument(
+        "--speed",
+        metavar="X",
+        type=_speed,
+        default=1.0,
+        help="how many times as fast as it was recorded (default: 1)",
+    )
+    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--repair", metavar="OUT", help="write a whole MCAP file, and play nothing")
+    what.add_argument(
+        "--serve",
+        metavar="ws[:PORT]",
+        type=_port,
+        help=f"send it as XELA's server does, at this port of 127.0.0.1 (default: {_PORT})",
+    )
+
+
+def _speed(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number <= 1000:
+        raise argparse.ArgumentTypeError(f"must be a number up to 1000 (got {text[:40]!r})")
+    return number
+
+
+def _port(text: str) -> int:
+    kind, colon, port = text.partition(":")
+    number = int(port) if port.isascii() and port.isdigit() and len(port) < 6 else -1
+    if kind != "ws" or (colon and not 0 <= number < 2**16):
+        raise argparse.ArgumentTypeError(f"must be ws or ws:PORT (got {text[:40]!r})")
+    return number if colon else _PORT
+
+
+def run(arguments: argparse.Namespace) -> int:
+    r"""Runs the verb and returns the exit status.
+
+    Args:
+        arguments (argparse.Namespace): The arguments.
+    """
+    from torch_geometric_tactile.texts import printable
+
+    if arguments.repair is not None:
+        from torch_geometric_tactile.io import repair_mcap
+
+        report = repair_mcap(arguments.file, arguments.repair)
+        print(f"{printable(arguments.repair)}: {report}")
+        return 0
+    play = _play if arguments.serve is None else _serve
+    print(f"{printable(arguments.file)}: {play(arguments)}")
+    return 0
+
+
+def _play(arguments: argparse.Namespace) -> str:
+    from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.live import ReplaySource, Stream
+
+    stream = Stream(ReplaySource(arguments.file, arguments.speed, arguments.loop))
+    with StatusLine() as line:
+        try:
+            with stream:
+                _show_until(lambda: stream.state == "ended", lambda: line.show(_state(stream)))
+        except KeyboardInterrupt:
+            pass  # how a loop is ended
+    if stream.error is not None:
+        raise stream.error
+    return f"replayed {stream.health().frames} frames"
+
+
+def _serve(arguments: argparse.Namespace) -> str:
+    from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.live import ReplayServer
+
+    server = ReplayServer(arguments.file, arguments.serve, arguments.speed, arguments.loop)
+    with StatusLine() as line, server:
+        line.tell(f"serving {server.url}, from the first client on; Ctrl-C ends it")
+        with suppress(KeyboardInterrupt):  # how a server is ended
+            _show_until(
+                lambda: server.wait(0),
+                lambda: line.show(f"{server.clients} clients, {server.sent} messages sent"),
+            )
+    return f"sent {server.sent} messages"
+
+
+def _show_until(ended: Any, show: Any) -> None:
+    import time
+
+    while not ended():
+        show()
+        time.sleep(_SHOWN_EVERY)
+
+
+def _state(stream: Any) -> str:
+    health = stream.health()
+    return f"{health.frames} frames, {health.line()}"
