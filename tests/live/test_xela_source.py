@@ -119,6 +119,7 @@ def test_xela_server_that_goes_is_found_again():
             assert subscription.get(LONG).sequence == 5
             health = stream.health()
     assert health.reconnects == 1
+    assert health.lost == 3  # those that nobody was there for count as well
 
 
 def test_killed_xela_server_is_found_again():

@@ -113,7 +113,6 @@ class XelaSource(Source):
                 f"no server of XELA answers at '{self.name}' ({error}); is it running?"
             ) from error
         self._connection = connection
-        self._number = None
         try:
             if self._taxels is None:
                 self._waiting = self.read(_FIRST)
