@@ -25,6 +25,7 @@ examples:
   tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
   tactile fit --help                             every option of fit
   tactile predict CHECKPOINT recording.h5        probabilities of each frame, as a CSV table
+  tactile export CHECKPOINT model.onnx           one graph from readings to label, for a robot
   tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
   tactile inspect recording.h5                   the facts of a recording, and a picture of it
   tactile convert messages.jsonl recording.h5    another format, by the suffix

@@ -91,6 +91,20 @@ def xela_messages(folder: Path) -> None:
     (folder / "a.jsonl").write_text("\n".join(lines) + "\n")
 
 
+def xela_live(folder: Path) -> None:
+    from torch_geometric_tactile.io import format_xela_message
+
+    counts = np.arange(9).reshape(3, 3) * 7000 + 5
+    message = format_xela_message(counts, 7, 1.5e9, taxels=[2, 1])
+    message["1"].update(temp=[306.5, None], ups=[2.5, 3])
+    message["2"].update(temp=[300.25], ups=[4])
+    (folder / "a.json").write_text(json.dumps(message))
+    message["1"]["data"] = message["1"]["data"].replace(",", ",\n")
+    message["2"]["data"] = message["2"]["data"].replace(",", ",\n")
+    del message["1"]["integer"], message["2"]["integer"]
+    (folder / "b.json").write_text(json.dumps(message).replace("\\n", "\n"))
+
+
 def biotac_csv(folder: Path) -> None:
     names = [f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
     lines = [",".join(["object", "slipped", *names])]

@@ -68,6 +68,12 @@ def patches(folder: Path) -> None:
     (folder / "a.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
+def taxel_map(folder: Path) -> None:
+    content = {"layout": "pad", "source": "a drawing", "num_taxels": 5, "index": [3, -1, 0, 4]}
+    (folder / "a.json").write_text(json.dumps(content) + "\n")
+    (folder / "b.json").write_text(json.dumps({"index": [0, 2, 1], "num_taxels": 3}))
+
+
 def chain(folder: Path) -> None:
     joints = [
         {

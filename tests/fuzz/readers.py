@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from fuzz.laws import equal
 
 from torch_geometric_tactile.data import Recording
 
@@ -79,6 +80,32 @@ def xela_messages(path: Path) -> Any:
     from torch_geometric_tactile.io import read_xela_messages
 
     return recording(read_xela_messages(path))
+
+
+def xela_live(path: Path) -> Any:
+    """One message, the same as without the fast path."""
+    from torch_geometric_tactile.io import parse_xela_text
+    from torch_geometric_tactile.io import xela_message as module
+
+    def said(data: str | bytes) -> Any:
+        try:
+            return plain(parse_xela_text(data))
+        except ValueError as error:
+            return f"'{path}': {error}"
+
+    data = path.read_bytes()
+    fast = said(data)
+    kept = module._counts_at_once
+    module._counts_at_once = lambda sensors: None
+    try:
+        slow = said(data)
+    finally:
+        module._counts_at_once = kept
+    if not equal(fast, slow):
+        raise AssertionError(f"{fast!r:.200} is not {slow!r:.200}")
+    if isinstance(fast, str):
+        raise ValueError(fast)
+    return fast
 
 
 def biotac_csv(path: Path) -> Any:
@@ -194,6 +221,14 @@ def layout(path: Path) -> Any:
     from torch_geometric_tactile.sensors import as_layout
 
     return plain(as_layout(path).to_dict())
+
+
+def taxel_map(path: Path) -> Any:
+    from torch_geometric_tactile.live import TaxelMap
+
+    found = TaxelMap.load(path)
+    keys = ("layout", "source", "num_taxels")
+    return {"index": found.index.tolist(), **{key: getattr(found, key) for key in keys}}
 
 
 def chain(path: Path) -> Any:

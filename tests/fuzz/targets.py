@@ -18,6 +18,8 @@ from fuzz import (
     model_bases,
     oracles,
     readers,
+    stream_bases,
+    stream_oracles,
     tree_oracles,
 )
 from fuzz.bytes_mutations import BYTES
@@ -130,6 +132,16 @@ def _json_lines(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return JUDGED
 
 
+def _live_json(path: Path, data: bytes, draw: Random, other: bytes) -> str:
+    """A message of a server, which the reader itself compares with what the slow parser says."""
+    if draw.random() < 0.5:
+        _bytes(path, data, draw, other)
+    else:
+        tree = mutated_tree(json.loads(data, strict=False), draw)
+        path.write_bytes(encoded(as_json(tree, draw), draw))
+    return REWRITTEN
+
+
 def _yaml(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     kind = draw.random()
     if kind < 0.3:
@@ -205,6 +217,17 @@ def _predictor(path: Path, data: bytes, draw: Random, other: bytes) -> str:
     return JUDGED
 
 
+def _stream(protocol: str, weight: int) -> Target:
+    return Target(
+        f"stream: {protocol}",
+        getattr(stream_bases, protocol),
+        stream_bases.reader(protocol),
+        _bytes,
+        getattr(stream_oracles, protocol),
+        weight,
+    )
+
+
 TARGETS: Sequence[Target] = (
     Target("wide CSV", bases.wide_csv, readers.wide_csv, _text, oracles.wide_csv, 8),
     Target("named CSV", bases.named_csv, readers.named_csv, _text, oracles.named_csv, 5),
@@ -233,6 +256,7 @@ TARGETS: Sequence[Target] = (
         oracles.xela_messages,
         7,
     ),
+    Target("XELA live", bases.xela_live, readers.xela_live, _live_json, weight=4),
     Target("BioTac SP CSV", bases.biotac_csv, readers.biotac_csv, _text, oracles.biotac_csv, 5),
     Target("BioTac SP DoS CSV", bases.dos_csv, readers.dos_csv, _text, oracles.dos_csv, 4),
     Target("BiGS npz", bases.bigs_npz, readers.bigs, _samples_npz, weight=4),
@@ -279,6 +303,16 @@ TARGETS: Sequence[Target] = (
         tree_oracles.json_tree,
         4,
         tree=True,
+    ),
+    Target(
+        "taxel map",
+        description_bases.taxel_map,
+        readers.taxel_map,
+        _json,
+        tree_oracles.json_tree,
+        3,
+        tree=True,
+        agrees=tree_oracles.is_taxel_map,
     ),
     Target(
         "chain",
@@ -339,6 +373,12 @@ TARGETS: Sequence[Target] = (
         tree=True,
         agrees=lambda tree, found: bool(tree["result"] == found),
     ),
+    _stream("cobs", 4),
+    _stream("anyskin", 4),
+    _stream("m1616", 3),
+    _stream("text", 4),
+    _stream("robotiq", 4),
+    _stream("letter_array", 2),
 )
 
 

@@ -70,6 +70,11 @@ def is_layout(tree: Any, found: dict[str, Any]) -> bool:
 _INDICES = ("link", "patch", "digit")
 
 
+def is_taxel_map(tree: Any, found: dict[str, Any]) -> bool:
+    """Whether a map of taxels is the one of a JSON tree."""
+    return bool({"layout": "", "source": "", **tree} == found)
+
+
 def is_chain(tree: Any, found: dict[str, Any]) -> bool:
     """Whether a hand is the one of a JSON tree."""
     joints = tree["joints"]

@@ -2,7 +2,7 @@ import zlib
 
 import numpy as np
 import pytest
-from streams import assert_same_in_pieces, damaged, fed, numbers, with_bad_bytes
+from streams import assert_same_in_pieces, damaged, fed, numbers
 
 from torch_geometric_tactile.io import LetterArrayDecoder, encode_letter_array
 
@@ -115,7 +115,3 @@ def test_encode_refuses(arguments, message):
 def test_encodes_frames_as_they_are_read():
     (frame,) = fed(LetterArrayDecoder(), packets(1)[0])
     assert encode_letter_array(0, frame.tactile) == packets(1)[0]
-    assert (
-        numbers(fed(LetterArrayDecoder(), with_bad_bytes(packets(1)[0], np.random.default_rng(0))))
-        == []
-    )

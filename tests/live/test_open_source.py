@@ -15,6 +15,12 @@ def test_open_source_of_files(tmp_path):
     assert open_source(odd, speed=3).speed == 3
 
 
+def test_open_source_of_a_port():
+    source = open_source("serial:/dev/ttyACM0?protocol=text&shape=12x32&baudrate=9600")
+    assert (source.port, source.baudrate, source.decoder.shape) == ("/dev/ttyACM0", 9600, (12, 32))
+    assert open_source("serial:COM3", protocol="anyskin").port == "COM3"
+
+
 def test_settings_go_before_those_of_the_url():
     assert open_source("file:grasp.h5?speed=2", speed=8).speed == 8
 
@@ -37,6 +43,14 @@ def test_open_source_of_a_simulation():
         ("", "a source must be one of serial:"),
         (None, "a source must be one of serial:"),
         ("usb:/dev/x", r"a source must be one of serial:.*, ws:.*, file:.*, .* or sim:"),
+        (
+            "serial:/dev/x",
+            "must name its protocol, as serial:/dev/x.protocol=NAME with one of .'cobs",
+        ),
+        ("serial:/dev/x?protocol=tcp", "'protocol' must be one of cobs"),
+        ("serial:/dev/x?protocol=cobs&baudrate=fast", "'baudrate' must be an integer"),
+        ("serial:/dev/x?protocol=cobs&parity=odd", "protocol 'cobs' must have settings among"),
+        ("serial:?protocol=cobs", "'port' must be the path or name"),
         ("file:", "a source of a file must name it"),
         ("file:x.h5?spede=2", r"an option of file: must be one of \['speed', 'loop'\] \(got 'spe"),
         ("file:x.h5?speed=fast", r"'speed' must be a number \(got 'fast'\)"),

@@ -8,6 +8,7 @@ from torch_geometric_tactile.sensors import (
     TaxelLayout,
     allegro_uskin,
     allegro_uskin_240,
+    allegro_uskin_368,
     stock_path,
 )
 
@@ -223,3 +224,50 @@ def test_edges_of_the_hand_without_palm():
         }
     # Straight edges of 11 phalanges and 4 fingertips, 7 seams and 4 fans, both ways.
     assert layout.edge_index("original").size(1) == 2 * (11 * 24 + 4 * 22 + 7 * 4 + 4 * 13)
+
+
+def test_hand_that_is_sold_today():
+    layout = allegro_uskin_368()
+    assert (layout.num_taxels, len(layout.patch_names), len(layout.digit_names)) == (368, 18, 5)
+    assert layout.digit.bincount().tolist() == [78, 78, 78, 62, 72]
+    sizes = dict(zip(layout.patch_names, layout.patch.bincount().tolist(), strict=True))
+    assert sorted(sizes.values()) == [16] * 11 + [24] * 3 + [30] * 4
+    full = allegro_uskin()
+    for name, size in sizes.items():
+        if size == 16:
+            of, among = layout.patch_names.index(name), full.patch_names.index(name)
+            assert torch.equal(layout.pos[layout.patch == of], full.pos[full.patch == among])
+
+
+def test_places_of_the_hand_that_is_sold_today():
+    # XELA's public model: taxels of a curved fingertip are 28.6 mm apart across and 13.2 mm in
+    # front of its axis, and its rows 6.5 mm apart; the upper palm patches are 20.4 mm below the
+    # palm's edge, 22.6 mm beside its middle, with 7.24 mm between columns.
+    layout = allegro_uskin_368()
+    tip = layout.pos[layout.patch == layout.patch_names.index("ring_tip")]
+    assert float(tip[:, 1].max() - tip[:, 1].min()) == pytest.approx(0.0286, abs=1e-3)
+    assert float(tip[:, 0].max() + 0.0015) == pytest.approx(0.0132, abs=5e-4)
+    assert float(tip[6, 2] - tip[0, 2]) == pytest.approx(0.0065, abs=1e-4)
+    palm = layout.pos[layout.patch == layout.patch_names.index("palm_1_index")]
+    assert palm.mean(dim=0).tolist() == pytest.approx([0.019, 0.0226, -0.0204], abs=1e-4)
+    assert float(palm[1, 1] - palm[0, 1]) == pytest.approx(0.00724, abs=1e-4)
+
+
+def test_edges_of_the_hand_that_is_sold_today_join_all_of_it_both_ways():
+    layout = allegro_uskin_368()
+    for name in COUNTS:
+        found = edges(name, layout)
+        assert found == {(target, source) for source, target in found}
+        assert not contains_self_loops(layout.edge_index(name))
+    # Straight edges of 11 phalanges, 4 fingertips and 3 palm patches; seams of 4 (7 between
+    # phalanges, 4 to fingertips, 2 in and beside the palm), one of 6 and 4 of 2.
+    inside = 11 * 24 + 4 * (4 * 5 + 3 + 1 + 3 * 6 + 4 + 2) + 3 * (4 * 5 + 3 * 6)
+    assert len(edges("original", layout)) == 2 * (inside + 13 * 4 + 6 + 4 * 2)
+    seen, border = {0}, {0}
+    neighbours = {i: set() for i in range(368)}
+    for source, target in edges("original", layout):
+        neighbours[source].add(target)
+    while border:
+        border = set().union(*(neighbours[i] for i in border)) - seen
+        seen |= border
+    assert len(seen) == 368

@@ -74,6 +74,13 @@ def test_reversed_seam_meets_the_far_end():
     assert pairs(described(joins=[join]), "original") == INSIDE | ACROSS | sets((1, 5), (3, 4))
 
 
+def test_seam_of_a_part_of_a_side():
+    join = {"kind": "seam", "from": ["low", "top", 1, 1], "to": ["high", "bottom", 0, 0]}
+    content = described(joins=[join])
+    assert pairs(content, "dense") == INSIDE | ACROSS | SLANTED | sets((3, 4))
+    assert pairs(content, "slanted") == SLANTED
+
+
 def test_fan_by_hand():
     join = {"kind": "fan", "from": ["low", "top"], "to": ["high", "bottom"], "straight": 1}
     content = described(joins=[join])
@@ -221,7 +228,12 @@ LOW = described()["patches"][0]
         ({"joins": [FAN]}, "a fan must have the key 'straight'"),
         ({"joins": [{**FAN, "straight": 2}]}, r"'straight' of a fan must be 0 to 1 \(got 2\)"),
         (join(kind="glue"), r"must be 'seam' or 'fan' \(got 'glue'\)"),
-        (join(to="high"), r"an end of a join must be \[patch, side\] \(got 'high'\)"),
+        (join(to="high"), r"an end of a join must be \[patch, side\] or .* \(got 'high'\)"),
+        (join(to=["high", "top", 0]), r"an end of a join must be \[patch, side\] or .*, 0\]\)"),
+        (join(to=["high", "top", 0, 2]), r"must be from 0 to 1 \(got \[0, 2\]\)"),
+        (join(to=["high", "top", 1, 0]), r"must be from 0 to 1 \(got \[1, 0\]\)"),
+        (join(to=["high", "top", 0, "1"]), r"must be from 0 to 1 \(got \[0, '1'\]\)"),
+        (join(to=["high", "top", 0, 0]), r"must be equally long \(got 2 and 1\)"),
         (join(to=["far", "top"]), r"a join must name patches \(got 'far'\)"),
         (join(to=["high", "front"]), r"the side of a join must be one of .* \(got 'front'\)"),
         (

@@ -28,7 +28,9 @@ def test_stock_paths_can_be_loaded():
 
 
 def test_unknown_name_lists_the_names():
-    known = r"\['allegro_uskin', 'allegro_uskin_240', 'biotac', 'biotac_sp'.*\]"
+    known = (
+        r"\['allegro_uskin', 'allegro_uskin_240', 'allegro_uskin_368', 'biotac', 'biotac_sp'.*\]"
+    )
     with pytest.raises(ValueError, match=rf"'name' must be one of {known} \(got 'allegro'\)"):
         stock_layout("allegro")
     with pytest.raises(ValueError, match=r"\['allegro_right'.*\] \(got 'allegro_uskin'\)"):

@@ -7,12 +7,20 @@ from torch_geometric_tactile.sensors import (
     TaxelLayout,
     allegro_uskin,
     allegro_uskin_240,
+    allegro_uskin_368,
     biotac,
     biotac_sp,
     grid,
 )
 
-STOCK = [allegro_uskin(), allegro_uskin_240(), biotac(), biotac_sp(), grid(3, 4, 0.004)]
+STOCK = [
+    allegro_uskin(),
+    allegro_uskin_240(),
+    allegro_uskin_368(),
+    biotac(),
+    biotac_sp(),
+    grid(3, 4, 0.004),
+]
 BARE = [replace(layout, normal=None, tangent=None) for layout in STOCK]
 
 

@@ -12,8 +12,10 @@ VERBS = (
     "convert",
     "simulate",
     "ports",
+    "live",
     "record",
     "replay",
+    "view",
     "analyze",
     "table",
     "compare",
@@ -21,6 +23,7 @@ VERBS = (
     "validate",
     "test",
     "predict",
+    "export",
 )
 
 __all__ = ["VERBS"]

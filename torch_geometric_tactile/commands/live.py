@@ -1,12 +1,15 @@
 r"""``tactile live``: a source that is judged, recorded and shown."""
 
 import argparse
+import webbrowser
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.commands.arguments import seconds
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.live import LiveSession
+    from torch_geometric_tactile.live import Judge, LiveSession, Status
+    from torch_geometric_tactile.sensors import TaxelLayout
 
 HELP = "judge, record and show what a sensor sends now"
 DESCRIPTION = """\
@@ -63,6 +66,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="from the order of the source to that of the layout: a stock map or a JSON file",
     )
     parser.add_argument(
+        "--tare",
+        action="store_true",
+        help="subtract the rest from what the model gets, if it was trained on tared recordings",
+    )
+    parser.add_argument(
         "--rest",
         metavar="SECONDS",
         type=seconds,
@@ -86,36 +94,68 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands.keys import keys_heeded
     from torch_geometric_tactile.commands.status_line import StatusLine
 
+    if arguments.label is not None and arguments.record is None:
+        raise ValueError("'--label' is for a recording: give '--record FILE' as well")
+    if arguments.tare and arguments.model is None:
+        raise ValueError("'--tare' is for what the model gets: give '--model PREDICTOR' as well")
     session = _session(arguments)
-    recorded: list[str] = []
+    with StatusLine() as line:
 
-    def toggle() -> None:
-        path = session.toggle_recording()
-        line.tell(f"recording {path}" if session.recorder else f"wrote {path}")
+        def toggle() -> None:
+            path = session.toggle_recording()
+            line.tell(f"{'wrote' if session.recorder is None else 'recording'} {path}")
 
-    keys = {"t": session.tare, "r": toggle, "q": session.stop}
-    with StatusLine() as line, keys_heeded(keys) as heed:
-
-        def show(status: object) -> None:
+        def show(status: "Status") -> None:
             heed()
-            line.show(status.line())  # type: ignore[attr-defined]
+            line.show(status.line())
 
-        if arguments.view:
-            url = session.view(port=arguments.port)
-            line.tell(f"the page is at {url}")
-        with session:
+        keys = {"t": session.tare, "r": toggle, "q": session.stop}
+        with keys_heeded(keys) as heed, closing(session):
+            url = session.view(port=arguments.port) if arguments.view else None
+            if url is not None:
+                line.tell(f"the page is at {url}")
             if arguments.record is not None:
                 session.record(arguments.record, arguments.label, arguments.overwrite)
-                recorded.append(arguments.record)
-            if arguments.view and not arguments.no_browser:
-                import webbrowser
-
+            session.open()
+            if url is not None and not arguments.no_browser:
                 webbrowser.open(url)
-            session.run(arguments.seconds, show)
+            with suppress(KeyboardInterrupt):  # the usual end of a live source
+                session.run(arguments.seconds, show)
+            frames = session.stream.health().frames
+            path = session.stop_recording()
+        line.tell(f"{frames} frames, {session.judged} judged")
+        if path is not None:
+            line.tell(f"wrote {path}")
     return 0
 
 
 def _session(arguments: argparse.Namespace) -> "LiveSession":
-    from torch_geometric_tactile import live
+    from torch_geometric_tactile.live import (
+        Judge,
+        LiveSession,
+        Rest,
+        TaxelMap,
+        open_source,
+    )
 
-    raise NotImplementedError
+    source = open_source(arguments.source)
+    rest = Rest(arguments.rest)
+    judge = None if arguments.model is None else Judge(arguments.model, rest)
+    return LiveSession(
+        source,
+        judge=judge,
+        rest=rest,
+        tare=arguments.tare,
+        taxel_map=None if arguments.map is None else TaxelMap.load(arguments.map),
+        layout=arguments.layout or (_layout_of(judge) if judge is not None else None),
+        policy=arguments.policy,
+    )
+
+
+def _layout_of(judge: "Judge") -> "TaxelLayout | None":
+    # Of the model; a robot without PyTorch, or a layout of one's own, goes without.
+    with suppress(ImportError, OSError, ValueError):
+        from torch_geometric_tactile.sensors import as_layout
+
+        return as_layout(judge.info["layout"])
+    return None

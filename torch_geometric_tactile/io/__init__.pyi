@@ -28,6 +28,7 @@ from .robotiq import RobotiqDecoder
 from .samples_npz import read_samples_npz
 from .text_rows import TextRowsDecoder
 from .wide_csv import read_wide_csv, write_wide_csv
+from .xela_live import parse_xela_text
 from .xela_log_csv import read_xela_log_csv
 from .xela_message import XelaFrame, format_xela_message, parse_xela_message
 from .xela_messages import read_xela_messages, write_xela_messages
@@ -54,6 +55,7 @@ __all__ = [
     "encode_packet",
     "format_xela_message",
     "parse_xela_message",
+    "parse_xela_text",
     "read_bigs",
     "read_biotac_sp_csv",
     "read_biotac_sp_dos_csv",

@@ -34,8 +34,8 @@ class RobotiqDecoder(HeaderDecoder):
     - Type 10 is the static grid, 28 values row by row (7 rows of 4 in the newer drivers), 20 is
       dynamic pressure, 30 acceleration, 40 rate of rotation, 60 temperature, and 70 the time in
       milliseconds: 64 bits in newer firmware, and 16 in older, which are not used here.
-    - A frame is complete when both fingers have sent their grid since the last one; if one sends
-      twice, the other is NaN. Packets have no number, so nothing tells what is lost.
+    - A frame begins with finger 0, and is complete when both have sent their grid; if one has not,
+      it is NaN. Packets have no number, so nothing tells what is lost.
 
     Readings are counts :math:`(28 F, 1)`; :obj:`extra` has the last values of :obj:`"dynamic"`
     :math:`(F,)`, :obj:`"accelerometer"` and :obj:`"gyroscope"` :math:`(F, 3)` and :obj:`"temp"`
@@ -65,7 +65,7 @@ class RobotiqDecoder(HeaderDecoder):
         super().__init__()
         if num_fingers not in (1, _FINGERS):
             raise ValueError(f"'num_fingers' must be 1 or 2 (got {num_fingers})")
-        if not 1 <= round(period * 1000) <= 255:
+        if not 0.0005 < period < 0.2555:
             raise ValueError(f"'period' must be between 0.001 and 0.255 seconds (got {period})")
         self.num_fingers, self.period = num_fingers, period
         self._sequence = -1
@@ -96,10 +96,12 @@ class RobotiqDecoder(HeaderDecoder):
         if command not in _COMMANDS or length == 0:
             return NONE
         end = start + _HEAD + length
-        if self._in_place:
-            return end - start if len(buffer) >= end else WAIT
+        if len(buffer) < end:
+            return WAIT
+        if self._in_place and not _may_hold_header(buffer[start + _HEAD : end]):
+            return end - start
         # The header is a single byte, which is in readings too: another must follow the packet.
-        if len(buffer) <= end:
+        if len(buffer) == end:
             return WAIT
         return end - start if buffer[end] == _HEADER[0] else NONE
 
@@ -110,7 +112,7 @@ class RobotiqDecoder(HeaderDecoder):
         frames = []
         for kind, finger, data in blocks:
             if kind == _STATIC:
-                if finger in self._seen:
+                if finger in self._seen or (finger == 0 and self._seen):
                     frames.append(self._frame(now))
                 self._seen.add(finger)
                 self._static[finger] = np.frombuffer(data, ">u2")
@@ -132,6 +134,16 @@ class RobotiqDecoder(HeaderDecoder):
         tactile, device_time = self._static.reshape(-1, 1), self._device_time
         self._clear()
         return LiveFrame(self._sequence, now / 1e9, now, device_time, tactile, None, extra)
+
+
+def _may_hold_header(data: bytes) -> bool:
+    """Whether another packet may begin in this one, as when bytes are lost."""
+    place = data.find(_HEADER)
+    while place >= 0:
+        if place + 2 >= len(data) or data[place + 2] in _COMMANDS:
+            return True
+        place = data.find(_HEADER, place + 1)
+    return False
 
 
 def _blocks(packet: bytes, timestamp: int) -> list[Block] | None:

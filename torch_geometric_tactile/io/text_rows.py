@@ -9,6 +9,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoder import Decoder
 
 _TEXT = b"0123456789 \t\r\n"
+_LEADING = re.compile(rb"[\r\n]*")
 _EMPTY_ROW = re.compile(rb"\n\r?\n")
 _HIGHEST = 255
 
@@ -56,20 +57,27 @@ class TextRowsDecoder(Decoder):
         r"""Takes bytes, and returns the frames that they complete."""
         buffer = self._buffer + data
         frames = []
-        start = 0
+        start = self._passed(buffer, 0)
         while (end := _EMPTY_ROW.search(buffer, start)) is not None:
-            block = buffer[start : end.start() + 1]
-            if block.strip(b"\r\n") or self._too_long:
-                frame = self._frame(block, now)
-                if frame is not None:
-                    frames.append(frame)
+            frame = self._frame(buffer[start : end.start() + 1], now)
+            if frame is not None:
+                frames.append(frame)
             self._whole, self._too_long = True, False
-            start = end.end()
+            start = self._passed(buffer, end.end())
         self._buffer = buffer[start:]
         if len(self._buffer) > self._longest + 2 or self._too_long:
             self._skip(self._buffer[:-2])
             self._buffer, self._too_long = self._buffer[-2:], True  # half an empty row, perhaps
         return frames
+
+    def _passed(self, buffer: bytes, start: int) -> int:
+        """Where the next frame begins, after empty rows."""
+        if self._too_long:
+            return start
+        empty = _LEADING.match(buffer, start)
+        end = empty.end() if empty else start
+        self._whole = self._whole or b"\n" in buffer[start:end]
+        return end
 
     def reset(self) -> None:
         r"""Forgets a half frame."""
@@ -77,10 +85,9 @@ class TextRowsDecoder(Decoder):
         self._buffer, self._whole, self._too_long = b"", False, False
 
     def _frame(self, block: bytes, now: int) -> LiveFrame | None:
-        whole = self._whole or block.startswith((b"\n", b"\r\n"))
-        counts = None if self._too_long or not whole else self._counts(block)
+        counts = self._counts(block) if self._whole and not self._too_long else None
         if counts is None:
-            self.counts.corrupt += whole
+            self.counts.corrupt += self._whole
             self._skip(block)
             return None
         lost = round(self._missing / self.shape[0]) if self._sequence >= 0 else 0
@@ -93,7 +100,7 @@ class TextRowsDecoder(Decoder):
     def _counts(self, block: bytes) -> np.ndarray | None:
         if len(block) > self._longest or block.translate(None, _TEXT):
             return None
-        rows = [row.split() for row in block.strip(b"\r\n").split(b"\n")]
+        rows = [row.split() for row in block.rstrip(b"\r\n").split(b"\n")]
         if len(rows) != self.shape[0] or any(len(row) != self.shape[1] for row in rows):
             return None
         cells = [cell for row in rows for cell in row]

@@ -97,7 +97,7 @@ def _serial(port: str, options: Mapping[str, Any]) -> Source:
         )
     baudrate = settings.pop("baudrate", None)
     baudrate = None if baudrate is None else _whole("baudrate", baudrate)
-    return SerialSource(port, decoder_of(protocol, **_guessed(settings)), baudrate)
+    return SerialSource(port, decoder_of(protocol, **settings), baudrate)
 
 
 def _shown_port(port: str) -> str:
@@ -156,18 +156,3 @@ def _truth(name: str, value: Any) -> bool:
     if text not in _TRUE + _FALSE:
         raise ValueError(f"'{name}' must be 1 or 0 (got {value!r})")
     return text in _TRUE
-
-
-def _guessed(options: Mapping[str, Any]) -> dict[str, Any]:
-    # Settings of decoders: integers, sizes such as 16x16, or texts.
-    return {name: _guess(value) for name, value in options.items()}
-
-
-def _guess(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    parts = value.split("x")
-    if all(part.isascii() and part.isdigit() for part in parts):
-        numbers = tuple(map(int, parts))
-        return numbers[0] if len(numbers) == 1 else numbers
-    return value

@@ -1,20 +1,24 @@
 r"""A source, and all that is done with its frames."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Self
 
+from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.callback import Callback
-from torch_geometric_tactile.live.health import Health
 from torch_geometric_tactile.live.judge import Judge, Judgement
 from torch_geometric_tactile.live.latencies import Latencies
+from torch_geometric_tactile.live.outputs import Outputs
 from torch_geometric_tactile.live.recorder import Recorder
 from torch_geometric_tactile.live.rest import Rest
+from torch_geometric_tactile.live.rested_judge import RestedJudge
 from torch_geometric_tactile.live.source import Source
-from torch_geometric_tactile.live.stream import Policy, Stream
-from torch_geometric_tactile.live.subscription import StreamEnded, Subscription
+from torch_geometric_tactile.live.status import Status
+from torch_geometric_tactile.live.stream import Stream
+from torch_geometric_tactile.live.subscription import Policy, StreamEnded, Subscription
 from torch_geometric_tactile.live.taxel_map import TaxelMap
 from torch_geometric_tactile.typing import PathLike
 
@@ -22,57 +26,41 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live.viewer import Viewer
     from torch_geometric_tactile.sensors import TaxelLayout
 
-_HEALTH_SECONDS = 0.5
-
-
-class Status(NamedTuple):
-    r"""What a session tells about twice a second: the state of its stream, what the model said
-    last, the median latency of the last judgements in seconds, how many frames the recorder has
-    (:obj:`None` if none runs), and what has to be known, such as why the rest is refused.
-    """
-
-    health: Health
-    judgement: Judgement | None
-    latency: float | None
-    recorded: int | None
-    note: str
-
-    def line(self) -> str:
-        r"""Returns it on one line."""
-        parts = [self.health.line()]
-        if self.judgement is not None:
-            parts.append(self.judgement.describe())
-        if self.latency is not None:
-            parts.append(f"latency {1000 * self.latency:.1f} ms")
-        if self.recorded is not None:
-            parts.append(f"recorded {self.recorded}")
-        if self.note:
-            parts.append(self.note)
-        return "  ".join(parts)
+_STATUS_SECONDS = 0.5
 
 
 class LiveSession:
     r"""A source whose frames are judged, recorded and shown, each without harm to the others: the
     recorder has every frame, and the model and the viewer have the newest.
 
-    A model whose readings are tared needs the sensor at rest first: see :class:`Rest`.
+    A model that measures each session needs the sensor at rest first, and so does :obj:`tare`: see
+    :class:`Rest`. Until the rest is there, nothing is judged.
 
     Args:
         source (Source): Where frames come from.
         judge (Judge, optional): What tells their labels.
         rest (Rest, optional): What measures the sensor at rest; that of the judge if left out.
-        viewer (Viewer, optional): What shows them, of the stream :obj:`session.stream`; see
-            :meth:`view`.
+        tare (bool): Whether to subtract the rest from what is judged, for a model of readings that
+            were tared before it was trained (such as with :obj:`AllegroUSkin(tare="hover")`).
         taxel_map (TaxelMap, optional): From the taxels of the source to those of the layout.
-        layout (TaxelLayout, optional): The taxels, for recorder and viewer.
-        policy (str, optional): Which frames are judged: :obj:`"newest"`, or :obj:`"all"`, which
-            ends with an error if they come faster than they are judged. By default the newest, and
-            all for a model that needs the frames before.
+        layout (TaxelLayout, str or PathLike, optional): The taxels, for recorder and viewer.
+        policy (str, optional): Which frames are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
+            :obj:`"all"`, see :meth:`Judge.follow`. By default the newest; a model of windows sees
+            those between.
         callbacks (sequence of Callback): Your own code.
 
+    Attributes:
+        stream (Stream): The frames, for further subscribers.
+        judged (int): Number of judgements.
+        judgement (Judgement, optional): The last one.
+
+    Raises:
+        ValueError: If there is no rest for :obj:`tare`.
+
     Examples:
-        >>> session = LiveSession(open_source("ws://127.0.0.1:5000"), judge=Judge("slip.onnx"))
-        ... # doctest: +SKIP
+        >>> from torch_geometric_tactile.live import Judge, LiveSession, open_source
+        >>> source = open_source("ws://127.0.0.1:5000")
+        >>> session = LiveSession(source, judge=Judge("slip.onnx"))  # doctest: +SKIP
         >>> with session:  # doctest: +SKIP
         ...     session.record("grasp.mcap")
         ...     session.run(seconds=10)
@@ -84,29 +72,36 @@ class LiveSession:
         *,
         judge: Judge | None = None,
         rest: Rest | None = None,
+        tare: bool = False,
         taxel_map: TaxelMap | None = None,
-        layout: "TaxelLayout | None" = None,
+        layout: "TaxelLayout | PathLike | None" = None,
         policy: Policy | None = None,
         callbacks: Sequence[Callback] = (),
     ) -> None:
+        self._judge = RestedJudge(judge, rest, tare, self._rest_event)
         self.stream = Stream(source, taxel_map=taxel_map)
-        self.judge = judge
-        self.rest = rest if rest is not None or judge is None else judge.rest
-        self.layout = layout
+        self._outputs = Outputs(self.stream, layout)
         self.callbacks = list(callbacks)
         self.judged = 0
         self.judgement: Judgement | None = None
-        self.recorder: Recorder | None = None
-        self.viewer: Viewer | None = None
-        self.note = ""
+        sees_all = judge is not None and judge.length > 1
+        self._policy: Policy = policy or ("drop_oldest" if sees_all else "newest")
         self._latencies = Latencies()
-        needs_all = judge is not None and judge.needs_all
-        self._policy: Policy = policy or ("all" if needs_all else "newest")
+        self._note = ""
         self._worker: threading.Thread | None = None
         self._subscription: Subscription | None = None
         self._error: BaseException | None = None
         self._ended = threading.Event()
-        self._lock = threading.RLock()
+
+    @property
+    def recorder(self) -> Recorder | None:
+        r"""The recorder, if one runs."""
+        return self._outputs.recorder
+
+    @property
+    def viewer(self) -> "Viewer | None":
+        r"""The viewer, if there is one."""
+        return self._outputs.viewer
 
     def view(self, host: str = "127.0.0.1", port: int = 0) -> str:
         r"""Starts the viewer, and returns the address of its page. Call it before :meth:`open`, to
@@ -116,35 +111,23 @@ class LiveSession:
             host (str): Address to serve at.
             port (int): Its port; any free one if zero.
         """
-        from torch_geometric_tactile.live.viewer import Viewer
+        return self._outputs.view(host, port, self.tare)
 
-        self.viewer = Viewer(self.stream, self.layout, host=host, port=port)
-        self.viewer.on_tare = self.tare
-        self.viewer.on_record = self._toggle_recording
-        self.viewer.start()
-        return self.viewer.url
-
-    def record(self, path: PathLike, label: str | None = None, overwrite: bool = False) -> None:
-        r"""Records from now on.
+    def record(
+        self, path: PathLike, label: str | int | None = None, overwrite: bool = False
+    ) -> None:
+        r"""Records from now on. Call it before :meth:`open`, to have the first frame.
 
         Args:
             path (str or PathLike): The file; its suffix says the format.
-            label (str, optional): What the recording is an example of.
+            label (str or int, optional): What the recording is an example of.
             overwrite (bool): Whether it may replace a file.
 
         Raises:
             FileExistsError: If there is such a file.
             ValueError: If a recorder runs.
         """
-        with self._lock:
-            if self.recorder is not None:
-                raise ValueError(f"a recorder runs: stop that of '{self.recorder.path}' first")
-            recorder = Recorder(
-                path, self.stream, layout=self.layout, label=label, overwrite=overwrite
-            )
-            recorder.start()
-            self.recorder = recorder
-            self._show_recording()
+        self._outputs.record(path, label, overwrite)
 
     def stop_recording(self) -> Path | None:
         r"""Ends the recording, and returns its file, if there was one.
@@ -153,21 +136,22 @@ class LiveSession:
             OSError: If something could not be written; what could is kept.
             StreamOverflow: If frames came faster than they could be written.
         """
-        with self._lock:
-            recorder, self.recorder = self.recorder, None
-            self._show_recording()
-        if recorder is None:
-            return None
-        recorder.close()
-        return Path(recorder.path)
+        return self._outputs.stop_recording()
+
+    def toggle_recording(self) -> Path | None:
+        r"""Ends the recording, or begins one in the current folder with the time as its name, and
+        returns its file.
+
+        Raises:
+            OSError: As :meth:`stop_recording`.
+        """
+        return self._outputs.toggle_recording()
 
     def tare(self) -> None:
-        r"""Measures the rest anew, of the frames that come now."""
-        if self.rest is None:
-            self._tell("nothing here needs a rest")
-            return
-        self.rest.retare()
-        self._event("tare", "asked for")
+        r"""Measures the rest anew, of the frames that come now, for the model and the viewer."""
+        if not self._judge.retare():
+            self._outputs.rest(None)
+            self._event("retare", "the rest is shown anew")
 
     def open(self) -> None:
         r"""Opens the source, and begins.
@@ -194,8 +178,8 @@ class LiveSession:
         """
         stop = None if seconds is None else time.monotonic() + seconds
         while not self._ended.is_set():
-            left = _HEALTH_SECONDS if stop is None else min(_HEALTH_SECONDS, stop - time.monotonic())
-            if left <= 0 or self._ended.wait(left):
+            left = math.inf if stop is None else stop - time.monotonic()
+            if left <= 0 or self._ended.wait(min(left, _STATUS_SECONDS)):
                 break
             self._tell_status(on_status)
         self._tell_status(on_status)
@@ -218,11 +202,7 @@ class LiveSession:
             if self._worker is not None and self._worker is not threading.current_thread():
                 self._worker.join()
         finally:
-            try:
-                self.stop_recording()
-            finally:
-                if self.viewer is not None:
-                    self.viewer.close()
+            self._outputs.close()
 
     def __enter__(self) -> Self:
         try:
@@ -236,7 +216,7 @@ class LiveSession:
         self.close()
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.stream.source!r}, judge={self.judge!r})"
+        return f"{type(self).__name__}({self.stream.source!r}, judge={self._judge.judge!r})"
 
     def _work(self) -> None:
         assert self._subscription is not None
@@ -244,7 +224,7 @@ class LiveSession:
             for callback in self.callbacks:
                 callback.on_start(self)
             for frame in self._subscription:
-                self._take(frame)
+                self._take(self._newest(frame))
         except BaseException as error:
             self._error = error
         finally:
@@ -255,23 +235,48 @@ class LiveSession:
                 self._error = self._error or error
             self._ended.set()
 
+    def _newest(self, frame: LiveFrame) -> LiveFrame:
+        # A model of windows sees the frames between as well.
+        assert self._subscription is not None
+        while self._policy == "drop_oldest" and not self._ended.is_set():
+            try:
+                newer = self._subscription.get(timeout=0.0)
+            except (TimeoutError, StreamEnded):
+                break
+            self._judge(frame, wanted=False)
+            frame = newer
+        return frame
+
     def _take(self, frame: LiveFrame) -> None:
         for callback in self.callbacks:
             callback.on_frame(self, frame)
-        if self.rest is not None and not self.rest.ready:
-            self._rest(frame)
-            return
-        judgement = None if self.judge is None else self.judge(frame)
+        self._judge.watch_drift(frame)
+        judgement = self._judge(frame)
         if judgement is None:
             return
         self.judged += 1
         self.judgement = judgement
         self._latencies.add(judgement.latency)
-        with self._lock:
-            if self.recorder is not None:
-                self.recorder.judgement(judgement)
-        if self.viewer is not None:
-            self.viewer.judgement(judgement)
+        self._outputs.judgement(judgement)
         for callback in self.callbacks:
             callback.on_judgement(self, judgement)
 
+    def _rest_event(self, kind: str, text: str) -> None:
+        self._outputs.rest(self._judge.rest_value)
+        self._event(kind, text)
+
+    def _event(self, kind: str, text: str) -> None:
+        self._note = "" if kind == "rest" else text
+        self._outputs.event(kind, text)
+
+    def _tell_status(self, on_status: Callable[[Status], None] | None) -> None:
+        health = self.stream.health()
+        for callback in self.callbacks:
+            callback.on_health(self, health)
+        recorder, note = self.recorder, self._judge.waiting or self._note
+        if recorder is not None and recorder.error is not None:
+            self.stop_recording()  # raises it
+        if on_status is not None:
+            recorded = None if recorder is None else recorder.frames
+            latency = self._latencies.median()
+            on_status(Status(health, self.judgement, latency, recorded, note))

@@ -14,7 +14,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.clock_map import ClockMap
 from torch_geometric_tactile.live.health import Health, HealthMeter
 from torch_geometric_tactile.live.source import Source, SourceEnded
-from torch_geometric_tactile.live.subscription import Subscription
+from torch_geometric_tactile.live.subscription import Policy, Subscription
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.taxel_map import TaxelMap
@@ -93,7 +93,7 @@ class Stream:
         r"""Returns how well it runs, at this moment."""
         return self._meter.snapshot(self._state, self.source)
 
-    def subscribe(self, policy: str = "all", size: int | None = None) -> Subscription:
+    def subscribe(self, policy: Policy = "all", size: int | None = None) -> Subscription:
         r"""Returns a queue of the frames from now on. One that nobody holds any more is given up.
 
         Args:

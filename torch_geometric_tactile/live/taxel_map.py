@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.texts import read_json
+from torch_geometric_tactile.texts import printable, read_json
 from torch_geometric_tactile.typing import PathLike
 
 _KEYS = ("index", "num_taxels", "layout", "source")
@@ -95,9 +95,9 @@ class TaxelMap:
         r"""Reads a map: the one of this name that comes with the package, or the one in a file.
 
         Args:
-            name_or_path (str or PathLike): Its name, such as :obj:`"allegro_368"`, or the path of a
-                JSON file of :meth:`save`; a text that ends in :obj:`.json` or has a folder in front
-                is a path.
+            name_or_path (str or PathLike): Its name, such as :obj:`"xela_allegro_368"`, or the
+                path of a JSON file of :meth:`save`; a text that ends in :obj:`.json` or has a
+                folder in front is a path.
 
         Raises:
             FileNotFoundError: If there is no such file.
@@ -124,8 +124,12 @@ class TaxelMap:
             content = read_json(path)
             if not isinstance(content, dict) or not {"index", "num_taxels"} <= content.keys():
                 raise ValueError("it must be a JSON object with 'index' and 'num_taxels'")
-            known: dict[str, Any] = {key: content[key] for key in _KEYS if key in content}
-            return cls(**known)
+            unknown = [key for key in content if key not in _KEYS]
+            if unknown:
+                raise ValueError(
+                    f"its keys must be among {list(_KEYS)} (got '{printable(unknown[0])}')"
+                )
+            return cls(**content)
         except ValueError as error:
             raise ValueError(f"'{path}' is not a map of taxels: {error}") from error
 
@@ -141,9 +145,11 @@ def _folder() -> Path:
 
 
 def _checked_index(index: Any, num_taxels: int) -> np.ndarray:
+    if isinstance(index, Sequence) and any(isinstance(place, bool) for place in index):
+        raise ValueError("'index' must be a list of integers (got a truth value)")
     try:
         array = np.asarray(index)
-    except ValueError:  # rows of different lengths
+    except (ValueError, OverflowError):  # rows of different lengths, too large numbers
         array = np.zeros((0, 0))
     if array.ndim != 1 or len(array) == 0 or array.dtype.kind not in "iu":
         raise ValueError(

@@ -88,6 +88,7 @@ class Viewer:
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stop: asyncio.Event | None = None
+        self._turn = asyncio.Lock()
 
     def start(self) -> None:
         r"""Begins to serve, in a thread of its own; does nothing if it does already.
@@ -197,6 +198,7 @@ class Viewer:
         from websockets.asyncio.server import serve
 
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        self._turn = asyncio.Lock()
         quiet = logging.getLogger(f"{__name__}.websockets")
         quiet.setLevel(logging.CRITICAL)  # broken requests are the client's affair
         async with serve(
@@ -218,7 +220,7 @@ class Viewer:
         self._pages += 1
         try:
             with suppress(ConnectionClosed):
-                await ViewerClient(connection, self._screen).run()
+                await ViewerClient(connection, self._screen, self._turn).run()
         finally:
             self._pages -= 1
 

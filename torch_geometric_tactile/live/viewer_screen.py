@@ -104,6 +104,8 @@ class ViewerScreen:
 
     def _find_layout(self, name: Any) -> None:
         self._asked = True
+        if name is None:
+            return
         try:
             from torch_geometric_tactile.sensors import stock_layout, stock_names
 
@@ -195,6 +197,7 @@ class ViewerScreen:
     def tare(self) -> None:
         r"""Calls :obj:`on_tare`, or measures the rest that is shown anew."""
         if self.on_tare is None:
+            self.rest.given = None
             self.rest.again()
             self.note("Rest measured anew")
         else:

@@ -81,14 +81,15 @@ class XelaSource(Source):
         super().__init__(url, {"unit": "newton" if forces else "count"})
         self.forces = forces
         self._connect = connect
+        self._connection: Any = None
         self._socket: Any = None
         self._waiting: list[LiveFrame] = []
         self._number: int | None = None
         self._taxels: tuple[int, ...] | None = None
 
     def open(self) -> None:
-        r"""Connects to the server, and waits up to a second for its first message; does nothing if
-        it is connected.
+        r"""Connects to the server, the first time with up to a second for a message, which tells
+        the sensors; does nothing if it is connected.
 
         Raises:
             OSError: If no server answers.
@@ -96,23 +97,26 @@ class XelaSource(Source):
         """
         if self._socket is not None:
             return
-        from websockets.exceptions import InvalidHandshake, InvalidURI
+        from websockets.exceptions import InvalidURI, WebSocketException
 
         # Compression costs more time than it saves on a cable; a proxy is for other hosts.
         options: dict[str, Any] = {"compression": None, "close_timeout": _CLOSE}
         if "proxy" in signature(self._connect).parameters:  # websockets 15
             options["proxy"] = None
         try:
-            self._socket = self._connect(self.name, open_timeout=_OPEN, **options)
+            connection = self._connect(self.name, open_timeout=_OPEN, **options)
+            self._socket = connection.__enter__()  # calls without it are on their way out
         except InvalidURI as error:
             raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
-        except (OSError, EOFError, InvalidHandshake) as error:
+        except (OSError, EOFError, WebSocketException) as error:
             raise ConnectionError(
                 f"no server of XELA answers at '{self.name}' ({error}); is it running?"
             ) from error
+        self._connection = connection
         self._number = None
         try:
-            self._waiting = self.read(_FIRST)
+            if self._taxels is None:
+                self._waiting = self.read(_FIRST)
         except BaseException:
             self.close()
             raise
@@ -180,7 +184,7 @@ class XelaSource(Source):
 
     def close(self) -> None:
         r"""Closes the connection; does nothing if it is closed."""
-        socket, self._socket = self._socket, None
+        connection, self._connection, self._socket = self._connection, None, None
         self._waiting = []
-        if socket is not None:
-            socket.close()
+        if connection is not None:
+            connection.__exit__(None, None, None)

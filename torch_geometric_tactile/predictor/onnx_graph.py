@@ -49,7 +49,7 @@ class OnnxGraph(Module):
         window_parts = preparation._parts
         known = copy.copy(self._constant)
         is_windowed = self.window is not None
-        if is_windowed:
+        if self.window is not None:
             known.num_frames = self.window.length
         self._frame_steps, known = lowered(frame_parts, known, changing, False)
         self._steps, known = lowered(window_parts, known, changing, is_windowed)
@@ -72,7 +72,10 @@ class OnnxGraph(Module):
         self.state = self._initial_state()
         self.eval()
         is_filled = [isinstance(part, FillMissing) for part in window_parts if _changes(part)]
-        self._seen = None if is_filled[-1:] == [True] else self._which_are_seen()
+        if is_filled[-1:] != [True]:
+            self._seen = self._which_are_seen()
+            self._seen_places = self._seen.flatten().nonzero().view(-1)
+            self._sees_all = bool(self._seen.all())
 
     def _may_step(self, window_parts: Sequence[Any]) -> bool:
         model, window = self.model, self.window
@@ -141,7 +144,7 @@ class OnnxGraph(Module):
             try:
                 with torch.no_grad():
                     self.run_window(self.blank())
-            except Exception:  # noqa: BLE001 - whatever a model makes of other channels
+            except Exception:
                 continue
             fitting.append(count)
         if len(fitting) != 1:
@@ -158,7 +161,7 @@ class OnnxGraph(Module):
 
     def blank(self) -> dict[str, Tensor]:
         r"""Returns inputs of zeros, by name, without the state."""
-        size = (1, self.layout.num_taxels, self.num_channels)
+        size: tuple[int, ...] = (1, self.layout.num_taxels, self.num_channels)
         if self.window is not None and not getattr(self, "is_stepped", False):
             size = (1, self.length, *size[1:])
         inputs = {"tactile": torch.zeros(size)}
@@ -211,7 +214,7 @@ class OnnxGraph(Module):
         else:
             probability, states = self.run_window(given), ()
         seen = () if not self.shows_rest or self.rest is None else (self.rest.seen,)
-        return (probability, *states, *seen)  # type: ignore[arg-type]
+        return (probability, *states, *seen)
 
     def run_window(self, given: dict[str, Tensor]) -> Tensor:
         r"""Returns the probabilities of a frame or window.
@@ -225,16 +228,19 @@ class OnnxGraph(Module):
         self.at = type(self.model).__name__
         predictor = self._predictor[0]
         probability = predictor.probability(predictor.logits(data))
-        missing = self._is_missing(data, given)
-        return probability if missing is None else probability.masked_fill(missing, torch.nan)
+        return probability + self._missing(data, given)
 
-    def _is_missing(self, data: StaticData, given: dict[str, Tensor]) -> Tensor | None:
+    def _missing(self, data: StaticData, given: dict[str, Tensor]) -> Tensor | float:
+        # Zero, or NaN if a reading or an angle is missing: what is missing stays so in a product.
         parts = []
-        if self._seen is not None:
-            parts.append((data.x.isnan() & self._seen).any())
+        if self._seen is not None and self._sees_all:
+            parts.append(data.x.flatten())
+        elif self._seen is not None and len(self._seen_places):
+            parts.append(data.x.flatten().index_select(0, self._seen_places))
         if "joint" in given:
-            parts.append(given["joint"].isnan().any())
-        return None if not parts else parts[0] if len(parts) == 1 else parts[0] | parts[1]
+            parts.append(given["joint"].flatten())
+        products = [part.unsqueeze(0) @ torch.zeros(part.numel(), 1) for part in parts]
+        return sum(products[1:], products[0]) if products else 0.0
 
     def run_step(self, given: dict[str, Tensor]) -> tuple[Tensor, tuple[Tensor, ...]]:
         r"""Returns the probabilities after a frame, and the state.
@@ -248,14 +254,14 @@ class OnnxGraph(Module):
         *state, left = (given[f"state_{i}"] for i in range(len(self.state)))
         logits, after = model.step(data.x, data.edge_index, tuple(state), **self._joint(data))
         probability = self._predictor[0].probability(logits)
-        missing = None if self._seen is None else (data.x.isnan() & self._seen).any()
         left = (left - 1).clamp(min=0)
-        if missing is not None:
+        if self._seen is not None:
+            missing = (data.x.isnan() & self._seen).any()
             left = left.masked_fill(missing, float(model.receptive_field))
-        lacks = left > 0
+            probability = probability.masked_fill(left > 0, torch.nan)
         if "joint" in given:
-            lacks = lacks | given["joint"].isnan().any()
-        return probability.masked_fill(lacks, torch.nan), (*after, left)
+            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(self.num_joints, 1)
+        return probability, (*after, left)
 
     def _prepared(self, frames: Tensor, given: dict[str, Tensor]) -> StaticData:
         if self.rest is not None:

@@ -11,6 +11,7 @@ from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, apply_transform, join_frames
 from torch_geometric_tactile.data.apply_transform import static_rule
 from torch_geometric_tactile.predictor.settling import access
+from torch_geometric_tactile.sensors.pose_tables import FewTables, chain_few
 from torch_geometric_tactile.transforms import FittedTransform
 from torch_geometric_tactile.transforms._resampling import new_times, resampling_matrix
 from torch_geometric_tactile.transforms._windows import joined_signals, repeated, require_signals
@@ -43,6 +44,8 @@ _RANDOM = (
     T.RandomShift,
     T.RandomTimeShift,
 )
+# Of a scale: what single precision leaves over of a centre, that does not count.
+_NEGLIGIBLE = 1e-7
 _ALL = ("x", "joint", "pos", "normal", "tangent", "edge_index", "edge_attr", "edge_weight")
 
 
@@ -73,6 +76,7 @@ class GivenRest:
         return not self.part.unit_scale
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Subtracts and divides."""
         assert self.center is not None
         self.seen = x = data.x
         center, scale = self.center, self.scale
@@ -109,6 +113,73 @@ class _Set:
         if self.columns is not None:
             columns = self.columns.to(data.x).expand(data.x.size(0), -1, -1)
             data.x = columns if self.replaces else torch.cat([data.x, columns], dim=-1)
+        return data
+
+
+class _Scaled:
+    # With tables of the size of what is scaled, which a runtime takes in long loops.
+    def __init__(self, part: FittedTransform) -> None:
+        self.part = part
+        self.kept: dict[torch.Size, tuple[Tensor, Tensor | None, Tensor]] = {}
+
+    def __call__(self, data: StaticData) -> StaticData:
+        x = data[self.part.attr]
+        if x.shape not in self.kept:
+            num_frames = data.num_frames if self.part.per == "signal" else 1
+            self.kept[x.shape] = self._tables(x.shape, num_frames)
+        near, rest, factor = self.kept[x.shape]
+        x = x - near
+        data[self.part.attr] = (x if rest is None else x - rest) * factor
+        return data
+
+    def _tables(
+        self, shape: torch.Size, num_frames: int
+    ) -> tuple[Tensor, Tensor | None, Tensor]:
+        assert self.part.center is not None
+        assert self.part.scale is not None
+        center, scale = self.part.center[0].cpu(), self.part.scale[0].cpu().double()
+        if self.part.per == "signal":
+            center, scale = repeated(center, num_frames), repeated(scale, num_frames)
+        near = center.float()
+        rest = center - near
+        is_small = bool((rest / scale).abs().max() < _NEGLIGIBLE) if rest.numel() else True
+        near, rest, factor = (
+            value.float().expand(shape).contiguous() for value in (near, rest, 1 / scale)
+        )
+        return near, None if is_small else rest, factor
+
+
+class _Posed:
+    # Positions and normals are linear in the poses of the links: one product serves all taxels.
+    def __init__(self, part: T.TaxelPose) -> None:
+        self.part = part
+        joint = torch.zeros(1, part.kinematics.num_joints)
+        self.few: FewTables = part.kinematics._kept_tables(part.layout, joint, few=True)
+        self.links = self.few.link.unique()
+        self.pos = self._table(self.few.pos)
+        self.normal = None
+        if part.normal and part.layout.normal is not None:
+            self.normal = self._table(self.few.normal)
+
+    def _table(self, places: Tensor) -> Tensor:
+        # (12 L, 3 N): of each link three rows of four numbers.
+        count = len(places)
+        row = torch.searchsorted(self.links, self.few.link)
+        table = torch.zeros(len(self.links), 3, 4, count, 3)
+        for axis in range(3):
+            table[row, axis, :, torch.arange(count), axis] = places[:, 0]
+        return table.view(12 * len(self.links), 3 * count)
+
+    def __call__(self, data: StaticData) -> StaticData:
+        joint = data.joint
+        pose = chain_few(self.few, joint).index_select(1, self.links)[:, :, :3].flatten(1)
+        shape = (len(joint), -1, 3)
+        data.pos = (pose @ self.pos).view(shape)
+        if self.normal is not None:
+            data.normal = (pose @ self.normal).view(shape)
+        if self.part.tangent:
+            axes = self.part.kinematics.taxel_axes(self.part.layout, joint)
+            data.tangent = axes[..., :2, :]
         return data
 
 
@@ -247,6 +318,12 @@ def _lowered(
     if isinstance(part, T.DropTaxels):
         changing.add("$x")
         return _Dropped(part, known), known
+    if type(part) in (T.ZScore, T.Normalize) and part.attr in changing:
+        changing.add("$x" if part.attr == "x" else part.attr)
+        return _Scaled(part), known
+    if isinstance(part, T.TaxelPose):
+        changing.update(("pos", "normal", "tangent"))
+        return _Posed(part), known
     if isinstance(part, T.ContactCrop):
         raise NotImplementedError(
             f"{part!r} cannot be exported: the length of its windows depends on the readings"
@@ -324,4 +401,3 @@ def as_window(frames: Tensor) -> Tensor:
         frames (torch.Tensor): The frames.
     """
     return join_frames(frames.transpose(0, 1)).unsqueeze(0)
-

@@ -225,9 +225,17 @@ class Preparation:
             frames (StaticData): What :meth:`data` returned for the frames.
         """
         assert self.window is not None
+        return self.window.cut(self.prepared_frames(frames), self.layout)
+
+    def prepared_frames(self, frames: StaticData) -> StaticData:
+        r"""Applies the transforms of frames to those that windows are cut from.
+
+        Args:
+            frames (StaticData): The frames.
+        """
         for part in self._frame_parts:
             frames = apply_transform(part, frames)
-        return self.window.cut(frames, self.layout)
+        return frames
 
     def prepared_samples(self, data: StaticData) -> StaticData:
         r"""Applies :obj:`transform` to samples of a data set.

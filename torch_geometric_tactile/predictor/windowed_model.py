@@ -1,9 +1,12 @@
 r"""A trained model of windows, and the recordings that they are cut from."""
 
+import copy
+
 import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.predictor.preparation import ArrayLike
 from torch_geometric_tactile.predictor.trained_model import TrainedModel
 
 
@@ -74,6 +77,36 @@ class WindowedModel(TrainedModel):
                 data = self.preparation.prepared_windows(part)
                 parts.append(self.probability(self.logits(data)))
         return torch.cat(parts)
+
+    def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
+        r"""Returns one frame of a stream as the model takes it, or for a model of windows as these
+        are cut from: after the transforms of frames only.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
+        """
+        data = self.preparation.data(
+            reading, joint, dtype=self._dtype, device=self._device, num_frames=1
+        )
+        if self.window is None:
+            return self.preparation.prepared(data)
+        del data.num_frames
+        return self.preparation.prepared_frames(data)
+
+    def prepare_window(self, frame: StaticData, window: Tensor) -> StaticData:
+        r"""Returns a window of a stream as the model takes it.
+
+        Args:
+            frame (StaticData): What :meth:`prepare_frame` returned for its last frame.
+            window (torch.Tensor): The readings of such frames :math:`(N, C \cdot T)`, in the order
+                of :func:`~torch_geometric_tactile.data.join_frames`.
+        """
+        assert self.window is not None
+        data = copy.copy(frame)
+        data.x = window.unsqueeze(0)
+        data.num_frames = self.window.length
+        return self.preparation.prepared_windows(data)
 
     def _check_adapts(self) -> None:
         if not self.preparation.keys:

@@ -1,6 +1,10 @@
 r"""Sensors: the places of their taxels, the edges between them, and the hands that move them."""
 
-from torch_geometric_tactile.sensors.allegro import allegro_uskin, allegro_uskin_240
+from torch_geometric_tactile.sensors.allegro import (
+    allegro_uskin,
+    allegro_uskin_240,
+    allegro_uskin_368,
+)
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment
 from torch_geometric_tactile.sensors.grid import grid
@@ -30,6 +34,7 @@ __all__ = [
     "TaxelLayout",
     "allegro_uskin",
     "allegro_uskin_240",
+    "allegro_uskin_368",
     "as_layout",
     "biotac",
     "biotac_sp",

@@ -71,3 +71,28 @@ def allegro_uskin_240() -> TaxelLayout:
         TaxelLayout('allegro_uskin_240', num_taxels=240, patches=15, digits=4)
     """
     return stock_layout("allegro_uskin_240")
+
+
+def allegro_uskin_368() -> TaxelLayout:
+    r"""The 368 taxels of a right Allegro hand with XELA uSkin, as XELA's server sends them today
+    (models XR23AHRCPP and, mirrored, XR23AHLCPP): 11 phalanges of 4 x 4 that stand where those of
+    :func:`allegro_uskin` do, four curved fingertips of 30 taxels, in rows of 6, 6, 6, 6, 4, 2, and
+    three palm patches of 4 x 6.
+
+    Which patch has which taxels is XELA's; pitches, the places of the patches and the size of a
+    fingertip are those of XELA's public model of a covered hand (mcsix/xela_models), of which a
+    capsule and square cells are our model. No paper has edges for this hand: they are ours, with
+    the kinds of :func:`allegro_uskin`. A message of the server has another order, which
+    :class:`~torch_geometric_tactile.live.TaxelMap` :obj:`"xela_allegro_368"` brings into this one.
+
+    Shapes:
+        - **pos, normal:** metres and unit vectors in the frames of the links that
+          :meth:`HandKinematics.allegro` moves :math:`(368, 3)`
+        - **image_map:** XELA's own picture of the hand, from its palm side with fingertips up, on
+          31 x 26 cells
+
+    Examples:
+        >>> allegro_uskin_368()
+        TaxelLayout('allegro_uskin_368', num_taxels=368, patches=18, digits=5)
+    """
+    return stock_layout("allegro_uskin_368")

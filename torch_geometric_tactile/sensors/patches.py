@@ -2,7 +2,7 @@ r"""Layouts described by patches: taxels and edges follow from a few rules."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from torch_geometric_tactile.sensors.content_checks import (
     are_whole,
@@ -50,7 +50,8 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     but across only those listed in the shape's :obj:`"sparse_across"` (row and column of the left
     taxel). A :obj:`"seam"` joins two facing rows, each taxel with the one straight ahead (slanted:
     with its neighbours). A :obj:`"fan"` joins each taxel with all of the facing row but the one
-    straight ahead, and one straight pair, :obj:`"straight"`, which :obj:`"slanted"` leaves out.
+    straight ahead, and one straight pair, :obj:`"straight"`, which :obj:`"slanted"` leaves out. An
+    end is :obj:`[patch, side]`, or :obj:`[patch, side, first, last]` for some of its taxels.
 
     Args:
         content (Mapping): The description.
@@ -110,7 +111,7 @@ class _Join:
         if not is_named(self.kind, _JOIN_KEYS):
             raise ValueError(f"the kind of a join must be 'seam' or 'fan' (got {shown(self.kind)})")
         only_keys(join, _JOIN_KEYS[self.kind], f"a {self.kind}")
-        counts = [patch.side_length(side) for patch, side in self.ends]
+        counts = [end.last + 1 - end.first for end in self.ends]
         if counts[0] != counts[1]:
             raise ValueError(
                 f"the facing rows of the join from {join['from']} to {join['to']} must be equally "
@@ -132,7 +133,7 @@ class _Join:
         self.most = counts[0] ** 2 if self.kind == "fan" else 3 * counts[0]
 
     def edges(self, name: str) -> Iterator[Edge]:
-        first, second = (patch.side(side) for patch, side in self.ends)
+        first, second = (end.taxels() for end in self.ends)
         if self.reverse:
             second.reverse()
         if self.kind == "fan":
@@ -149,15 +150,36 @@ class _Join:
                 yield next_a, b
 
 
-def _end(place: Any, patches: Mapping[str, Patch]) -> tuple[Patch, str]:
-    if not isinstance(place, list | tuple) or len(place) != 2:
-        raise ValueError(f"an end of a join must be [patch, side] (got {shown(place)})")
-    name, side = place
+class _End(NamedTuple):
+    # The taxels of a side of a patch, from the first to the last.
+    patch: Patch
+    side: str
+    first: int
+    last: int
+
+    def taxels(self) -> list[int]:
+        return self.patch.side(self.side)[self.first : self.last + 1]
+
+
+def _end(place: Any, patches: Mapping[str, Patch]) -> _End:
+    if not isinstance(place, list | tuple) or len(place) not in (2, 4):
+        raise ValueError(
+            f"an end of a join must be [patch, side] or [patch, side, first, last] (got "
+            f"{shown(place)})"
+        )
+    name, side, *part = place
     if not is_named(name, patches):
         raise ValueError(f"a join must name patches (got {shown(name)})")
     if not is_named(side, _SIDES):
         raise ValueError(f"the side of a join must be one of {_SIDES} (got {shown(side)})")
-    return patches[name], side
+    count = patches[name].side_length(side)
+    first, last = part or (0, count - 1)
+    if not are_whole([first, last], 2) or not 0 <= first <= last < count:
+        raise ValueError(
+            f"the first and last taxel of a join's end must be from 0 to {count - 1} (got "
+            f"{shown(part)})"
+        )
+    return _End(patches[name], side, first, last)
 
 
 def _one_way(named: Any, patches: Mapping[str, Patch]) -> dict[str, list[Edge]]:

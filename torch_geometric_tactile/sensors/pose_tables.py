@@ -131,16 +131,27 @@ def pose_few(few: FewTables, joint: Tensor, with_normal: bool) -> tuple[Tensor, 
         joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
         with_normal (bool): Whether normals are wanted.
     """
-    steps = (_waves(joint)[:, few.column, None, :] @ few.turns).unflatten(-1, (4, 4)).squeeze(2)
+    pose = chain_few(few, joint).index_select(1, few.link)[:, :, :3]
+    pos = (pose * few.pos).sum(dim=-1)
+    return pos, (pose * few.normal).sum(dim=-1) if with_normal else None
+
+
+def chain_few(few: FewTables, joint: Tensor) -> Tensor:
+    r"""Returns the matrices of all links :math:`(T, L, 4, 4)` in few frames.
+
+    Args:
+        few (FewTables): Of :func:`few_tables`.
+        joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
+    """
+    waves = _waves(joint).index_select(1, few.column).unsqueeze(2)
+    steps = (waves @ few.turns).unflatten(-1, (4, 4)).squeeze(2)
     root = torch.eye(4, dtype=joint.dtype, device=joint.device)
     poses, start = [root.expand(len(joint), 1, 4, 4)], 0
     for parent in few.parents:
         step = steps[:, start : start + len(parent)]
-        poses.append(poses[-1][:, parent] @ step if start else step)
+        poses.append(poses[-1].index_select(1, parent) @ step if start else step)
         start += len(parent)
-    pose = torch.cat(poses, dim=1)[:, few.link, :3]
-    pos = (pose * few.pos).sum(dim=-1)
-    return pos, (pose * few.normal).sum(dim=-1) if with_normal else None
+    return torch.cat(poses, dim=1)
 
 
 def link_tables(

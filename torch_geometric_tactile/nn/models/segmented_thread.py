@@ -120,14 +120,15 @@ class SegmentedThread(Thread):
         for i in range(self.num_groups):
             members, nodes = getattr(self, f"members_{i}"), getattr(self, f"nodes_{i}")
             adjacency = adjacency_blocks(dense, nodes) if kept is None else kept.blocks(i, nodes)
-            h = x[:, nodes]  # (B, S, n, F)
+            # (B, S, n, F); as an export has it in one operation.
+            h = x.index_select(1, nodes.flatten()).unflatten(1, nodes.shape)
             for conv, pool in layers:
                 h = (adjacency @ h) @ conv.weight[members].transpose(1, 2)
                 if conv.bias is not None:
                     h = h + conv.bias[members].unsqueeze(1)
                 h = pool(h).relu()
             outs.append(h.flatten(1, 2))
-        return torch.cat(outs, dim=1)[:, self.place]
+        return torch.cat(outs, dim=1).index_select(1, self.place)
 
     def extra_repr(self) -> str:
         r"""Returns the sizes for :obj:`repr`."""

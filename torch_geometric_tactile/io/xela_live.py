@@ -1,0 +1,61 @@
+r"""The text of a single message of XELA's server, as fast as a live hand sends them."""
+
+import json
+
+from torch_geometric_tactile.io.xela_message import (
+    XelaFrame,
+    few,
+    parse_xela_message,
+    sensor_keys,
+)
+
+_MOST_FLOATS = 4096
+
+
+class _Floats(dict[str, float]):
+    """Floats by their texts. Temperatures and rates come again and again: a look-up takes half
+    as long as reading one."""
+
+    def __missing__(self, text: str) -> float:
+        if len(self) >= _MOST_FLOATS:
+            self.clear()
+        value = self[text] = float(text)
+        return value
+
+
+# Some servers send line breaks inside of texts, which strict JSON forbids.
+_JSON = json.JSONDecoder(strict=False, parse_float=_Floats().__getitem__)
+
+
+def parse_xela_text(text: str | bytes) -> XelaFrame | None:
+    r"""Reads the text of one message as counts.
+
+    Args:
+        text (str or bytes): The text, as it comes from the WebSocket.
+
+    Returns:
+        XelaFrame: What :meth:`parse_xela_message` returns, or :obj:`None` if the message is a
+        greeting (:obj:`{"message": "Welcome"}`), which has no sensors.
+
+    Raises:
+        ValueError: If the text is no JSON, or :meth:`parse_xela_message` refuses it.
+
+    Examples:
+        >>> parse_xela_text('{"message": "Welcome"}') is None
+        True
+        >>> text = '{"message": 7, "time": 0.5, "1": {"data": "0001,0002,00FF", "temp": [25.5]}}'
+        >>> frame = parse_xela_text(text)
+        >>> frame.reading.tolist(), frame.temp.tolist()
+        ([[1.0, 2.0, 255.0]], [25.5])
+    """
+    try:
+        message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
+        raise ValueError(f"a XELA message must be JSON (got {few(text)}: {error})") from error
+    if (
+        isinstance(message, dict)
+        and isinstance(message.get("message"), str)
+        and not sensor_keys(message)
+    ):
+        return None
+    return parse_xela_message(message)

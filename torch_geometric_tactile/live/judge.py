@@ -1,0 +1,260 @@
+r"""From live frames to labels."""
+
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from time import monotonic_ns
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live.onnx_judge import OnnxModel
+from torch_geometric_tactile.live.predictor_judge import PredictorModel
+from torch_geometric_tactile.live.rest import Rest
+from torch_geometric_tactile.live.subscription import StreamEnded, Subscription
+from torch_geometric_tactile.typing import PathLike
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.predictor import Predictor
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judgement:
+    r"""What a model says of a frame, or of the window that ends with it.
+
+    Args:
+        sequence (int): Number of the frame.
+        time (float): Its time on this host's monotonic clock in seconds.
+        received (int): When its last byte was read, on the monotonic clock in nanoseconds.
+        finished (int): When the answer was there, likewise.
+        probability (numpy.ndarray): Probabilities of the classes or labels :math:`(K,)`; for a
+            regression the numbers themselves. NaN if a reading is missing that the model needs.
+        class_names (tuple of str): Names of the classes, labels or numbers.
+        task (str): As of :class:`~torch_geometric_tactile.Predictor`.
+        latency (Mapping of str to float): Seconds by part: :obj:`"wait"` (from the last byte to
+            this model), :obj:`"prepare"`, :obj:`"model"`, and :obj:`"total"` from the last byte to
+            the answer. A graph in ONNX does most of what prepares a frame within the model.
+        threshold (float, optional): Of two classes, the probability of the second above which it is
+            the label; one half if left out.
+    """
+
+    sequence: int
+    time: float
+    received: int
+    finished: int
+    probability: np.ndarray
+    class_names: tuple[str, ...]
+    task: str
+    latency: Mapping[str, float]
+    threshold: float | None = None
+
+    @property
+    def label(self) -> str:
+        r"""The predicted class, or all labels above one half joined by semicolons; empty if there
+        is no answer, and for a regression.
+        """
+        if self.task == "regression" or np.isnan(self.probability).any():
+            return ""
+        if self.task == "multilabel":
+            chosen = np.flatnonzero(self.probability > 0.5)
+            return ";".join(self.class_names[i] for i in chosen)
+        if self.threshold is not None:
+            return self.class_names[int(self.probability[1] > self.threshold)]
+        return self.class_names[int(self.probability.argmax())]
+
+
+class Judge:
+    r"""Gives live frames to a model.
+
+    A model of windows has an answer from the first full window on, and then one for each frame; a
+    recurrent one goes from frame to frame. After a loss of frames it starts with an empty window.
+
+    A model whose readings are measured session by session
+    (:class:`~torch_geometric_tactile.transforms.Tare`) needs a rest. Frames then go to the
+    :class:`Rest` first, and there are answers from its end on.
+
+    Args:
+        model (Predictor or str or PathLike): A predictor, its file, or a file in ONNX that
+            ``tactile export`` wrote. The latter needs neither PyTorch nor Lightning.
+        rest (Rest or numpy.ndarray, optional): Where the rest is collected, or readings at rest
+            :math:`(N, C)`.
+        max_lost (int): How many frames in a row may be lost within a window.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If onnxruntime is missing.
+        ValueError: If the file is no model, or the model needs a rest and there is none; on a call,
+            if a frame has other taxels, channels or joints.
+    """
+
+    def __init__(
+        self,
+        model: "Predictor | PathLike",
+        rest: Rest | np.ndarray | None = None,
+        *,
+        max_lost: int = 0,
+    ) -> None:
+        is_path = isinstance(model, str | os.PathLike)
+        is_onnx = is_path and os.fspath(model).endswith(".onnx")  # type: ignore[arg-type]
+        self._model: Any = OnnxModel(model) if is_onnx else PredictorModel(model)  # type: ignore[arg-type]
+        self.info: Mapping[str, Any] = self._model.info
+        self.max_lost = max_lost
+        self.rest = rest if isinstance(rest, Rest) else None
+        self._rest_number = -1
+        self._last: int | None = None
+        self._class_names = tuple(self.info["class_names"])
+        if self.rest is not None:
+            self.rest.need(self._model.length)
+        elif rest is not None:
+            self._model.set_rest(np.asarray(rest))
+        if self.needs_rest and self.rest is None:
+            raise ValueError(
+                f"'rest' must be given: the model measures each session, by "
+                f"{self.info['rest']['transform']} (got None)"
+            )
+
+    @property
+    def length(self) -> int:
+        r"""Number of frames of a window, one for a model of single frames."""
+        return int(self._model.length)
+
+    @property
+    def needs_rest(self) -> bool:
+        r"""Whether a rest is still to be collected."""
+        return bool(self._model.needs_rest)
+
+    def reset(self) -> None:
+        r"""Forgets the frames before, as at the start of another trial."""
+        self._last = None
+        self._model.reset()
+
+    def __call__(self, frame: LiveFrame, *, wanted: bool = True) -> Judgement | None:
+        r"""Returns the judgement of a frame, or :obj:`None` as long as the window is not full or
+        the rest is not there.
+
+        Args:
+            frame (LiveFrame): The frame, the one after those before.
+            wanted (bool): Whether an answer is wanted; without, the frame is part of windows only.
+        """
+        start = monotonic_ns()
+        self._check(frame)
+        if not self._is_measured(frame):
+            return None
+        self._follow_sequence(frame.sequence)
+        probability = self._model.add(frame.tactile, frame.joint, wanted)
+        if probability is None:
+            return None
+        finished = monotonic_ns()
+        latency = {
+            "wait": (start - frame.received) * 1e-9,
+            "prepare": (finished - start - self._model.model_ns) * 1e-9,
+            "model": self._model.model_ns * 1e-9,
+            "total": (finished - frame.received) * 1e-9,
+        }
+        return Judgement(
+            frame.sequence,
+            frame.time,
+            frame.received,
+            finished,
+            probability,
+            self._names(len(probability)),
+            self.info["task"],
+            latency,
+            self.info["threshold"],
+        )
+
+    def follow(self, subscription: Iterable[LiveFrame]) -> Iterator[Judgement]:
+        r"""Yields judgements until the stream has ended: of each frame with policy :obj:`"all"`,
+        and of the newest frame with :obj:`"newest"` and :obj:`"drop_oldest"`, where a model of
+        windows sees those between as well.
+
+        Args:
+            subscription (Subscription or iterable of LiveFrame): The frames.
+
+        Raises:
+            ValueError: If a model of windows gets the newest frames only.
+        """
+        policy = getattr(subscription, "policy", "all")
+        if policy == "newest" and self.length > 1:
+            raise ValueError(
+                "'subscription' must have policy 'all' or 'drop_oldest': the model takes windows "
+                f"of {self.length} frames (got 'newest')"
+            )
+        if policy == "drop_oldest" and isinstance(subscription, Subscription):
+            yield from self._follow_newest(subscription)
+            return
+        for frame in subscription:
+            judgement = self(frame)
+            if judgement is not None:
+                yield judgement
+
+    def _follow_newest(self, subscription: Subscription) -> Iterator[Judgement]:
+        while True:
+            try:
+                frame = subscription.get()
+            except StreamEnded:
+                return
+            while (newer := _next(subscription)) is not None:
+                self(frame, wanted=False)
+                frame = newer
+            judgement = self(frame)
+            if judgement is not None:
+                yield judgement
+
+    def _check(self, frame: LiveFrame) -> None:
+        num_taxels, num_channels = self.info["num_taxels"], self.info["num_channels"]
+        shape = frame.tactile.shape
+        if len(shape) != 2 or shape[0] != num_taxels or num_channels not in (None, shape[1]):
+            raise ValueError(
+                f"a frame must have shape ({num_taxels}, {num_channels or 'num_channels'}), the "
+                f"taxels of layout '{self.info['layout']}' and their channels (got {shape})"
+            )
+        num_joints = self.info["num_joints"]
+        if num_joints == 0:
+            return
+        if frame.joint is None or num_joints not in (None, len(frame.joint)):
+            given = "none" if frame.joint is None else len(frame.joint)
+            raise ValueError(
+                f"a frame must have {num_joints or 'the'} joint angles, which the model needs "
+                f"(got {given})"
+            )
+
+    def _is_measured(self, frame: LiveFrame) -> bool:
+        rest = self.rest
+        if rest is None or self.info["rest"] is None:
+            return True
+        if not rest.ready and not rest.add(frame):
+            return False
+        frames = rest.frames
+        if rest.number != self._rest_number and frames is not None:
+            self._model.measure(frames.tactile, frames.time, frames.joint)
+            self._rest_number = rest.number
+            self.reset()
+            # The last frame of the rest is the first that is judged with it.
+        return True
+
+    def _follow_sequence(self, sequence: int) -> None:
+        last, self._last = self._last, sequence
+        if self.length == 1 or last is None or 0 < sequence - last <= 1 + self.max_lost:
+            return
+        self._model.reset()
+
+    def _names(self, count: int) -> tuple[str, ...]:
+        if len(self._class_names) != count:
+            self._class_names = tuple(str(i) for i in range(count))
+        return self._class_names
+
+    def __repr__(self) -> str:
+        kind = "ONNX" if isinstance(self._model, OnnxModel) else "PyTorch"
+        return (
+            f"{type(self).__name__}({kind}, '{self.info['layout']}', "
+            f"classes={list(self._class_names)}, task='{self.info['task']}', length={self.length})"
+        )
+
+
+def _next(subscription: Subscription) -> LiveFrame | None:
+    try:
+        return subscription.get(timeout=0.0)
+    except (TimeoutError, StreamEnded):
+        return None

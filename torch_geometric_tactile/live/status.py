@@ -1,0 +1,52 @@
+r"""What a live session tells of itself."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.live.health import Health
+from torch_geometric_tactile.live.judge import Judgement
+
+
+class Status(NamedTuple):
+    r"""What a session tells about twice a second: the state of its stream, what the model said
+    last, the median latency of the last judgements in seconds, how many frames the recorder has
+    (:obj:`None` if none runs), and what has to be known, such as why the rest is refused.
+    """
+
+    health: Health
+    judgement: Judgement | None
+    latency: float | None
+    recorded: int | None
+    note: str
+
+    def line(self) -> str:
+        r"""Returns it on one line."""
+        parts = [self.health.line()]
+        if self.judgement is not None:
+            parts.append(described(self.judgement))
+        if self.latency is not None:
+            parts.append(f"latency {1000 * self.latency:.1f} ms")
+        if self.recorded is not None:
+            parts.append(f"recorded {self.recorded}")
+        if self.note:
+            parts.append(self.note)
+        return "  ".join(parts)
+
+
+def described(judgement: Judgement) -> str:
+    r"""Returns what a model says of a frame in a few characters, such as :obj:`"slip 93 %"`.
+
+    Args:
+        judgement (Judgement): What it says.
+    """
+    probability = judgement.probability
+    if np.isnan(probability).any():
+        return "no answer (readings are missing)"
+    if judgement.task == "regression":
+        named = zip(judgement.class_names, probability, strict=True)
+        return " ".join(f"{name} {value:.4g}" for name, value in named)
+    chosen = [name for name in judgement.label.split(";") if name]
+    if judgement.task == "multilabel":
+        return ", ".join(chosen) or "none of the labels"
+    return f"{judgement.label} {100 * probability[judgement.class_names.index(chosen[0])]:.0f} %"
