@@ -287,15 +287,25 @@ def test_notes_come_once_and_to_pages_that_open_later(viewer):
         assert [note[2] for note in head["notes"]] == ["first", "second"]
 
 
-@pytest.mark.parametrize(("label", "shown"), [("cup", "cup"), (("cup", "box"), "cup, box")])
-def test_judgement_is_shown(viewer, label, shown):
+@pytest.mark.parametrize(
+    ("task", "label", "probability", "shown"),
+    [
+        ("multiclass", "cup", [0.75, 0.25], "cup"),
+        ("multiclass", "a;b", [0.75, 0.25], "a;b"),
+        ("multilabel", "cup;box", [0.75, 0.5625], "cup, box"),
+        ("multilabel", "", [0.25, 0.125], "none"),
+        ("multiclass", "", [np.nan, 0.25], "no answer"),
+        ("regression", "", [12.5, -3.0], ""),
+    ],
+)
+def test_judgement_is_shown(viewer, task, label, probability, shown):
     now = time.monotonic_ns()
     viewer.judgement(
         SimpleNamespace(
             label=label,
-            task="multiclass",
+            task=task,
             class_names=("cup", "box"),
-            probability=np.array([0.75, 0.25], np.float32),
+            probability=np.array(probability, np.float32),
             received=now - 3_000_000,
             finished=now,
         )
@@ -304,7 +314,8 @@ def test_judgement_is_shown(viewer, label, shown):
         head, _ = page.until(lambda head: head.get("judgement"))
     judgement = head["judgement"]
     assert (judgement["label"], judgement["names"]) == (shown, ["cup", "box"])
-    assert judgement["probability"] == [0.75, 0.25]
+    sent = [None if np.isnan(one) else one for one in probability]
+    assert judgement["probability"] == sent
     assert judgement["latency"] == 3.0
 
 
