@@ -1,18 +1,21 @@
 r"""Recordings whose writer is killed, and files that are cut anywhere."""
 
+import logging
+import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+_TESTS = Path(__file__).resolve().parents[1] / "tests" / "live"
+sys.path.insert(0, str(_TESTS))
 
-from live.numbered import NumberedSource, contents
-from live.recorder_kills import kills
+from numbered import NumberedSource, contents  # noqa: E402
 
-from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.live import Recorder, Stream
+from torch_geometric_tactile.io import read_recording  # noqa: E402
+from torch_geometric_tactile.live import Recorder, Stream  # noqa: E402
 
 _RATE = 500.0
 
@@ -23,12 +26,17 @@ def measure_kills(number: int) -> dict[str, Any]:
     Args:
         number (int): How many.
     """
-    found = kills(number, _RATE)
+    command = [sys.executable, str(_TESTS / "recorder_kills.py")]
+    command += ["--kills", str(number), "--rate", str(_RATE)]
+    told = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    summary = re.search(r"(\d+) kills, at most ([\d.]+) s lost, (\d+) wrong frames", told)
+    if summary is None:
+        raise RuntimeError(f"the kills failed: {told}")
     return {
-        "kills": len(found),
+        "kills": int(summary[1]),
         "frames a second": _RATE,
-        "most lost (s)": max(kill.seconds for kill in found),
-        "wrong frames": sum(kill.wrong for kill in found),
+        "most lost (s)": float(summary[2]),
+        "wrong frames": int(summary[3]),
     }
 
 
@@ -48,6 +56,7 @@ def measure_cuts(folder: Path, number: int) -> dict[str, Any]:
     places = np.random.default_rng(0).integers(1, len(data), size=number)
     wrong, lost, unreadable = 0, [], 0
     first = data.index(b"tactile.Frame")
+    logging.getLogger("torch_geometric_tactile").setLevel(logging.ERROR)  # each cut is told
     for place in places.tolist():
         cut = folder / "cut.mcap"
         cut.write_bytes(data[:place])
