@@ -140,6 +140,12 @@ def test_hostile_sensors_are_as_the_slow_parser_says(changed, which, monkeypatch
     assert_slow_says_the_same(content, monkeypatch)
 
 
+def test_integers_in_the_list_of_another_sensor_are_refused(monkeypatch):
+    content = usual()
+    content["2"]["integer"].insert(0, content["1"]["integer"].pop())
+    assert "must say the same as 'data'" in assert_slow_says_the_same(content, monkeypatch)
+
+
 @pytest.mark.parametrize("part", [None, [], "a", 3])
 def test_sensors_that_are_no_objects(part, monkeypatch):
     for which in ("1", "2"):
