@@ -56,6 +56,8 @@ def test_a_message_by_hand():
     assert frame.temp.tolist() == [30.5, 31, 1, 2]
     assert np.array_equal(frame.ups, np.float32([2.5] + [np.nan] * 3), equal_nan=True)
     assert frame.reading.dtype == frame.temp.dtype == frame.ups.dtype == np.float32
+    newtons = parse_xela_text(json.dumps(message()), forces=True).reading
+    assert newtons.tolist()[0] == [0.5, -0.25, 1]
     none = parse_xela_text(json.dumps(message()).encode())
     assert none.temp is none.ups is None
 
