@@ -267,7 +267,9 @@ class OnnxGraph(Module):
             left = left.masked_fill(missing, float(model.receptive_field))
             probability = probability.masked_fill(left > 0, torch.nan)
         if "joint" in given:
-            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(self.num_joints, 1)
+            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(
+                self.num_joints, 1
+            )
         return probability, (*after, left)
 
     def _prepared(self, frames: Tensor, given: dict[str, Tensor]) -> StaticData:
