@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import onnx_predictors as made
 import pytest
 
@@ -6,6 +9,8 @@ from torch_geometric_tactile.live import OnnxModel
 
 for extra in ("onnx", "onnxscript", "onnxruntime"):
     pytest.importorskip(extra, reason="needs the extra 'export'")
+
+pytestmark = pytest.mark.xdist_group("onnx_predictors")  # which makes each file once
 
 
 @pytest.mark.slow
@@ -37,3 +42,13 @@ def test_export_needs_its_extra(tmp_path, capsys, monkeypatch):
 def test_export_names_what_is_not_there(tmp_path, capsys):
     assert main(["export", str(tmp_path / "no"), str(tmp_path / "a.onnx")]) == 1
     assert "there is no predictor or checkpoint" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_page_runs_with_onnxruntime_alone(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+    (code,) = re.findall(r"```py\n(import json\n.*?)```", page, re.DOTALL)
+    (tmp_path / "grasp.onnx").write_bytes(made.onnx_file("tare").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    assert capsys.readouterr().out.startswith("{'ball': np.float32(0.")
