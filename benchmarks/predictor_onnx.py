@@ -1,5 +1,5 @@
-"""Time of one judgement, from a decoded frame to its label, with a predictor in PyTorch and with its
-graph in ONNX, in one thread: segmentation II with poses, edge features and joint angles.
+"""Time of one judgement, from a decoded frame to its label, with a predictor in PyTorch and with
+its graph in ONNX, in one thread: segmentation II with poses, edge features and joint angles.
 
 Both judge the same frames, a hundred each in turn: frame by frame, each would push the weights of
 the other out of the cache, which on a robot nothing does.

@@ -41,6 +41,7 @@ print("judged", len(judged))
 """
 
 
+@pytest.mark.xdist_group("onnx_predictors")
 @pytest.mark.slow
 def test_a_graph_is_judged_without_torch():
     for extra in ("onnx", "onnxscript", "onnxruntime"):

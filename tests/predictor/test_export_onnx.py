@@ -30,12 +30,12 @@ from torch_geometric_tactile.nn.models import (
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import classes, onnx_check
+from torch_geometric_tactile.predictor import export_onnx as export_module
+from torch_geometric_tactile.predictor.export_onnx import export_onnx
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 
 for extra in ("onnx", "onnxscript", "onnxruntime"):
     pytest.importorskip(extra, reason="needs the extra 'export'")
-
-from torch_geometric_tactile.predictor.export_onnx import export_onnx
 
 HAND = HandKinematics(
     [
@@ -257,7 +257,10 @@ REFUSED = {
         Compose([T.Tare(), T.SessionZScore()]),
         r"only one .* \(got Tare\('session', first=None\) and SessionZScore\('session'\)\)",
     ),
-    "own": (lambda data: data if data.x.sum() > 0 else None, r"<lambda>.* cannot be exported: its"),
+    "own": (
+        lambda data: data if data.x.sum() > 0 else data.clone(),
+        r"<lambda>.* cannot be exported: its operations have no ONNX form, or depend on values",
+    ),
 }
 
 
@@ -307,14 +310,23 @@ def small():
     return fitted(dataset(), model, [T.Tare(first=3), T.ZScore(per="channel")])
 
 
-def test_metadata_says_what_the_file_is(small, tmp_path):
-    import onnxruntime
-
-    path = tmp_path / "model.onnx"
+@pytest.fixture(scope="module")
+def path(small, tmp_path_factory):
+    path = tmp_path_factory.mktemp("onnx") / "model.onnx"
     before = small(frames().x[0], frames().joint[0], session=0)
     export_onnx(small, path, unit="count")
     assert small(frames().x[0], frames().joint[0], session=0).equal(before)  # as it was
-    session = onnxruntime.InferenceSession(path)
+    return path
+
+
+def session_of(path):
+    import onnxruntime
+
+    return onnxruntime.InferenceSession(path)
+
+
+def test_metadata_says_what_the_file_is(path):
+    session = session_of(path)
     info = json.loads(session.get_modelmeta().custom_metadata_map["torch_geometric_tactile"])
     assert info["layout"] == "placed"
     assert (info["num_taxels"], info["num_channels"], info["num_joints"]) == (11, 3, 2)
@@ -325,12 +337,8 @@ def test_metadata_says_what_the_file_is(small, tmp_path):
     assert shapes == {"tactile": [1, 11, 3], "rest": [11, 3], "joint": [2]}
 
 
-def test_the_rest_is_an_input(small, tmp_path):
-    import onnxruntime
-
-    path = tmp_path / "model.onnx"
-    export_onnx(small, path)
-    session = onnxruntime.InferenceSession(path)
+def test_the_rest_is_an_input(path):
+    session = session_of(path)
     x, joint = frames().x[:1].numpy(), frames().joint[0].numpy()
     rest = x[0].astype(np.float64) - 3
     (out,) = session.run(None, {"tactile": x, "rest": rest, "joint": joint})
@@ -340,18 +348,19 @@ def test_the_rest_is_an_input(small, tmp_path):
     assert np.abs(out - other).max() > 1e-3
 
 
-def test_a_difference_is_an_error_and_leaves_nothing(small, tmp_path, monkeypatch):
-    answer = onnx_check.answer
-    monkeypatch.setattr(onnx_check, "answer", lambda *given: answer(*given) + 1e-3)
+@pytest.mark.parametrize("change", [1e-3, np.nan], ids=["different", "missing"])
+def test_a_difference_is_an_error_and_leaves_nothing(change, small, path, tmp_path, monkeypatch):
+    import onnx
+
+    program, answer = onnx.load(path), onnx_check.answer
+    del program.metadata_props[:]
+    monkeypatch.setattr(export_module, "_program", lambda graph: program)
+    monkeypatch.setattr(onnx_check, "answer", lambda *given: answer(*given) + change)
     with pytest.raises(ValueError, match=r"must give its numbers to 1e-05 \(got a difference of"):
         export_onnx(small, tmp_path / "model.onnx")
     assert not list(tmp_path.iterdir())
-
-
-def test_a_missing_answer_is_a_difference(small, monkeypatch, tmp_path):
-    monkeypatch.setattr(onnx_check, "answer", lambda *given: np.zeros(2, np.float32))
-    with pytest.raises(ValueError, match=r"got a difference of (inf|[0-9.]+)"):
-        export_onnx(small, tmp_path / "model.onnx")
+    monkeypatch.setattr(onnx_check, "answer", answer)
+    assert export_onnx(small, tmp_path / "model.onnx").difference < 1e-5
 
 
 def test_bad_arguments(small, tmp_path):
