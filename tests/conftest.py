@@ -30,7 +30,7 @@ SLOW_FILES = (
     "analysis/test_embedding.py",
     "experiments/test_plan_interrupted.py",
     "experiments/test_worker.py",
-    "live/test_viewer_page.py",
+    "live/test_viewer_browser.py",
     "nn/models/test_model_compile.py",
     "nn/models/test_onnx.py",
     "reports/test_analysis.py",

@@ -89,6 +89,14 @@ def test_recording_comes_back_as_it_was(tmp_path, more):
     assert equal(read_recording(tmp_path / "a.mcap", recover=False), recording)
 
 
+@pytest.mark.parametrize("start", [-5.0, 1.7e9, 1e12, 1e300])
+def test_times_of_any_size_come_back(tmp_path, start):
+    time = start + np.arange(2) * max(1.0, abs(start) / 1e6)
+    recording = Recording(time, np.zeros((2, 1, 1)), meta={"recorded_at": -1.0})
+    write_mcap(recording, tmp_path / "a.mcap")
+    assert equal(read_mcap(tmp_path / "a.mcap", recover=False), recording)
+
+
 def test_format_is_known_by_its_beginning(tmp_path):
     write_mcap(a_recording(), tmp_path / "a.mcap")
     (tmp_path / "a.mcap").rename(tmp_path / "a.npz")

@@ -1,7 +1,7 @@
 import struct
 
 import numpy as np
-from viewer_messages import unpack
+from viewer_pages import unpack
 
 from torch_geometric_tactile.live.viewer_message import pack_message
 

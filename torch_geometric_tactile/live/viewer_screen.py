@@ -184,9 +184,8 @@ class ViewerScreen:
         judgement = self.judgement
         if judgement is None:
             return None
-        label = judgement.label
         return {
-            "label": label if isinstance(label, str) else ", ".join(label),
+            "label": _shown_label(judgement),
             "task": judgement.task,
             "names": list(judgement.class_names),
             "probability": np.asarray(judgement.probability, dtype=float).tolist(),
@@ -218,6 +217,15 @@ class ViewerScreen:
         except Exception as error:  # of the caller: told where the button is
             _LOG.warning("%s failed: %s", what, error)
             self.note(f"{what} failed: {error}")
+
+
+def _shown_label(judgement: Any) -> str:
+    if np.isnan(judgement.probability).any():
+        return "no answer"
+    if judgement.task == "regression":
+        return ""
+    label: str = judgement.label
+    return (label.replace(";", ", ") or "none") if judgement.task == "multilabel" else label
 
 
 def _opened(layout: Any) -> "TaxelLayout":

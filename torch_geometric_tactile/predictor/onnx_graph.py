@@ -2,6 +2,7 @@ r"""All that a reading goes through as one module, to be exported."""
 
 import copy
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -53,7 +54,8 @@ class OnnxGraph(Module):
             known.num_frames = self.window.length
         self._frame_steps, known = lowered(frame_parts, known, changing, False)
         self._steps, known = lowered(window_parts, known, changing, is_windowed)
-        self.at = ""  # the transform or model that is traced, for messages
+        # What is traced, for messages; no attribute of the module, which an export sets back.
+        self._at = SimpleNamespace(name="")
         steps = [step for _, step in (*self._frame_steps, *self._steps)]
         rests = [step for step in steps if isinstance(step, GivenRest)]
         if len(rests) > 1:
@@ -155,6 +157,11 @@ class OnnxGraph(Module):
         return fitting[0]
 
     @property
+    def at(self) -> str:
+        r"""The transform or model that was traced last."""
+        return str(self._at.name)
+
+    @property
     def length(self) -> int:
         r"""Number of frames of a window, one for a model of single frames."""
         return 1 if self.window is None else self.window.length
@@ -225,7 +232,7 @@ class OnnxGraph(Module):
         tactile = given["tactile"]
         frames = tactile if self.window is None else tactile[0]
         data = self._prepared(frames, given)
-        self.at = type(self.model).__name__
+        self._at.name = type(self.model).__name__
         predictor = self._predictor[0]
         probability = predictor.probability(predictor.logits(data))
         return probability + self._missing(data, given)
@@ -249,7 +256,7 @@ class OnnxGraph(Module):
             given (dict): The inputs by name.
         """
         data = self._prepared(given["tactile"], given)
-        self.at = type(self.model).__name__
+        self._at.name = type(self.model).__name__
         model: Any = self.model
         *state, left = (given[f"state_{i}"] for i in range(len(self.state)))
         logits, after = model.step(data.x, data.edge_index, tuple(state), **self._joint(data))
@@ -260,7 +267,9 @@ class OnnxGraph(Module):
             left = left.masked_fill(missing, float(model.receptive_field))
             probability = probability.masked_fill(left > 0, torch.nan)
         if "joint" in given:
-            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(self.num_joints, 1)
+            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(
+                self.num_joints, 1
+            )
         return probability, (*after, left)
 
     def _prepared(self, frames: Tensor, given: dict[str, Tensor]) -> StaticData:
@@ -284,6 +293,6 @@ class OnnxGraph(Module):
 
     def _applied(self, steps: Sequence[tuple[str, Any]], data: StaticData) -> StaticData:
         for name, step in steps:
-            self.at = name
+            self._at.name = name
             data = step(data)
         return data

@@ -132,9 +132,7 @@ class _Scaled:
         data[self.part.attr] = (x if rest is None else x - rest) * factor
         return data
 
-    def _tables(
-        self, shape: torch.Size, num_frames: int
-    ) -> tuple[Tensor, Tensor | None, Tensor]:
+    def _tables(self, shape: torch.Size, num_frames: int) -> tuple[Tensor, Tensor | None, Tensor]:
         assert self.part.center is not None
         assert self.part.scale is not None
         center, scale = self.part.center[0].cpu(), self.part.scale[0].cpu().double()
