@@ -14,7 +14,7 @@ from viewer_pages import LONG, Page, ask, recording, wait
 from websockets.exceptions import ConnectionClosed
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.live import ReplaySource, Stream, Viewer
+from torch_geometric_tactile.live import ReplaySource, Stream, StreamEnded, Viewer
 
 
 @pytest.fixture
@@ -117,6 +117,18 @@ def test_record_button(viewer):
         wait(lambda: len(calls) == 2)
         page.until(lambda head: "recording" in head and head["recording"] is None)
     assert calls == [False, True]
+
+
+def test_buttons_are_heeded_one_after_another(viewer):
+    calls = []
+    viewer.on_tare = lambda: (time.sleep(0.2), calls.append("tare"))
+    viewer.on_record = lambda: calls.append("record")
+    with Page(viewer) as page:
+        page.say("tare")
+        page.say("record", on=True)
+        page.next()  # the picture does not wait for them
+        wait(lambda: len(calls) == 2)
+    assert calls == ["tare", "record"]
 
 
 def test_error_of_a_callback_is_told_on_the_page(viewer):
@@ -263,6 +275,21 @@ def test_a_page_that_sleeps_or_vanishes_costs_others_nothing(stream, viewer):
     assert numbers == list(range(numbers[0], numbers[0] + 200))
     assert not everything.overflowed
     wait(lambda: viewer._pages == 0)
+
+
+def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
+    kept, subscribe = [], stream.subscribe
+    monkeypatch.setattr(
+        stream, "subscribe", lambda policy: kept.append(subscribe(policy)) or kept[-1]
+    )
+    with Viewer(stream) as viewer:
+        assert kept == []  # without a page, nothing is read
+        with Page(viewer) as page:
+            page.next()
+        wait(lambda: viewer._pages == 0)
+        with pytest.raises(StreamEnded):
+            kept[0].get(timeout=0)
+        assert kept[0].policy == "newest"
 
 
 def test_close_ends_pages_and_threads(stream):
