@@ -166,6 +166,7 @@ class ViewerScreen:
         """
         since = self.recording_since
         return {
+            "source": self.stream.source.name,
             "health": self._health(),
             "rest": self.rest.kind,
             "recording": None if since is None else time.monotonic() - since,
