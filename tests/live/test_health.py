@@ -85,6 +85,8 @@ def test_health_stale_taxels_are_still_while_others_change():
     tactiles[:, 1] = 5
     tactiles[:, 2] = math.nan
     tactiles[200:, 3] = 7
+    meter, last = fed(tactiles[:20])
+    assert meter.snapshot("open", FakeSource(), last).stale_taxels == 1
     meter, last = fed(tactiles[:150])
     assert meter.snapshot("open", FakeSource(), last).stale_taxels == 2
     meter, last = fed(tactiles[:250])

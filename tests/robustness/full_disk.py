@@ -146,6 +146,23 @@ def torch_writers() -> Iterator[Writer]:
         predictor(4000),
     )
     try:
+        import onnxruntime  # noqa: F401
+        import onnxscript  # noqa: F401
+    except ImportError:
+        pass
+    else:
+        from torch_geometric_tactile.live import OnnxModel
+        from torch_geometric_tactile.predictor.export_onnx import export_onnx
+
+        yield Writer(
+            "graph",
+            ".onnx",
+            lambda content, path: export_onnx(content, path),
+            lambda path: (OnnxModel(path).info["model"], path.stat().st_size),
+            predictor(8),
+            predictor(4000),
+        )
+    try:
         from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
     except ImportError:
         return

@@ -32,7 +32,17 @@ class Job(NamedTuple):
 def jobs() -> list[Job]:
     """Returns all jobs whose extras are installed."""
     found = [processing(), convert(), grasps(), simulated_letters()]
-    for make in (append, convert_mcap, store, fit, report, demo, simulation, simulated_bigs):
+    for make in (
+        append,
+        convert_mcap,
+        export,
+        store,
+        fit,
+        report,
+        demo,
+        simulation,
+        simulated_bigs,
+    ):
         try:
             found.append(make())
         except ImportError:
@@ -293,6 +303,32 @@ def report() -> Job:
         return {path.name: path.read_bytes() for name in names for path in folder.glob(name)}
 
     return Job("report", nothing, run, read, 2)
+
+
+def export() -> Job:
+    """Exports a predictor by the command line."""
+    import onnxruntime  # noqa: F401
+    import onnxscript  # noqa: F401
+
+    from torch_geometric_tactile import Predictor
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.live import OnnxModel
+    from torch_geometric_tactile.nn import TactileFNN
+    from torch_geometric_tactile.sensors import grid
+
+    def prepare(folder):
+        torch.manual_seed(0)
+        model = TactileFNN(4, 2, widths=(64,), pools=(1,))
+        predictor = Predictor(model, grid(2, 2, pitch=0.01), None, ("a", "b"), num_channels=3)
+        predictor.save(folder / "a.predictor")
+
+    def run(folder, tell):
+        assert main(["export", str(folder / "a.predictor"), str(folder / "b.onnx")]) == 0
+
+    def read(folder):
+        return {path.name: OnnxModel(path).info for path in folder.glob("*.onnx")}
+
+    return Job("export", prepare, run, read, 1)
 
 
 def demo() -> Job:

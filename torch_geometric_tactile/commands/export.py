@@ -71,12 +71,13 @@ def run(arguments: argparse.Namespace) -> int:
         predictor, arguments.model, unit=arguments.unit, num_channels=arguments.channels
     )
     model = OnnxModel(arguments.model)
+    milliseconds = 1e3 * model.typical_seconds()
     lines = [
         f"wrote {arguments.model}: {predictor}, {exported.num_bytes / 1e6:.1f} MB",
         f"  inputs:  {_shapes(model.inputs)}",
         f"  outputs: {_shapes(model.outputs)}",
         f"  largest difference to PyTorch: {exported.difference:.1e}",
-        f"  one judgement on this machine, one thread: {1e3 * model.typical_seconds():.2f} ms (p50)",
+        f"  one judgement on this machine, one thread: {milliseconds:.2f} ms (p50)",
     ]
     for line in lines:
         print(printable(line))

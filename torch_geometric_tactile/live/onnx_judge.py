@@ -170,9 +170,9 @@ class OnnxModel:
         Args:
             count (int): Number of answers.
         """
-        kinds = {"rest": np.float64}
         feed = {
-            name: np.ones(size, kinds.get(name, np.float32)) for name, size in self.inputs.items()
+            name: np.ones(size, np.float64 if name == "rest" else np.float32)
+            for name, size in self.inputs.items()
         }
         taken = []
         for _ in range(count):

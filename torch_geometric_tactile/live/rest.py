@@ -233,7 +233,7 @@ class Rest:
             if self._value is None or self._noise is None:
                 return none
             self._recent.append(np.array(frame.tactile, dtype=np.float32))
-            if len(self._recent) < self.min_frames:
+            if len(self._recent) < (self._recent.maxlen or 0):
                 return none
             recent = np.stack(self._recent)
             movement, _ = _movement(recent)

@@ -211,7 +211,7 @@ class Stream:
         with suppress(Exception):
             self.source.close()
         while not self._stop.is_set():
-            returned = self._returned(back_off)
+            returned = _came_back(self.source, self._stop, back_off)
             back_off = _BACK_OFF[0] if returned else min(2 * back_off, _BACK_OFF[1])
             if self._stop.is_set():
                 break
@@ -226,19 +226,6 @@ class Stream:
             self._state = "open"
             break
         return back_off
-
-    def _returned(self, back_off: float) -> bool:
-        # Waits, but no longer than until the source is seen to come back.
-        deadline = time.monotonic() + back_off
-        missing = not self.source.is_there()
-        while not self._stop.wait(max(0.0, min(_READ, deadline - time.monotonic()))):
-            there = self.source.is_there()
-            if missing and there:
-                return True
-            missing = missing or not there
-            if time.monotonic() >= deadline:
-                break
-        return False
 
     def _deliver(self, frames: list[LiveFrame]) -> None:
         for frame in frames:
@@ -288,3 +275,17 @@ class Stream:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.source!r}, state={self._state!r})"
+
+
+def _came_back(source: Source, stop: threading.Event, back_off: float) -> bool:
+    # Waits, but no longer than until a source that was gone is seen to be back.
+    deadline = time.monotonic() + back_off
+    missing = not source.is_there()
+    while not stop.wait(max(0.0, min(_READ, deadline - time.monotonic()))):
+        there = source.is_there()
+        if missing and there:
+            return True
+        missing = missing or not there
+        if time.monotonic() >= deadline:
+            break
+    return False

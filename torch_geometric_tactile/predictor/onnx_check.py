@@ -19,7 +19,7 @@ Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T
 
 def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator[Example]:
     r"""Yields frames like those that the predictor was fitted on, and others: hardly touched,
-    one taxel without a reading, and none with one.
+    one taxel without a reading, and many.
 
     Args:
         graph (OnnxGraph): Its graph.
@@ -39,7 +39,7 @@ def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator
         elif i == count + 1:
             frames[:, :1] = np.nan
         elif i == count + 2:
-            frames[:] = np.nan
+            frames[:, ::3] = np.nan
         joint = angles.astype(np.float32) if graph.num_joints else None
         yield frames.astype(np.float32), joint
 

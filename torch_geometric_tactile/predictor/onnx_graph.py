@@ -2,6 +2,7 @@ r"""All that a reading goes through as one module, to be exported."""
 
 import copy
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import torch
@@ -9,18 +10,14 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.predictor.onnx_steps import GivenRest, as_window, is_framewise, lowered
+from torch_geometric_tactile.predictor.onnx_lowering import is_framewise, lowered
+from torch_geometric_tactile.predictor.onnx_steps import GivenRest, as_window
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.predictor.settling import access
 from torch_geometric_tactile.transforms import FillMissing
 
 _MOST_CHANNELS = 32
 _CHUNK = 256
-
-
-def _changes(part: Any) -> bool:
-    writes = access(part)[1]
-    return writes is None or "x" in writes
 
 
 class OnnxGraph(Module):
@@ -53,7 +50,8 @@ class OnnxGraph(Module):
             known.num_frames = self.window.length
         self._frame_steps, known = lowered(frame_parts, known, changing, False)
         self._steps, known = lowered(window_parts, known, changing, is_windowed)
-        self.at = ""  # the transform or model that is traced, for messages
+        # What is traced, for messages; no attribute of the module, which an export sets back.
+        self._at = SimpleNamespace(name="")
         steps = [step for _, step in (*self._frame_steps, *self._steps)]
         rests = [step for step in steps if isinstance(step, GivenRest)]
         if len(rests) > 1:
@@ -62,7 +60,7 @@ class OnnxGraph(Module):
                 f"{' and '.join(repr(rest.part) for rest in rests)})"
             )
         self.rest = rests[0] if rests else None
-        self.num_joints = self._count_joints(predictor, [*frame_parts, *window_parts])
+        self.num_joints = _count_joints(predictor, [*frame_parts, *window_parts])
         self.joint_of_frames = is_windowed and any(
             "joint" in (access(part)[0] or ()) for part in frame_parts
         )
@@ -73,7 +71,7 @@ class OnnxGraph(Module):
         self.eval()
         is_filled = [isinstance(part, FillMissing) for part in window_parts if _changes(part)]
         if is_filled[-1:] != [True]:
-            self._seen = self._which_are_seen()
+            self._seen = _which_are_seen(self)
             self._seen_places = self._seen.flatten().nonzero().view(-1)
             self._sees_all = bool(self._seen.all())
 
@@ -91,50 +89,8 @@ class OnnxGraph(Module):
         model: Any = self.model
         return (*model.initial_state(1), torch.zeros(1)) if self.is_stepped else ()
 
-    @torch.no_grad()
-    def _which_are_seen(self) -> Tensor:
-        # The readings (N, F) without which there is no answer. Of a runtime, a maximum or a
-        # recurrent layer may lose what is missing, and go on with a number.
-        given = self.blank()
-        given["tactile"] = torch.randn_like(given["tactile"])
-        data = self._prepared(given["tactile"].flatten(0, -3), given)
-        rows, features = data.x.shape[1:]
-        by_row = torch.eye(rows, dtype=torch.bool).unsqueeze(2).expand(-1, -1, features)
-        by_feature = torch.eye(features, dtype=torch.bool).unsqueeze(1).expand(-1, rows, -1)
-        lost = [
-            torch.cat([self._is_lost(data, part) for part in missing.split(_CHUNK)])
-            for missing in (by_row, by_feature)
-        ]
-        return lost[0].unsqueeze(1) & lost[1]
-
-    def _is_lost(self, data: StaticData, missing: Tensor) -> Tensor:
-        many = data.index_select(torch.zeros(len(missing), dtype=torch.long))
-        many.x = many.x.masked_fill(missing, torch.nan)
-        if not self.is_stepped:
-            return self._predictor[0].logits(many).isnan().any(dim=1)
-        model: Any = self.model
-        state = model.initial_state(len(missing))
-        logits, _ = model.step(many.x, many.edge_index, state, **self._joint(many))
-        lost: Tensor = logits.isnan().any(dim=1)
-        return lost
-
     def _joint(self, data: StaticData) -> dict[str, Tensor]:
         return {"joint": data.joint} if "joint" in self._predictor[0]._names else {}
-
-    @staticmethod
-    def _count_joints(predictor: Predictor, parts: Sequence[Any]) -> int:
-        if not predictor.preparation.needs_joint:
-            return 0
-        hands = [getattr(part, "kinematics", None) for part in parts]
-        known = [
-            predictor.preparation.num_joints,
-            getattr(predictor.model, "num_joints", None),
-            *(hand.num_joints for hand in hands if hand is not None),
-        ]
-        found = [number for number in known if number]
-        if not found:
-            raise ValueError("the predictor must know 'num_joints' to be exported (got None)")
-        return int(found[0])
 
     def _find_channels(self) -> int:
         # By trying: a predictor that was built by hand need not say.
@@ -153,6 +109,11 @@ class OnnxGraph(Module):
                 f"taxel has (it takes {fitting or 'none'} of 1 to {_MOST_CHANNELS})"
             )
         return fitting[0]
+
+    @property
+    def at(self) -> str:
+        r"""The transform or model that was traced last."""
+        return str(self._at.name)
 
     @property
     def length(self) -> int:
@@ -225,7 +186,7 @@ class OnnxGraph(Module):
         tactile = given["tactile"]
         frames = tactile if self.window is None else tactile[0]
         data = self._prepared(frames, given)
-        self.at = type(self.model).__name__
+        self._at.name = type(self.model).__name__
         predictor = self._predictor[0]
         probability = predictor.probability(predictor.logits(data))
         return probability + self._missing(data, given)
@@ -249,7 +210,7 @@ class OnnxGraph(Module):
             given (dict): The inputs by name.
         """
         data = self._prepared(given["tactile"], given)
-        self.at = type(self.model).__name__
+        self._at.name = type(self.model).__name__
         model: Any = self.model
         *state, left = (given[f"state_{i}"] for i in range(len(self.state)))
         logits, after = model.step(data.x, data.edge_index, tuple(state), **self._joint(data))
@@ -260,7 +221,9 @@ class OnnxGraph(Module):
             left = left.masked_fill(missing, float(model.receptive_field))
             probability = probability.masked_fill(left > 0, torch.nan)
         if "joint" in given:
-            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(self.num_joints, 1)
+            probability = probability + given["joint"].unsqueeze(0) @ torch.zeros(
+                self.num_joints, 1
+            )
         return probability, (*after, left)
 
     def _prepared(self, frames: Tensor, given: dict[str, Tensor]) -> StaticData:
@@ -284,6 +247,55 @@ class OnnxGraph(Module):
 
     def _applied(self, steps: Sequence[tuple[str, Any]], data: StaticData) -> StaticData:
         for name, step in steps:
-            self.at = name
+            self._at.name = name
             data = step(data)
         return data
+
+
+def _count_joints(predictor: Predictor, parts: Sequence[Any]) -> int:
+    if not predictor.preparation.needs_joint:
+        return 0
+    hands = [getattr(part, "kinematics", None) for part in parts]
+    known = [
+        predictor.preparation.num_joints,
+        getattr(predictor.model, "num_joints", None),
+        *(hand.num_joints for hand in hands if hand is not None),
+    ]
+    found = [number for number in known if number]
+    if not found:
+        raise ValueError("the predictor must know 'num_joints' to be exported (got None)")
+    return int(found[0])
+
+
+@torch.no_grad()
+def _which_are_seen(graph: OnnxGraph) -> Tensor:
+    # The readings (N, F) without which there is no answer. Of a runtime, a maximum or a
+    # recurrent layer may lose what is missing, and go on with a number.
+    given = graph.blank()
+    given["tactile"] = torch.randn_like(given["tactile"])
+    data = graph._prepared(given["tactile"].flatten(0, -3), given)
+    rows, features = data.x.shape[1:]
+    by_row = torch.eye(rows, dtype=torch.bool).unsqueeze(2).expand(-1, -1, features)
+    by_feature = torch.eye(features, dtype=torch.bool).unsqueeze(1).expand(-1, rows, -1)
+    lost = [
+        torch.cat([_is_lost(graph, data, part) for part in missing.split(_CHUNK)])
+        for missing in (by_row, by_feature)
+    ]
+    return lost[0].unsqueeze(1) & lost[1]
+
+
+def _is_lost(graph: OnnxGraph, data: StaticData, missing: Tensor) -> Tensor:
+    many = data.index_select(torch.zeros(len(missing), dtype=torch.long))
+    many.x = many.x.masked_fill(missing, torch.nan)
+    if not graph.is_stepped:
+        return graph._predictor[0].logits(many).isnan().any(dim=1)
+    model: Any = graph.model
+    state = model.initial_state(len(missing))
+    logits, _ = model.step(many.x, many.edge_index, state, **graph._joint(many))
+    lost: Tensor = logits.isnan().any(dim=1)
+    return lost
+
+
+def _changes(part: Any) -> bool:
+    writes = access(part)[1]
+    return writes is None or "x" in writes

@@ -1,16 +1,14 @@
 r"""The transforms of a predictor as steps of one graph, without what depends on values."""
 
-import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from torch_geometric_tactile import transforms as T
-from torch_geometric_tactile.data import StaticData, apply_transform, join_frames
-from torch_geometric_tactile.data.apply_transform import static_rule
-from torch_geometric_tactile.predictor.settling import access
+from torch_geometric_tactile.data import StaticData, join_frames
 from torch_geometric_tactile.sensors.pose_tables import FewTables, chain_few
 from torch_geometric_tactile.transforms import FittedTransform
 from torch_geometric_tactile.transforms._resampling import new_times, resampling_matrix
@@ -18,35 +16,8 @@ from torch_geometric_tactile.transforms._windows import joined_signals, repeated
 
 Step = Callable[[StaticData], StaticData]
 
-# What they do to a frame of a window does not depend on the others.
-_FRAMEWISE = (
-    T.AbsoluteMorphology,
-    T.CommonMode,
-    T.DropPatches,
-    T.DropTaxels,
-    T.FillMissing,
-    T.GeometricEdgeAttr,
-    T.KNNGraph,
-    T.SectorGraph,
-    T.SelectChannels,
-    T.TaxelPose,
-    T.TopologicalSegmentation,
-)
-_RANDOM = (
-    T.DropPatches,
-    T.DropTaxels,
-    T.RandomContrast,
-    T.RandomGain,
-    T.RandomInversion,
-    T.RandomMirror,
-    T.RandomNoise,
-    T.RandomOffset,
-    T.RandomShift,
-    T.RandomTimeShift,
-)
 # Of a scale: what single precision leaves over of a centre, that does not count.
 _NEGLIGIBLE = 1e-7
-_ALL = ("x", "joint", "pos", "normal", "tangent", "edge_index", "edge_attr", "edge_weight")
 
 
 class GivenRest:
@@ -89,8 +60,15 @@ class GivenRest:
         return data
 
 
-class _Set:
-    # Attributes that are the same for all frames, and columns of the readings.
+class Set:
+    r"""Attributes that are the same for all frames, and columns of the readings.
+
+    Args:
+        before (StaticData): What is known before a transform.
+        after (StaticData): What is known after it, with its columns as readings.
+        replaces (bool): Whether the columns replace the readings.
+    """
+
     def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
         self.replaces = replaces
         old, new = before.to_dict(), after.to_dict()
@@ -103,6 +81,7 @@ class _Set:
         self.columns = after.x if columns else None
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Applies it."""
         schema: Any = self.schema.schema
         data = data.declare(**schema)
         for key in self.removed:
@@ -116,13 +95,19 @@ class _Set:
         return data
 
 
-class _Scaled:
-    # With tables of the size of what is scaled, which a runtime takes in long loops.
+class Scaled:
+    r"""A scaler with tables of the size of what is scaled, which a runtime takes in long loops.
+
+    Args:
+        part (FittedTransform): The transform.
+    """
+
     def __init__(self, part: FittedTransform) -> None:
         self.part = part
         self.kept: dict[torch.Size, tuple[Tensor, Tensor | None, Tensor]] = {}
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Applies it."""
         x = data[self.part.attr]
         if x.shape not in self.kept:
             num_frames = data.num_frames if self.part.per == "signal" else 1
@@ -132,9 +117,7 @@ class _Scaled:
         data[self.part.attr] = (x if rest is None else x - rest) * factor
         return data
 
-    def _tables(
-        self, shape: torch.Size, num_frames: int
-    ) -> tuple[Tensor, Tensor | None, Tensor]:
+    def _tables(self, shape: torch.Size, num_frames: int) -> tuple[Tensor, Tensor | None, Tensor]:
         assert self.part.center is not None
         assert self.part.scale is not None
         center, scale = self.part.center[0].cpu(), self.part.scale[0].cpu().double()
@@ -149,8 +132,14 @@ class _Scaled:
         return near, None if is_small else rest, factor
 
 
-class _Posed:
-    # Positions and normals are linear in the poses of the links: one product serves all taxels.
+class Posed:
+    r"""Taxels placed by joint angles. Positions and normals are linear in the poses of the links:
+    one product serves all taxels.
+
+    Args:
+        part (TaxelPose): The transform.
+    """
+
     def __init__(self, part: T.TaxelPose) -> None:
         self.part = part
         joint = torch.zeros(1, part.kinematics.num_joints)
@@ -171,6 +160,7 @@ class _Posed:
         return table.view(12 * len(self.links), 3 * count)
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Applies it."""
         joint = data.joint
         pose = chain_few(self.few, joint).index_select(1, self.links)[:, :, :3].flatten(1)
         shape = (len(joint), -1, 3)
@@ -183,21 +173,34 @@ class _Posed:
         return data
 
 
-class _Dropped:
-    # The same taxels in all frames.
+class Dropped:
+    r"""Dead taxels, the same in all frames.
+
+    Args:
+        part (DropTaxels): The transform.
+        known (StaticData): What all frames share.
+    """
+
     def __init__(self, part: T.DropTaxels, known: StaticData) -> None:
         self.value = part.value
         self.dead = part.dead(known, known.x)[0]
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Applies it."""
         data.x = data.x.masked_fill(self.dead.unsqueeze(-1), self.value)
         old = getattr(data, "dropped", None)
         data.dropped = self.dead if old is None else self.dead | old.bool()
         return data
 
 
-class _Segmented:
-    # Edges are chosen beforehand: their number must not depend on values.
+class Segmented:
+    r"""Edges within segments, chosen beforehand: their number must not depend on values.
+
+    Args:
+        part (TopologicalSegmentation): The transform.
+        known (StaticData): What all frames share.
+    """
+
     def __init__(self, part: T.TopologicalSegmentation, known: StaticData) -> None:
         source, target = known.edge_index
         within = part.segment[source] == part.segment[target]
@@ -208,6 +211,7 @@ class _Segmented:
         self.edge_index = known.edge_index[:, self.kept] if part.drop else known.edge_index
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Applies it."""
         rows = {}
         if self.within is None:
             for key, value in data.to_dict().items():
@@ -225,22 +229,26 @@ class _Segmented:
         return data
 
 
-class _Resampled:
-    # Of windows of one length, where a taxel has all of its frames or none.
+class Resampled:
+    r"""Windows of one length with another number of frames.
+
+    Args:
+        part (Resample): The transform.
+    """
+
     def __init__(self, part: T.Resample) -> None:
         self.part = part
 
     def __call__(self, data: StaticData) -> StaticData:
+        r"""Applies it."""
         if getattr(data, "valid_frames", None) is not None:
             raise NotImplementedError(f"{self.part!r} cannot be exported for padded windows")
         signals, num = require_signals(self.part, data), self.part.num
         length = signals.size(-1)
         if length != num:
             matrix = resampling_matrix(length, num).t()
-            level = signals[..., :1]
             nearest = (new_times(length, num) + 0.5).floor().long()
             missing = signals.isnan()
-            # Bridged from both sides would need a loop; a gap takes all frames of its signal.
             bridged = _bridged(signals.double(), missing)
             level = bridged[..., :1]
             out = (level + (bridged - level) @ matrix).to(signals.dtype)
@@ -252,146 +260,23 @@ class _Resampled:
 
 
 def _bridged(values: Tensor, missing: Tensor) -> Tensor:
-    # As of `_resampling`, with maxima over past frames in place of running ones.
+    # As of `_resampling`, with running maxima in steps of 1, 2, 4 and so on frames, since a graph
+    # has none in one operation.
     length = values.size(-1)
     frames = torch.arange(length)
-    past = frames.unsqueeze(0) <= frames.unsqueeze(1)  # (to, from)
-    known = torch.where(missing, -1, frames).unsqueeze(-2)
-    left = torch.where(past, known, -1).amax(dim=-1)
-    known = torch.where(missing, length, frames).unsqueeze(-2)
-    right = torch.where(past.t(), known, length).amin(dim=-1)
+    left = torch.where(missing, -1, frames)
+    right = torch.where(missing, length, frames)
+    step = 1
+    while step < length:
+        left = torch.maximum(left, pad(left[..., :-step], (step, 0), value=-1))
+        right = torch.minimum(right, pad(right[..., step:], (0, step), value=length))
+        step *= 2
     first, last = left.clamp(min=0), right.clamp(max=length - 1)
     first, last = torch.where(left < 0, last, first), torch.where(right >= length, first, last)
     start, stop = values.gather(-1, first), values.gather(-1, last)
     part = (frames - first) / (last - first).clamp(min=1)
     line = start + part * (stop - start)
     return torch.where(missing, line, values).nan_to_num(nan=0.0)
-
-
-def is_framewise(part: Any) -> bool:
-    r"""Tells whether a transform of windows does the same to each frame by itself.
-
-    Args:
-        part (callable): The transform.
-    """
-    if isinstance(part, FittedTransform):
-        return part.attr != "x" or part.per == "signal"
-    return isinstance(part, _FRAMEWISE)
-
-
-def lowered(
-    parts: Sequence[Any], known: StaticData, changing: set[str], of_windows: bool
-) -> tuple[list[tuple[str, Step]], StaticData]:
-    r"""Returns steps with the names of their transforms, and what is known after them.
-
-    Args:
-        parts (sequence of callable): The transforms.
-        known (StaticData): One sample without readings: what all frames share.
-        changing (set of str): Attributes that differ from frame to frame; extended.
-        of_windows (bool): Whether the samples are windows, not frames.
-
-    Raises:
-        NotImplementedError: If a transform cannot be part of a graph; it is named.
-    """
-    steps: list[tuple[str, Step]] = []
-    for part in parts:
-        step, known = _lowered(part, known, changing, of_windows)
-        if step is not None:
-            steps.append((repr(part), step))
-    return steps, known
-
-
-def _lowered(
-    part: Any, known: StaticData, changing: set[str], of_windows: bool
-) -> tuple[Step | None, StaticData]:
-    if isinstance(part, FittedTransform) and part.key is not None:
-        rest = GivenRest(part, of_windows)
-        rest.reads_changed = "$x" in changing
-        changing.add("$x")
-        return rest, known
-    if isinstance(part, _RANDOM) and _draws(part):
-        if _is_identity(part, known):
-            return None, known
-        raise NotImplementedError(
-            f"{part!r} cannot be exported: it draws random numbers; leave it out of the predictor"
-        )
-    if isinstance(part, T.DropTaxels):
-        changing.add("$x")
-        return _Dropped(part, known), known
-    if type(part) in (T.ZScore, T.Normalize) and part.attr in changing:
-        changing.add("$x" if part.attr == "x" else part.attr)
-        return _Scaled(part), known
-    if isinstance(part, T.TaxelPose):
-        changing.update(("pos", "normal", "tangent"))
-        return _Posed(part), known
-    if isinstance(part, T.ContactCrop):
-        raise NotImplementedError(
-            f"{part!r} cannot be exported: the length of its windows depends on the readings"
-        )
-    if isinstance(part, T.Resample):
-        changing.add("$x")
-        return _Resampled(part), known
-    if isinstance(part, T.TopologicalSegmentation) and "edge_index" not in changing:
-        step = _Segmented(part, known)
-        return step, step(copy.copy(known))
-    reads, writes = _access(part)
-    if reads is not None and writes is not None and changing.isdisjoint((*reads, *writes)):
-        after = apply_transform(part, known)
-        blank = after.x.size(-1)
-        step_set = _Set(known, after, static_rule(part).x == "replace")
-        if blank:
-            changing.add("$x")
-            after = copy.copy(after)
-            after.x = known.x
-        return step_set, after
-    if writes is None:
-        changing.update(_ALL)
-        changing.add("$x")
-    else:
-        changing.update(writes)
-        if "x" in writes:
-            changing.add("$x")
-    if getattr(part, "supports_static", False):
-        return part, known
-    return _per_sample(part), known
-
-
-def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
-    reads, writes = access(part)
-    if reads is not None or getattr(part, "supports_static", False):
-        return reads, writes
-    rule = static_rule(part)
-    if rule.reads is None or rule == type(rule)():
-        return None, None
-    added = (*rule.node, *rule.edge, *rule.shared, "edge_index", "edge_attr", "edge_weight")
-    # Columns of readings are set apart; positions, which some change, are what they read.
-    return rule.reads, tuple(dict.fromkeys((*added, *rule.reads)))
-
-
-def _per_sample(part: Any) -> Step:
-    def step(data: StaticData) -> StaticData:
-        return apply_transform(part, data)
-
-    return step
-
-
-def _draws(part: Any) -> bool:
-    return not isinstance(part, T.DropPatches | T.DropTaxels) or part.p is not None
-
-
-def _is_identity(part: Any, known: StaticData) -> bool:
-    # Some are kept from training with nothing left to draw, such as noise of zero.
-    for seed in range(3):
-        data = copy.copy(known)
-        draw = torch.Generator().manual_seed(seed)
-        data.x = torch.randn(4, known.num_nodes, 6, generator=draw)
-        data.num_frames = 2
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            after = copy.deepcopy(part)(copy.copy(data))
-        if not torch.allclose(after.x, data.x, rtol=1e-6, atol=1e-6):
-            return False
-    return True
 
 
 def as_window(frames: Tensor) -> Tensor:

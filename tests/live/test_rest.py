@@ -1,0 +1,162 @@
+import math
+
+import numpy as np
+import pytest
+
+from torch_geometric_tactile.data import LiveFrame
+from torch_geometric_tactile.live import Rest
+
+RATE = 100
+
+
+def frame(i, tactile, joint=None):
+    time = 5 + i / RATE
+    return LiveFrame(i, time, int(time * 1e9), None, np.asarray(tactile, np.float32), joint)
+
+
+def still(count, first=0, noise=3.0, base=30000.0, seed=0, taxels=20):
+    draw = np.random.default_rng(seed)
+    values = base + noise * draw.standard_normal((count, taxels, 3))
+    return [frame(first + i, value) for i, value in enumerate(values)]
+
+
+def fill(rest, frames):
+    return [i for i, one in enumerate(frames) if rest.add(one)]
+
+
+def test_a_rest_is_the_mean_of_its_frames():
+    rest = Rest(seconds=0.5)
+    frames = still(80)
+    assert fill(rest, frames)[0] == 50  # the first that is half a second after the first
+    tactile = np.stack([one.tactile for one in frames[:51]]).astype(np.float64)
+    np.testing.assert_allclose(rest.value, tactile.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(rest.noise, 3.0, rtol=0.5)
+    assert rest.frames.tactile.shape == (51, 20, 3)
+    assert [kind for _, kind, _ in rest.events] == ["rest"]
+    assert repr(rest) == "Rest(seconds=0.5, min_frames=30, max_movement=5, ready=True)"
+
+
+def test_a_rest_has_enough_frames():
+    rest = Rest(seconds=0.01, min_frames=40)
+    rest.need(45)
+    assert fill(rest, still(60))[0] == 44
+
+
+@pytest.mark.parametrize("taxel", [0, 19])
+def test_a_touch_is_no_rest(taxel):
+    rest = Rest(seconds=0.5)
+    frames = still(51)
+    for i, one in enumerate(frames[30:]):
+        one.tactile[taxel, 2] += 2.0 * i
+    assert fill(rest, frames) == []
+    (event,) = rest.events
+    assert event[1] == "moved"
+    assert f"taxel {taxel} by" in event[2]
+    assert "keep the sensor untouched" in rest.status()
+    with pytest.raises(RuntimeError, match=r"there must be a rest \(got none\): 0 still frames"):
+        _ = rest.value
+    assert fill(rest, still(80, first=51, seed=1))[0] == 50  # once more, from the next frame on
+
+
+def test_noise_is_a_rest():
+    for seed in range(20):
+        rest = Rest(seconds=0.3)
+        assert fill(rest, still(40, seed=seed, taxels=384)), rest.events
+
+
+def test_whole_numbers_that_tip_over_are_a_rest():
+    rest = Rest(seconds=0.5)
+    frames = [frame(i, np.round(one.tactile)) for i, one in enumerate(still(60, noise=0.3))]
+    assert fill(rest, frames), rest.events
+
+
+def test_readings_that_never_change_are_a_rest():
+    rest = Rest(seconds=0.5)
+    frames = still(60, noise=0.0)
+    assert fill(rest, frames)
+    assert (rest.noise == 0).all()
+    moved = Rest(seconds=0.5)
+    frames[40].tactile[3, 1] += 1
+    assert not fill(moved, frames)
+    assert "taxel 3 by inf" in moved.events[0][2]
+
+
+def test_dead_taxels_stay_missing():
+    rest = Rest(seconds=0.5)
+    frames = still(60)
+    for i, one in enumerate(frames):
+        one.tactile[4] = np.nan
+        if i % 2:
+            one.tactile[7] = np.nan
+    assert fill(rest, frames)
+    assert np.isnan(rest.value[4]).all()
+    assert np.isfinite(np.delete(rest.value, 4, axis=0)).all()
+    assert rest.events[0][2] == "rest of 51 frames, 1 taxels without a reading"
+
+
+def test_retare_collects_anew_and_is_an_event():
+    told = []
+    rest = Rest(seconds=0.5, on_event=lambda *event: told.append(event))
+    fill(rest, still(60))
+    rest.retare()
+    assert not rest.ready
+    fill(rest, still(60, first=60, base=31000.0))
+    np.testing.assert_allclose(rest.value, 31000.0, atol=5)
+    assert rest.number == 2
+    assert [kind for _, kind, _ in rest.events] == ["rest", "retare", "rest"]
+    assert told == rest.events
+
+
+def test_a_frame_that_was_given_before_is_ignored():
+    rest = Rest(seconds=0.5)
+    frames = [one for one in still(60) for _ in range(2)]
+    assert fill(rest, frames)
+    assert len(rest.frames.tactile) == 51
+
+
+def test_joints_are_kept_if_all_frames_have_them():
+    rest = Rest(seconds=0.5)
+    for one in still(60):
+        rest.add(frame(one.sequence, one.tactile, np.full(2, one.sequence)))
+    assert rest.frames.joint.shape == (51, 2)
+
+
+def test_drift_is_told_once(caplog):
+    rest = Rest(seconds=0.5)
+    assert math.isnan(rest.drift(still(1)[0]).amount)  # no rest yet
+    fill(rest, still(60))
+    near = [rest.drift(one) for one in still(60, first=60, seed=2)]
+    assert math.isnan(near[28].amount)
+    assert near[-1].amount < 3
+    assert near[-1].taxels.tolist() == []
+    away = still(80, first=120, seed=3)
+    for one in away:
+        one.tactile[[2, 5]] += 40
+    far = [rest.drift(one) for one in away]
+    assert far[-1].taxels.tolist() == [2, 5]
+    assert 8 < far[-1].amount < 20
+    assert [kind for _, kind, _ in rest.events] == ["rest", "drift"]
+    assert len(caplog.records) == 1
+
+
+def test_movement_is_no_drift():
+    rest = Rest(seconds=0.5)
+    fill(rest, still(60))
+    frames = still(60, first=60)
+    for i, one in enumerate(frames):
+        one.tactile[:] += 30 * i
+    assert all(math.isnan(rest.drift(one).amount) for one in frames)
+
+
+@pytest.mark.parametrize("name", ["seconds", "min_frames", "max_movement", "max_drift"])
+@pytest.mark.parametrize("value", [0, -1.0, math.inf, math.nan])
+def test_bad_numbers(name, value):
+    with pytest.raises(ValueError, match=f"'{name}' must be positive and finite"):
+        Rest(**{name: value})
+
+
+def test_bad_frames():
+    rest = Rest()
+    rest.add(frame(0, np.zeros((3, 2))))
+    with pytest.raises(ValueError, match=r"a frame must have shape \(3, 2\), as those before"):
+        rest.add(frame(1, np.zeros((4, 2))))
