@@ -23,7 +23,13 @@ def recording(tmp_path):
 
 def test_recording_is_served_until_it_is_interrupted(recording):
     command = [sys.executable, "-m", "torch_geometric_tactile", "view", str(recording)]
-    process = subprocess.Popen([*command, "--no-browser"], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*command, "--no-browser"],
+        stdout=subprocess.PIPE,
+        text=True,
+        # In a job that a shell put into the background, Ctrl-C would be ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     try:
         line = process.stdout.readline()
         url = re.match(r"(http://127\.0\.0\.1:[0-9]+/)  \(Ctrl-C ends\)", line)[1]
