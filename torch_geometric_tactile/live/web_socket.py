@@ -1,0 +1,153 @@
+r"""A WebSocket that is read without a thread."""
+
+import socket
+import ssl
+import time
+from collections import deque
+from contextlib import suppress
+from typing import Any
+
+_INSTALL = "pip install 'torch-geometric-tactile[live]'"
+_PIECE = 1 << 16  # bytes of one read
+_LARGEST = 1 << 24  # bytes of a message
+_CLOSE = 0.5  # seconds that a goodbye may take
+
+
+class WebSocket:
+    r"""The client's end of a WebSocket. The protocol is that of websockets, whose own client has a
+    thread of its own: handing messages over would cost more than reading them. Needs the extra
+    :obj:`live`.
+
+    Args:
+        url (str): Address of the server.
+
+    Raises:
+        ImportError: If the extra is missing.
+        ValueError: If :obj:`url` is no address of a WebSocket.
+    """
+
+    def __init__(self, url: str) -> None:
+        try:
+            from websockets.exceptions import InvalidURI
+            from websockets.uri import parse_uri
+        except ImportError as error:
+            raise ImportError(f"a WebSocket needs websockets: {_INSTALL}") from error
+        try:
+            self._uri = parse_uri(url)
+        except InvalidURI as error:
+            raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
+        self._socket: socket.socket | None = None
+        self._protocol: Any = None
+        self._messages: deque[bytes] = deque()
+        self._parts: list[bytes] = []
+        self._closed = ""
+
+    def open(self, timeout: float) -> None:
+        r"""Connects.
+
+        Args:
+            timeout (float): How long it may take in seconds.
+
+        Raises:
+            OSError: If no server answers, or what answers is none.
+        """
+        from websockets.client import ClientProtocol
+
+        deadline = time.monotonic() + timeout
+        uri = self._uri
+        self._socket = socket.create_connection((uri.host, uri.port), timeout=timeout)
+        self._protocol = ClientProtocol(uri, max_size=_LARGEST)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            if uri.secure:
+                context = ssl.create_default_context()
+                self._socket = context.wrap_socket(self._socket, server_hostname=uri.host)
+            self._protocol.send_request(self._protocol.connect())
+            self._send()
+            self._closed = "before it had greeted"
+            while self._closed:
+                if self._socket is None or not self._receive(deadline - time.monotonic()):
+                    raise TimeoutError("it does not answer as a WebSocket")
+        except BaseException:
+            self.close()
+            raise
+
+    def receive(self, timeout: float) -> bytes | None:
+        r"""Returns the next message, or :obj:`None` if none came in time.
+
+        Args:
+            timeout (float): How long to wait in seconds.
+
+        Raises:
+            EOFError: If the server has closed the connection.
+            OSError: If the connection is lost.
+        """
+        deadline = time.monotonic() + timeout
+        while not self._messages:
+            if self._closed:
+                raise EOFError(self._closed)
+            if not self._receive(deadline - time.monotonic()):
+                return None
+        return self._messages.popleft()
+
+    def close(self) -> None:
+        r"""Says goodbye and closes the connection; does nothing if it is closed."""
+        if self._socket is None:
+            return
+        with suppress(OSError, EOFError):
+            self._socket.settimeout(_CLOSE)
+            if not self._closed:
+                self._protocol.send_close(1000)
+            self._send()
+        self._socket.close()
+        self._socket = None
+        self._messages.clear()
+        self._parts.clear()
+
+    def _receive(self, timeout: float) -> bool:
+        # Whether anything came in time.
+        if self._socket is None:
+            raise OSError("the WebSocket is not open")
+        self._socket.settimeout(max(timeout, 1e-3))
+        try:
+            data = self._socket.recv(_PIECE)
+        except TimeoutError:
+            return False
+        if data:
+            self._protocol.receive_data(data)
+        else:
+            self._protocol.receive_eof()
+        for event in self._protocol.events_received():
+            self._take(event)
+        self._send()
+        if not data:
+            raise EOFError(f"the connection was closed{f': {self._closed}' * bool(self._closed)}")
+        return True
+
+    def _take(self, event: Any) -> None:
+        from websockets.frames import Frame, Opcode
+
+        if not isinstance(event, Frame):  # the answer to the greeting
+            refused = self._protocol.handshake_exc
+            if refused is not None:
+                raise ConnectionError(str(refused)) from refused
+            self._closed = ""
+        elif event.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
+            self._parts.append(bytes(event.data))
+            if event.fin:
+                self._messages.append(b"".join(self._parts))
+                self._parts.clear()
+        elif event.opcode is Opcode.CLOSE:
+            self._closed = f"the server has closed it ({self._protocol.close_rcvd})"
+
+    def _send(self) -> None:
+        assert self._socket is not None
+        for data in self._protocol.data_to_send():
+            if data:
+                self._socket.sendall(data)
+            else:
+                with suppress(OSError):
+                    self._socket.shutdown(socket.SHUT_WR)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._uri.host!r}, {self._uri.port})"
