@@ -128,7 +128,7 @@ def test_convert_forces(tmp_path):
 
 def test_convert_explains_errors(recording, tmp_path, capsys):
     assert main(["convert", str(recording), str(tmp_path / "a.xyz")]) == 1
-    assert "must end in one of .h5, .hdf5, .npz, .csv" in capsys.readouterr().err
+    assert "must end in one of .h5, .hdf5, .npz, .mcap, .csv" in capsys.readouterr().err
     assert main(["convert", str(recording), str(tmp_path / "a.npz"), "--forces"]) == 1
     assert "'forces' must be an option of the format npz: allow_l" in capsys.readouterr().err
     assert not (tmp_path / "a.npz").exists()

@@ -63,6 +63,16 @@ def test_glove_from_csv_files_by_hand(tmp_path):
     assert objects.data.y.equal(objects.data.group)
 
 
+def test_recordings_of_live_streams(tmp_path):
+    for module in ("mcap", "google.protobuf"):
+        pytest.importorskip(module, reason="needs the extra 'live'")
+    write_recording(recording(label="cup"), tmp_path / "cup_0.mcap")
+    write_recording(recording(10.0, label="ball"), tmp_path / "ball_0.npz")
+    dataset = RecordingFrames(tmp_path, layout=GLOVE, target="label")
+    assert dataset.trial_names == ["ball_0", "cup_0"]
+    assert dataset.data.x[:, 0, 0].tolist() == [10, 11, 12, 0, 1, 2]
+
+
 def test_second_time_reads_no_raw_file_and_other_settings_read_again(tmp_path, caplog):
     root = write_glove(tmp_path)
     given = {"layout": GLOVE, "read_options": READ}

@@ -6,7 +6,7 @@ from torch_geometric_tactile.commands.arguments import add_allow
 
 HELP = "write the predictions of a checkpoint or predictor for recordings or a test part"
 DESCRIPTION = """\
-Predicts each frame of some recordings (.h5, .hdf5, .npz, .csv, XELA logs and messages), or,
+Predicts each frame of some recordings (.h5, .hdf5, .npz, .mcap, .csv, XELA logs and messages), or,
 without recordings, each sample of the test part of the data that a checkpoint was trained
 with, and writes a CSV table: a row for each frame with the predicted class or labels and
 all probabilities; a model of windows or whole trials has a row for each of these, with its

@@ -13,7 +13,7 @@ from torch_geometric_tactile.datasets.trial import Trial, check_together, make_t
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
-SUFFIXES = (".h5", ".hdf5", ".npz", ".csv")
+SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv")
 _logger = logging.getLogger(__name__)
 
 

@@ -46,13 +46,14 @@ class RecordingFrames(TrialFolder):
     of channels and any number of joints (or none). A sample is a frame.
 
     The folder has one trial a file, in :obj:`root/raw` or in :obj:`root` itself: ``.h5``,
-    ``.hdf5``, ``.npz`` or ``.csv``, as :func:`~torch_geometric_tactile.io.read_recording` reads
-    them. Beside :obj:`x` and :obj:`y` a sample has :obj:`trial` (the file), :obj:`time` in seconds,
-    and, where all files know them, :obj:`joint`, :obj:`group` (the object), :obj:`session`,
-    :obj:`placement` (of the hand), :obj:`size` (of the object) and :obj:`property`; :obj:`phase` is
-    -1 in files that know none. Missing readings stay NaN. If the
-    layout has one link, the samples share its :obj:`pos` and :obj:`normal`; those of a hand follow
-    from the joint angles, see :class:`~torch_geometric_tactile.transforms.TaxelPose`.
+    ``.hdf5``, ``.npz``, ``.mcap`` or ``.csv``, as
+    :func:`~torch_geometric_tactile.io.read_recording` reads them. Beside :obj:`x` and :obj:`y` a
+    sample has :obj:`trial` (the file), :obj:`time` in seconds, and, where all files know them,
+    :obj:`joint`, :obj:`group` (the object), :obj:`session`, :obj:`placement` (of the hand),
+    :obj:`size` (of the object) and :obj:`property`; :obj:`phase` is -1 in files that know none.
+    Missing readings stay NaN. If the layout has one link, the samples share its :obj:`pos` and
+    :obj:`normal`; those of a hand follow from the joint angles, see
+    :class:`~torch_geometric_tactile.transforms.TaxelPose`.
 
     What is known of a recording is read from its metadata or from the name of its file: with the
     :obj:`pattern` that is the default, ``mug_003.csv`` is trial 3 of the object ``mug``.
