@@ -29,6 +29,7 @@ class WebSocket:
     def __init__(self, url: str) -> None:
         try:
             from websockets.exceptions import InvalidURI
+            from websockets.frames import Frame, Opcode
             from websockets.uri import parse_uri
         except ImportError as error:
             raise ImportError(f"a WebSocket needs websockets: {_INSTALL}") from error
@@ -36,6 +37,7 @@ class WebSocket:
             self._uri = parse_uri(url)
         except InvalidURI as error:
             raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
+        self._frame, self._codes = Frame, Opcode
         self._socket: socket.socket | None = None
         self._protocol: Any = None
         self._messages: deque[bytes] = deque()
@@ -120,24 +122,26 @@ class WebSocket:
         for event in self._protocol.events_received():
             self._take(event)
         self._send()
+        wrong = self._protocol.parser_exc
         if not data:
-            raise EOFError(f"the connection was closed{f': {self._closed}' * bool(self._closed)}")
+            raise EOFError(self._closed or "the connection was closed")
+        if wrong is not None and not self._closed:
+            self._closed = f"what came breaks the protocol ({wrong})"
         return True
 
     def _take(self, event: Any) -> None:
-        from websockets.frames import Frame, Opcode
-
-        if not isinstance(event, Frame):  # the answer to the greeting
+        codes = self._codes
+        if not isinstance(event, self._frame):  # the answer to the greeting
             refused = self._protocol.handshake_exc
             if refused is not None:
                 raise ConnectionError(str(refused)) from refused
             self._closed = ""
-        elif event.opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
+        elif event.opcode in (codes.TEXT, codes.BINARY, codes.CONT):
             self._parts.append(bytes(event.data))
             if event.fin:
                 self._messages.append(b"".join(self._parts))
                 self._parts.clear()
-        elif event.opcode is Opcode.CLOSE:
+        elif event.opcode is codes.CLOSE:
             self._closed = f"the server has closed it ({self._protocol.close_rcvd})"
 
     def _send(self) -> None:

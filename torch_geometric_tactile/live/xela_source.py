@@ -1,18 +1,15 @@
 r"""Frames from XELA's server."""
 
 import time
-from inspect import signature
-from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.xela_live import parse_xela_text
 from torch_geometric_tactile.io.xela_message import XelaFrame
 from torch_geometric_tactile.live.source import Source
+from torch_geometric_tactile.live.web_socket import WebSocket
 
-_INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _OPEN = 5.0  # seconds to connect
 _FIRST = 1.0  # seconds that opening waits for the first message, which tells the sensors
-_CLOSE = 1.0
 
 
 class XelaSource(Source):
@@ -35,17 +32,12 @@ class XelaSource(Source):
     """
 
     def __init__(self, url: str = "ws://127.0.0.1:5000", forces: bool = False) -> None:
-        try:
-            from websockets.sync.client import connect
-        except ImportError as error:
-            raise ImportError(f"XELA's server needs websockets: {_INSTALL}") from error
         if not isinstance(url, str) or not url.startswith(("ws://", "wss://")):
             raise ValueError(f"'url' must begin with ws:// or wss:// (got {url!r})")
         super().__init__(url, {"unit": "newton" if forces else "count"})
         self.forces = forces
-        self._connect = connect
-        self._connection: Any = None
-        self._socket: Any = None
+        self._socket = WebSocket(url)
+        self._is_open = False
         self._waiting: list[LiveFrame] = []
         self._number: int | None = None
         self._taxels: tuple[int, ...] | None = None
@@ -58,24 +50,15 @@ class XelaSource(Source):
             OSError: If no server answers.
             ValueError: If its address is none.
         """
-        if self._socket is not None:
+        if self._is_open:
             return
-        from websockets.exceptions import InvalidURI, WebSocketException
-
-        # Compression costs more time than it saves on a cable; a proxy is for other hosts.
-        options: dict[str, Any] = {"compression": None, "close_timeout": _CLOSE}
-        if "proxy" in signature(self._connect).parameters:  # websockets 15
-            options["proxy"] = None
         try:
-            connection = self._connect(self.name, open_timeout=_OPEN, **options)
-            self._socket = connection.__enter__()  # calls without it are on their way out
-        except InvalidURI as error:
-            raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
-        except (OSError, EOFError, WebSocketException) as error:
+            self._socket.open(_OPEN)
+        except (OSError, EOFError) as error:
             raise ConnectionError(
                 f"no server of XELA answers at '{self.name}' ({error}); is it running?"
             ) from error
-        self._connection = connection
+        self._is_open = True
         try:
             if self._taxels is None:
                 self._waiting = self.read(_FIRST)
@@ -92,28 +75,26 @@ class XelaSource(Source):
         Raises:
             EOFError: If the server has closed the connection.
         """
-        from websockets.exceptions import ConnectionClosed
-
         if self._waiting:
             frames, self._waiting = self._waiting, []
             return frames
-        if self._socket is None:
+        if not self._is_open:
             raise OSError(f"{self.name} is not open")
         deadline = time.monotonic() + timeout
         while True:
             try:
-                text = self._socket.recv(timeout=max(0.0, deadline - time.monotonic()))
-            except TimeoutError:
-                return []
-            except ConnectionClosed as error:
+                text = self._socket.receive(max(0.0, deadline - time.monotonic()))
+            except EOFError as error:
                 raise EOFError(f"the server at '{self.name}' has closed: {error}") from error
+            if text is None:
+                return []
             frame = self._frame(text, time.monotonic_ns())
             if frame is not None:
                 return [frame]
             if time.monotonic() >= deadline:
                 return []
 
-    def _frame(self, text: str | bytes, received: int) -> LiveFrame | None:
+    def _frame(self, text: bytes, received: int) -> LiveFrame | None:
         try:
             frame = parse_xela_text(text, self.forces)
         except ValueError:
@@ -147,7 +128,6 @@ class XelaSource(Source):
 
     def close(self) -> None:
         r"""Closes the connection; does nothing if it is closed."""
-        connection, self._connection, self._socket = self._connection, None, None
+        self._is_open = False
         self._waiting = []
-        if connection is not None:
-            connection.__exit__(None, None, None)
+        self._socket.close()
