@@ -12,6 +12,7 @@ import re
 import struct
 from binascii import unhexlify
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ _SENSOR = re.compile(r"[0-9]{1,9}")
 _HIGHEST_NUMBER = 2**63 - 1
 _LATEST = 1e11  # seconds: the year 5138
 _MOST_SHOWN = 60
+_USUAL_KEYS = 256
 XELA_VERSION = "1.8.0"
 
 
@@ -86,8 +88,8 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         time=float(time),
         reading=reading,
         taxels=taxels,
-        models=tuple(_text(where, sensor, "model") for sensor in sensors),
-        handedness=tuple(_text(where, sensor, "handedness") for sensor in sensors),
+        models=_texts(where, sensors, "model"),
+        handedness=_texts(where, sensors, "handedness"),
         version=_text(where, message, "version"),
         temp=_of_each_taxel(sensors, taxels, "temp"),
         ups=_of_each_taxel(sensors, taxels, "ups"),
@@ -100,8 +102,22 @@ def sensor_keys(message: Mapping[str, Any]) -> list[str]:
     Args:
         message (Mapping): The message.
     """
-    keys = [key for key in message if isinstance(key, str) and _SENSOR.fullmatch(key)]
-    return sorted(keys, key=int)
+    names = tuple(message)
+    return list(_usual_keys(names) if len(names) <= _USUAL_KEYS else _keys(names))
+
+
+def _keys(names: tuple[Any, ...]) -> list[str]:
+    return sorted([n for n in names if isinstance(n, str) and _SENSOR.fullmatch(n)], key=int)
+
+
+_usual_keys = lru_cache(maxsize=16)(_keys)  # a server sends the same ones every time
+
+
+def _texts(where: str, sensors: Sequence[Mapping[str, Any]], key: str) -> tuple[str, ...]:
+    texts = tuple([sensor.get(key, "") for sensor in sensors])
+    if all(type(text) is str for text in texts):
+        return texts
+    return tuple(_text(where, sensor, key) for sensor in sensors)
 
 
 def _text(where: str, content: Mapping[str, Any], key: str) -> str:
@@ -166,7 +182,7 @@ def _counts_at_once(sensors: Sequence[Any]) -> tuple[np.ndarray, tuple[int, ...]
 
 def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> np.ndarray | None:
     parts = [sensor.get(key) for sensor in sensors]
-    if not any(key in sensor for sensor in sensors):
+    if not any(parts) and not any(key in sensor for sensor in sensors):
         return None
     for part, count in zip(parts, taxels, strict=True):
         if type(part) is not list or len(part) != count:
