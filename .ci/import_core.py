@@ -9,18 +9,22 @@ from collections.abc import Callable
 import torch_geometric_tactile as package
 
 EXTRAS = {
+    "cobs",
     "h5py",
     "huggingface_hub",
     "jsonargparse",
     "lightning",
     "matplotlib",
+    "mcap",
     "mujoco",
     "onnx",
     "onnxruntime",
     "onnxscript",
+    "pyarrow",
     "tabulate",
     "tensorboard",
     "torchmetrics",
+    "websockets",
 }
 NEEDS_EXTRA = tuple(
     f"torch_geometric_tactile.{room}"

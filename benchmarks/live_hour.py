@@ -69,11 +69,9 @@ def measure_hour(
     count = write_hour(source, seconds, rate)
     session = LiveSession(
         open_source(f"file:{source}?speed={speed}"),
-        judge=Judge(onnx),
+        judge=Judge(onnx, np.zeros((384, 3))),
         layout=stock_layout("allegro_uskin"),
     )
-    if session.rest is not None:
-        session.rest.set(np.zeros((384, 3), dtype=np.float32))
     url = session.view()
     process = psutil.Process()
     memory: list[tuple[float, float]] = []

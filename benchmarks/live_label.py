@@ -1,12 +1,11 @@
 r"""From the first byte on the wire to the label, and a replay beside `tactile predict`."""
 
+import copy
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from live_wire import Sender, sender
 
 from torch_geometric_tactile import Predictor
@@ -24,6 +23,7 @@ from torch_geometric_tactile.live import (
 _WRAP = 2**32 / 1e6  # seconds after which the clock of the board starts over
 _WARM = 20  # first judgements, in which memory is taken
 _RATE = 100.0
+_STILL = 50  # frames of the rest
 
 
 def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str, Any]:
@@ -34,7 +34,8 @@ def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str,
         onnx (Path): The same as one file.
         seconds (float): How long packets come.
     """
-    judges = {"onnx": Judge(onnx), "eager": Judge(predictor)}
+    rest = np.zeros((384, 3))
+    judges = {"onnx": Judge(onnx, rest), "eager": Judge(predictor, rest)}
     options = ("--rate", _RATE, "--seconds", seconds, "--taxels", 384, "--joints", 16)
     found: dict[str, list[tuple[float, Judgement]]] = {name: [] for name in judges}
     with sender("board", *options) as other:
@@ -42,7 +43,6 @@ def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str,
         subscription = stream.subscribe("newest")
         with stream:
             other.say()
-            _set_rests(judges, subscription)
             for number, frame in enumerate(_frames(subscription, other)):
                 # In turns, such that whatever else the machine does meets both.
                 name = ("onnx", "eager")[number % 2]
@@ -52,13 +52,6 @@ def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str,
                 sent = frame.device_time % _WRAP
                 found[name].append(((judgement.finished / 1e9 - sent) % _WRAP, judgement))
     return {name: _parts(parts[_WARM:]) for name, parts in found.items()}
-
-
-def _set_rests(judges: dict[str, Judge], subscription: Subscription) -> None:
-    frame = subscription.get(timeout=10)
-    for judge in judges.values():
-        if judge.rest is not None:
-            judge.rest.set(np.zeros_like(frame.tactile))
 
 
 def _frames(subscription: Subscription, other: Sender) -> Any:
@@ -103,16 +96,16 @@ def measure_replay(predictor: Predictor, onnx: Path, seconds: float) -> dict[str
         joint=draw.uniform(0, 1, size=(count, 16)).astype(np.float32),
         meta={"sensor": "allegro_uskin", "unit": "count", "rate": _RATE},
     )
-    with torch.inference_mode():
-        wanted = predictor.recording(recording).numpy()
+    still = recording.tactile[:_STILL]
+    measured = copy.deepcopy(predictor)
+    measured.adapt(still, recording.joint[:_STILL])
+    wanted = measured.recording(recording).numpy()
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recording.h5"
         write_recording(recording, path)
         for name, model in (("onnx", onnx), ("eager", predictor)):
-            judge = Judge(model)
-            if judge.rest is not None:
-                judge.rest.set(np.zeros((384, 3), dtype=np.float32))
+            judge = Judge(model, still.astype(np.float64).mean(0))
             got, times, received = _replayed(path, judge)
             drift = (received[-1] - received[0]) - (recording.time[-1] - recording.time[0])
             found[name] = {
@@ -141,12 +134,3 @@ def _replayed(path: Path, judge: Judge) -> tuple[np.ndarray, np.ndarray, np.ndar
             times.append(frame.time)
             received.append(frame.received / 1e9)
     return np.array(probability), np.array(times), np.array(received)
-
-
-def wait_for_quiet(seconds: float = 2.0) -> None:
-    r"""Waits until what went before has left the processor.
-
-    Args:
-        seconds (float): How long.
-    """
-    time.sleep(seconds)

@@ -22,7 +22,7 @@ BTS3_HEADER = [
 ]
 
 # Fixtures of a session or module that take seconds: the tests that share one run in one process.
-SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report")
+SHARED_FIXTURES = ("paper8_grasps", "control8_grasps", "undisturbed", "report", "launch_chromium")
 # Files that wait for the same compilation, likewise.
 SHARED_COMPILATION = {"analysis/test_embedding.py": "umap", "reports/test_analysis.py": "umap"}
 # Files that start processes or train for seconds.
@@ -30,6 +30,7 @@ SLOW_FILES = (
     "analysis/test_embedding.py",
     "experiments/test_plan_interrupted.py",
     "experiments/test_worker.py",
+    "live/test_viewer_browser.py",
     "nn/models/test_model_compile.py",
     "nn/models/test_onnx.py",
     "reports/test_analysis.py",

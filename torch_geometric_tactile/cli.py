@@ -32,6 +32,7 @@ examples:
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
+  tactile view grasp.h5                          a recording or a sensor, in the browser
   tactile record ws://127.0.0.1:5000 grasp.mcap  what a sensor sends, until Ctrl-C
   tactile replay grasp.mcap --serve ws           a double of XELA's server, of a recording
   tactile compare touches.npz --grid 28x50       which model to take for data of your own

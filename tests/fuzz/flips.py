@@ -21,7 +21,7 @@ from fuzz.run import FORK, preload
 from fuzz.targets import TARGETS, Target
 
 NAMES = (
-    *("npz", "HDF5", "HDF5, appended", "processed file", "checkpoint: predictor"),
+    *("npz", "MCAP", "HDF5", "HDF5, appended", "processed file", "checkpoint: predictor"),
     *("checkpoint: module", "predictor", "model folder: weights"),
 )
 

@@ -81,14 +81,14 @@ def test_terminators_inside_of_floats_are_no_ends():
 
 def test_one_percent_of_all_bytes_damaged():
     draw = np.random.default_rng(0)
-    whole = np.frombuffer(stream(20_000), np.uint8).reshape(-1, 82)
+    whole = np.frombuffer(stream(8_000), np.uint8).reshape(-1, 82)
     hit = draw.random(whole.shape) < 0.01
-    hit[0] = False
+    hit[[0, -1]] = False
     data = whole ^ np.where(hit, draw.integers(1, 256, whole.shape), 0).astype(np.uint8)
     intact = ~hit.any(axis=1)
     decoder = AnySkinDecoder()
     frames = fed(decoder, data.tobytes(), draw)
-    sent = {packet(i): i for i in range(20_000)}
+    sent = {packet(i): i for i in range(8_000)}
     found = [sent.get(held(frame).tobytes() + END) for frame in frames]
     right = [i for i in found if i is not None]
     assert right == sorted(right)
@@ -100,7 +100,7 @@ def test_one_percent_of_all_bytes_damaged():
     assert wrong / (~intact).sum() == pytest.approx(0.7, abs=0.05)
     # Where every frame was, is known all along.
     assert all(frame.sequence == i for frame, i in zip(frames, found, strict=True) if i is not None)
-    assert decoder.counts.lost == 20_000 - len(frames)
+    assert decoder.counts.lost == 8_000 - len(frames)
     assert decoder.counts.good == len(frames)
     assert decoder.counts.skipped == 82 * decoder.counts.lost
 
@@ -136,6 +136,22 @@ def test_exact_counts_of_a_damaged_end_and_of_an_impossible_number():
     fed(decoder, data)
     counts = decoder.counts
     assert (counts.good, counts.corrupt, counts.lost, counts.skipped) == (3, 3, 3, 3 * 82)
+
+
+def test_places_are_forgotten_after_four_damaged_frames():
+    junk = bytes(82)
+    for bad, found in ((3, [0, 4, 5]), (4, [0, 6])):
+        data = packet(0) + junk * bad + packet(7) + packet(8)
+        frames = assert_same_in_pieces(AnySkinDecoder, data)
+        assert numbers(frames) == found
+
+
+def test_an_impossible_frame_behind_an_end_is_no_place_to_go_on():
+    decoder = AnySkinDecoder()
+    bad = np.float32([np.nan] * 20).tobytes() + END
+    frames = fed(decoder, packet(0) + packet(1)[:40] + END + bad + packet(3))
+    assert [held(frame).tobytes() + END for frame in frames] == [packet(0), packet(3)]
+    assert (decoder.counts.corrupt, decoder.counts.skipped) == (0, 42 + 82)
 
 
 def test_lost_frames_are_estimated_from_the_bytes():

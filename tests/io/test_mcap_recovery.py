@@ -179,7 +179,7 @@ def test_nothing_to_save(tmp_path, stream):
     assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
 
 
-def test_full_disk_keeps_what_was_written(tmp_path, monkeypatch):
+def test_full_disk_keeps_what_was_written(tmp_path, monkeypatch, caplog):
     path = tmp_path / "a.mcap"
     real, room = os.write, 15_000
 
@@ -208,3 +208,5 @@ def test_full_disk_keeps_what_was_written(tmp_path, monkeypatch):
     numbers = no_wrong_frame(read_mcap(path))
     assert numbers == list(range(len(numbers)))
     assert len(numbers) > RATE
+    assert "it has no end" in caplog.text
+    assert "cut or damaged" not in caplog.text  # the half chunk was removed

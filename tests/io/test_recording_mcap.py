@@ -1,7 +1,9 @@
 # ruff: noqa: E402
 import json
 import logging
+import re
 import struct
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -87,6 +89,14 @@ def test_recording_comes_back_as_it_was(tmp_path, more):
     write_recording(recording, tmp_path / "a.mcap")
     assert recording_format(tmp_path / "a.mcap") == "MCAP"
     assert equal(read_recording(tmp_path / "a.mcap", recover=False), recording)
+
+
+@pytest.mark.parametrize("start", [-5.0, 1.7e9, 1e12, 1e300])
+def test_times_of_any_size_come_back(tmp_path, start):
+    time = start + np.arange(2) * max(1.0, abs(start) / 1e6)
+    recording = Recording(time, np.zeros((2, 1, 1)), meta={"recorded_at": -1.0})
+    write_mcap(recording, tmp_path / "a.mcap")
+    assert equal(read_mcap(tmp_path / "a.mcap", recover=False), recording)
 
 
 def test_format_is_known_by_its_beginning(tmp_path):
@@ -319,10 +329,10 @@ def test_newer_version_is_refused(tmp_path, monkeypatch):
         read_mcap(tmp_path / "a.mcap")
 
 
-def chunk(inside, size=None, packed=None):
+def chunk(inside, size=None, packed=None, crc=None):
     packed = zstandard.compress(inside) if packed is None else packed
     size = len(inside) if size is None else size
-    head = struct.pack("<QQQI", 0, 1, size, zlib.crc32(inside))
+    head = struct.pack("<QQQI", 0, 1, size, zlib.crc32(inside) if crc is None else crc)
     content = head + b"\x04\x00\x00\x00zstd" + struct.pack("<Q", len(packed)) + packed
     return struct.pack("<BQ", 6, len(content)) + content
 
@@ -344,8 +354,29 @@ def test_hostile_sizes_take_no_memory(tmp_path, caplog, bad):
     data = path.read_bytes()
     place = data.index(b"\x04\x00\x00\x00zstd") - 37
     path.write_bytes(data[:place] + bad + data[place:])
+    tracemalloc.start()
     assert read_mcap(path).num_frames == 4
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
     assert "is not whole" in caplog.text
+
+
+def test_chunk_that_differs_from_its_checksum_only_is_left_out(tmp_path, caplog):
+    path = write_frames(tmp_path / "a.mcap", [a_frame(i) for i in range(40)])
+    data = path.read_bytes()
+    places = [m.start() - 37 for m in re.finditer(b"\x04\x00\x00\x00zstd", data)]
+    start, stop = places[1], places[2]
+    _, length = struct.unpack_from("<BQ", data, start)
+    content = data[start + 9 : start + 9 + length]
+    inside = bytearray(zstandard.decompress(content[44:]))
+    inside[-10] ^= 1  # of a reading
+    another = chunk(bytes(inside), crc=struct.unpack_from("<I", content, 24)[0])
+    path.write_bytes(data[:start] + another + data[start + 9 + length :])
+    found = read_mcap(path)
+    assert stop > start
+    assert 0 < found.num_frames < 40
+    assert (found.tactile[:, 0, 0] == found.extra["sequence"]).all()
+    assert "a chunk differs from its checksum" in caplog.text
 
 
 def test_frames_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):

@@ -56,6 +56,8 @@ def test_a_message_by_hand():
     assert frame.temp.tolist() == [30.5, 31, 1, 2]
     assert np.array_equal(frame.ups, np.float32([2.5] + [np.nan] * 3), equal_nan=True)
     assert frame.reading.dtype == frame.temp.dtype == frame.ups.dtype == np.float32
+    newtons = parse_xela_text(json.dumps(message()), forces=True).reading
+    assert newtons.tolist()[0] == [0.5, -0.25, 1]
     none = parse_xela_text(json.dumps(message()).encode())
     assert none.temp is none.ups is None
 
@@ -138,6 +140,12 @@ def test_hostile_sensors_are_as_the_slow_parser_says(changed, which, monkeypatch
     content[which].update(changed)
     content[which] = {key: value for key, value in content[which].items() if value is not ...}
     assert_slow_says_the_same(content, monkeypatch)
+
+
+def test_integers_in_the_list_of_another_sensor_are_refused(monkeypatch):
+    content = usual()
+    content["2"]["integer"].insert(0, content["1"]["integer"].pop())
+    assert "must say the same as 'data'" in assert_slow_says_the_same(content, monkeypatch)
 
 
 @pytest.mark.parametrize("part", [None, [], "a", 3])

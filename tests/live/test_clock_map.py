@@ -45,6 +45,13 @@ def test_clock_map_unwraps_a_clock_that_starts_over(period):
     assert np.abs(steps).max() < 0.03
 
 
+def test_clock_map_keeps_what_it_knows_where_the_clock_starts_over():
+    clock = ClockMap(period=10.0)
+    clock.map(9.0, ns(99.0))
+    assert clock.map(9.9, ns(99.94)) == pytest.approx(99.9)  # 40 ms late
+    assert clock.map(0.1, ns(100.12)) == pytest.approx(100.1)  # 20 ms late
+
+
 def test_clock_map_by_hand():
     clock = ClockMap()
     assert clock.map(5.0, ns(1.0)) == 1.0

@@ -8,8 +8,8 @@ import pytest
 from fake_source import wait_until
 
 from torch_geometric_tactile.data import LiveFrame
-from torch_geometric_tactile.io import Decoder
-from torch_geometric_tactile.live import SerialPort, SerialSource, Stream, list_ports
+from torch_geometric_tactile.io import Decoder, encode_packet
+from torch_geometric_tactile.live import SerialPort, SerialSource, Stream, list_ports, open_source
 
 if os.name != "posix":
     pytest.skip("needs pseudo terminals", allow_module_level=True)
@@ -235,6 +235,29 @@ def test_port_gone_and_back_twenty_times(port):
             assert subscription.get(LONG).sequence == turn
         assert stream.health().reconnects == 20
     assert stream.source.counts.corrupt == 0
+
+
+def test_port_by_its_url_with_damage(port):
+    pytest.importorskip("cobs", reason="needs the extra 'live'")
+    generator = np.random.default_rng(1)
+    damaged = {5, 6, 40}
+    tactile = generator.normal(size=(100, 8, 3)).astype(np.float32)
+    stream = Stream(open_source(f"serial:{port.path}?protocol=cobs"))
+    subscription = stream.subscribe()
+    with stream:
+        for number in range(100):
+            data = bytearray(encode_packet(number, tactile[number], device_time=number / 100))
+            if number in damaged:
+                data[20] ^= 1
+            port.write(bytes(data))
+        got = [subscription.get(LONG) for _ in range(97)]
+    assert [frame.sequence for frame in got] == sorted(set(range(100)) - damaged)
+    for frame in got:
+        np.testing.assert_array_equal(frame.tactile, tactile[frame.sequence])
+    health = stream.health()
+    assert (health.corrupt, health.lost, health.checksum) == (3, 3, "crc32")
+    times = np.array([frame.time for frame in got])
+    assert (np.diff(times) > 0).all()
 
 
 def test_list_ports_are_sorted_and_shown_with_usb_ids(monkeypatch):

@@ -14,6 +14,7 @@ from torch_geometric_tactile.live import (
     Stream,
     StreamEnded,
     StreamOverflow,
+    Subscription,
     TaxelMap,
 )
 
@@ -234,6 +235,18 @@ def test_source_that_waits_is_closed_at_once():
         wait_until(lambda: stream.health().frames > 0)
     assert stream.state == "closed"
     assert not subscription.overflowed or subscription.dropped
+
+
+def test_source_that_waits_goes_on_as_soon_as_there_is_room():
+    subscription = Subscription("all", size=1)
+    subscription.put(frame(0))
+    assert not subscription.has_room(0)
+    timer = threading.Timer(0.05, subscription.get)
+    before = time.monotonic()
+    timer.start()
+    assert subscription.has_room(2 * LONG)
+    assert time.monotonic() - before < LONG
+    timer.join()
 
 
 def test_close_from_another_thread_wakes_every_subscriber():

@@ -6,6 +6,8 @@ import sys
 import onnx_predictors as made
 import pytest
 
+from torch_geometric_tactile.io import read_recording, write_npz
+
 SCRIPT = """
 import sys
 
@@ -51,3 +53,36 @@ def test_a_graph_is_judged_without_torch():
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["judged", "11"]
+
+
+LIVE = """
+import sys
+
+BLOCKED = ("torch", "torch_geometric", "lightning", "sklearn", "umap", "pooch")
+for name in BLOCKED:
+    sys.modules[name] = None
+
+from torch_geometric_tactile.cli import main
+
+source, model, out = sys.argv[1:]
+arguments = ["live", source, "--model", model, "--record", out, "--view", "--no-browser"]
+sys.exit(main([*arguments, "--policy", "all"]))
+"""
+
+
+@pytest.mark.xdist_group("onnx_predictors")
+@pytest.mark.slow
+def test_a_source_is_judged_recorded_and_shown_without_torch(tmp_path):
+    for extra in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(extra, reason="needs the extra 'export'")
+    for extra in ("mcap", "google.protobuf", "zstandard", "websockets"):
+        pytest.importorskip(extra, reason="needs the extra 'live'")
+    whole = made.recording()
+    write_npz(whole, tmp_path / "whole.npz")
+    out = tmp_path / "a.mcap"
+    command = [sys.executable, "-c", LIVE, str(tmp_path / "whole.npz")]
+    command += [str(made.onnx_file("frame")), str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert f"{whole.num_frames} frames, {whole.num_frames} judged" in done.stderr
+    assert read_recording(out).num_frames == whole.num_frames

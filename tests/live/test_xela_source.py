@@ -72,11 +72,12 @@ def test_xela_source_keeps_temperature_and_updates_of_each_taxel():
     both = sensor(temp=[300.5, 301.0], ups=[58.5, 60])
     without = sensor(temp=[300.5], ups="fast")
     with server() as (url, send), XelaSource(url) as source:
-        send(text(1, **{"1": both}), text(2, **{"1": without}))
-        frame, other = read_one(source), read_one(source)
+        send(text(1, **{"1": both}), text(2, **{"1": without}), text(3))
+        frame, other, bare = (read_one(source) for _ in range(3))
     assert frame.extra["temp"].tolist() == [300.5, 301.0]
     assert frame.extra["ups"].tolist() == [58.5, 60.0]
-    assert dict(other.extra) == {}
+    assert np.isnan(other.extra["temp"]).all()
+    assert dict(bare.extra) == {}
 
 
 def test_xela_source_counts_lost_repeated_and_corrupt_messages():
@@ -119,6 +120,7 @@ def test_xela_server_that_goes_is_found_again():
             assert subscription.get(LONG).sequence == 5
             health = stream.health()
     assert health.reconnects == 1
+    assert health.lost == 3  # those that nobody was there for count as well
 
 
 def test_killed_xela_server_is_found_again():

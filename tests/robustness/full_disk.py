@@ -92,7 +92,7 @@ def recording_writers() -> Iterator[Writer]:
         new,
     )
     try:
-        import google.protobuf
+        import google.protobuf  # noqa: F401
         import mcap  # noqa: F401
     except ImportError:
         pass

@@ -110,7 +110,7 @@ def convert() -> Job:
 
 def convert_mcap() -> Job:
     """Converts a CSV file to MCAP by the command line."""
-    import google.protobuf
+    import google.protobuf  # noqa: F401
     import mcap  # noqa: F401
 
     from torch_geometric_tactile.cli import main

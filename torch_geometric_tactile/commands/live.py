@@ -147,13 +147,15 @@ def _session(arguments: argparse.Namespace) -> "LiveSession":
         rest=rest,
         tare=arguments.tare,
         taxel_map=None if arguments.map is None else TaxelMap.load(arguments.map),
-        layout=arguments.layout or (_layout_of(judge) if judge is not None else None),
+        layout=arguments.layout or _layout_of(judge, arguments),
         policy=arguments.policy,
     )
 
 
-def _layout_of(judge: "Judge") -> "TaxelLayout | None":
-    # Of the model; a robot without PyTorch, or a layout of one's own, goes without.
+def _layout_of(judge: "Judge | None", arguments: argparse.Namespace) -> "TaxelLayout | None":
+    # Of the model, for what shows taxels in space; a robot without PyTorch goes without.
+    if judge is None or not (arguments.view or arguments.record):
+        return None
     with suppress(ImportError, OSError, ValueError):
         from torch_geometric_tactile.sensors import as_layout
 

@@ -6,6 +6,8 @@ from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from .decoder import Decoder, DecoderCounts
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
+from .lerobot_dataset import write_lerobot
+from .lerobot_reader import read_lerobot
 from .letter_array_packets import LetterArrayDecoder, encode_letter_array
 from .m1616 import M1616Decoder
 from .matrix_csv import read_matrix_csv
@@ -61,6 +63,7 @@ __all__ = [
     "read_hdf5_head",
     "read_icub_grasp_txt",
     "read_idx",
+    "read_lerobot",
     "read_matrices",
     "read_matrix_csv",
     "read_matrix_mat",
@@ -77,6 +80,7 @@ __all__ = [
     "recording_format",
     "repair_mcap",
     "write_hdf5",
+    "write_lerobot",
     "write_mcap",
     "write_npz",
     "write_recording",

@@ -11,8 +11,8 @@ _END = b"\r\n"
 _LOOK_AHEAD = 4  # frames in a row that may be damaged before their places are forgotten
 # What a MLX90393 can say at any gain: 16 bits of 1/45.2 °C around 25 °C, or of up to 12.6 µT.
 # Compared as integers, which order as the sizes of floats do, and NaN and infinity come last.
-_LIMIT = np.float32([1000.0, 5e5, 5e5, 5e5]).view(np.uint32)
-_SMALLEST = np.float32([1e-6]).view(np.uint32)  # nearer to zero is only zero
+_LIMIT = np.array([1000.0, 5e5, 5e5, 5e5], dtype=np.float32).view(np.uint32)
+_SMALLEST = np.array([1e-6], dtype=np.float32).view(np.uint32)  # nearer to zero is only zero
 _MOST_AT_ONCE = 64  # so that a large piece with damage everywhere is read once, not many times
 _SIZE_BITS = np.uint32(0x7FFFFFFF)
 
@@ -62,14 +62,15 @@ class AnySkinDecoder(Decoder):
         self.stride = 16 * num_magnetometers + len(_END)
         self._sequence = -1
         self._buffer, self._begin = b"", 0
+        self._looked = 0  # up to where terminators were looked for
+        self._in_place = True  # whether the next frame is expected where the buffer begins
         self._missing = 0  # bytes since the last frame
-        self._forget()
 
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
         r"""Takes bytes, and returns the frames that they complete."""
         self._buffer += data
         frames: list[LiveFrame] = []
-        while True:
+        while len(self._buffer) - self._begin >= self.stride:
             run = self._run()
             frames += [self._frame(values, now) for values in run]
             self._begin += len(run) * self.stride
@@ -87,11 +88,7 @@ class AnySkinDecoder(Decoder):
         r"""Forgets a half frame."""
         self._skip(len(self._buffer))
         self._buffer, self._begin = b"", 0
-        self._forget()
-
-    def _forget(self) -> None:
-        self._looked = 0  # up to where terminators were looked for
-        self._in_place = True  # whether the next frame is expected where the buffer begins
+        self._looked, self._in_place = 0, True
 
     def _run(self) -> np.ndarray:
         """Whole frames where they are expected, one after another."""
@@ -136,8 +133,7 @@ class AnySkinDecoder(Decoder):
         self._sequence += 1 + lost
         self.counts.lost += lost
         self.counts.good += 1
-        values = values.astype(np.float32)
-        temp, tactile = values[:, 0], values[:, 1:]
+        temp, tactile = values[:, 0].astype(np.float32), values[:, 1:].astype(np.float32)
         return LiveFrame(self._sequence, now / 1e9, now, None, tactile, None, {"temp": temp})
 
     def _skip(self, size: int) -> None:
@@ -149,5 +145,5 @@ class AnySkinDecoder(Decoder):
 def _are_plausible(values: np.ndarray) -> np.ndarray:
     bits = values.view("<u4") & _SIZE_BITS
     # Zero less one is the largest of all.
-    possible: np.ndarray = ((bits < _LIMIT) & (bits - np.uint32(1) >= _SMALLEST)).all(axis=(1, 2))
-    return possible
+    possible = (bits < _LIMIT) & (bits - np.uint32(1) >= _SMALLEST)
+    return np.asarray(possible.all(axis=(1, 2)))

@@ -174,7 +174,7 @@ def check_schema(data: bytes) -> str:
             field = fields.get(name)
             if field is None and name not in ("time", "tactile", "shape"):
                 continue
-            kind = "" if field is None else field.type_name.removeprefix(".") or _kind(pb, field)
+            kind = "" if field is None else _kind(pb, field)
             if field is None or (field.number, kind) != (ours.number, ours.kind):
                 got = "none" if field is None else f"{kind} {field.number}"
                 return f"'{message}.{name}' must be {ours.kind} {ours.number} (got {got})"
@@ -191,7 +191,8 @@ def _descriptors() -> Any:
 
 def _kind(pb: Any, field: Any) -> str:
     name: str = pb.FieldDescriptorProto.Type.Name(field.type)
-    return name.removeprefix("TYPE_").lower()
+    # Names that are no UTF-8 are bytes.
+    return str(field.type_name).removeprefix(".") or name.removeprefix("TYPE_").lower()
 
 
 def _file_of(message: str) -> str:

@@ -41,6 +41,7 @@ VERSION = 1
 FLUSH_SECONDS = 0.25
 _NANO = 1_000_000_000
 _CHUNK = 2**20
+_LATEST = 2**62 / _NANO  # seconds whose nanoseconds fit a file, the year 2116
 
 
 class McapWriter:
@@ -125,7 +126,7 @@ class McapWriter:
         return {**texts, "crc32": str(texts_checksum(texts))}
 
     def _log_time(self, time: float) -> int:
-        return max(0, self._anchor[0] + round(time * _NANO) - self._anchor[1])
+        return max(0, self._anchor[0] + _nanoseconds(time) - self._anchor[1])
 
     def _write(self, topic: str, time: float, data: bytes, sequence: int = 0) -> None:
         now = self._log_time(time)
@@ -346,6 +347,10 @@ def write_mcap(recording: Recording, path: PathLike) -> None:
             raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
 
 
+def _nanoseconds(seconds: float) -> int:
+    return round(min(max(-_LATEST, seconds), _LATEST) * _NANO)
+
+
 def _unix_ns(seconds: Any) -> int:
     is_time = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     return int(seconds * _NANO) if is_time and 0 <= seconds < 2**33 else 0
@@ -355,7 +360,7 @@ def _frame(recording: Recording, i: int, time: float) -> tuple[LiveFrame, dict[s
     frame = LiveFrame(
         sequence=i,
         time=time,
-        received=round(time * _NANO),
+        received=_nanoseconds(time),
         device_time=None,
         tactile=recording.tactile[i],
         joint=None if recording.joint is None else recording.joint[i],

@@ -93,7 +93,7 @@ class RobotiqDecoder(HeaderDecoder):
         if len(buffer) - start < _HEAD:
             return WAIT
         command, length = buffer[start + 2], buffer[start + 3]
-        if command not in _COMMANDS or length == 0:
+        if command not in _COMMANDS:
             return NONE
         end = start + _HEAD + length
         if len(buffer) < end:

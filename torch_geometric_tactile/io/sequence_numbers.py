@@ -32,9 +32,8 @@ class SequenceNumbers:
             self._last = number
         else:
             missing = (number - self._device - 1) % _WRAP
-            started_over = missing >= _WRAP // 2 or (
-                missing > _LONGEST_GAP and number < _NEAR_ZERO and number < self._device
-            )
+            too_long = missing > _LONGEST_GAP and number < _NEAR_ZERO
+            started_over = too_long or missing >= _WRAP // 2
             missing = 0 if started_over else missing
             self._last += 1 + missing
         self._device = number

@@ -27,11 +27,12 @@ class _Floats(dict[str, float]):
 _JSON = json.JSONDecoder(strict=False, parse_float=_Floats().__getitem__)
 
 
-def parse_xela_text(text: str | bytes) -> XelaFrame | None:
-    r"""Reads the text of one message as counts.
+def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None:
+    r"""Reads the text of one message.
 
     Args:
         text (str or bytes): The text, as it comes from the WebSocket.
+        forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Returns:
         XelaFrame: What :meth:`parse_xela_message` returns, or :obj:`None` if the message is a
@@ -58,4 +59,4 @@ def parse_xela_text(text: str | bytes) -> XelaFrame | None:
         and not sensor_keys(message)
     ):
         return None
-    return parse_xela_message(message)
+    return parse_xela_message(message, forces)

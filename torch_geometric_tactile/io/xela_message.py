@@ -33,9 +33,9 @@ class XelaFrame(NamedTuple):
 
     :obj:`reading` are counts or newtons :math:`(N, 3)` of all sensors, one after another by their
     number; :obj:`taxels`, :obj:`models` and :obj:`handedness` have one entry for each sensor;
-    :obj:`time` are seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature and the
-    updates per second of each taxel :math:`(N,)`, as the server says them: NaN where it says none
-    that can be read, :obj:`None` if it says nothing of them.
+    :obj:`time` are seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature in
+    kelvins and the updates per second of each taxel :math:`(N,)`, as the server says them: NaN
+    where it says none that can be read, :obj:`None` if it says nothing of them.
     """
 
     number: int

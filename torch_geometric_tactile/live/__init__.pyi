@@ -1,3 +1,4 @@
+from .callback import Callback
 from .clock_map import ClockMap
 from .health import Health, HealthMeter
 from .judge import Judge, Judgement
@@ -9,20 +10,25 @@ from .replay_source import ReplaySource
 from .rest import Drift, Rest, RestFrames
 from .serial_port import SerialPort, list_ports
 from .serial_source import SerialSource
+from .session import LiveSession
 from .simulated_source import SimulatedSource
 from .source import Source, SourceEnded
+from .status import Status
 from .stream import Stream
 from .subscription import StreamEnded, StreamOverflow, Subscription
 from .taxel_map import TaxelMap
+from .viewer import Viewer
 from .xela_source import XelaSource
 
 __all__ = [
+    "Callback",
     "ClockMap",
     "Drift",
     "Health",
     "HealthMeter",
     "Judge",
     "Judgement",
+    "LiveSession",
     "OnnxModel",
     "Recorder",
     "ReplayServer",
@@ -34,11 +40,13 @@ __all__ = [
     "SimulatedSource",
     "Source",
     "SourceEnded",
+    "Status",
     "Stream",
     "StreamEnded",
     "StreamOverflow",
     "Subscription",
     "TaxelMap",
+    "Viewer",
     "XelaSource",
     "list_ports",
     "open_source",

@@ -62,11 +62,12 @@ class Health:
 
     def line(self) -> str:
         r"""Returns it as one quiet line: the state unless it is open, and of the rarer counts only
-        those that are not zero."""
+        those that are not zero; without dropped frames, which are usual for all but policy
+        :obj:`"all"`."""
         parts = [] if self.state == "open" else [self.state]
         parts += [f"{self.rate:.1f} Hz", f"jitter {self.jitter * 1e3:.1f} ms"]
         parts += [f"lost {self.lost}", f"corrupt {self.corrupt}"]
-        rare = {"dropped": self.dropped, "reconnects": self.reconnects, "stale": self.stale_taxels}
+        rare = {"reconnects": self.reconnects, "stale": self.stale_taxels}
         parts += [f"{name} {count}" for name, count in rare.items() if count]
         if not math.isnan(self.age):
             parts.append(

@@ -94,6 +94,7 @@ class Recorder:
         self._told = False
         self._closed = False
         self._stopping: int | None = None
+        self._asked = threading.Event()
         self._subscription: Any = None
         self._thread: threading.Thread | None = None
 
@@ -136,6 +137,7 @@ class Recorder:
         """
         if self._thread is not None and self._stopping is None:
             self._stopping = time.monotonic_ns()
+            self._asked.set()
             self._thread.join()
             if self.error is not None:
                 raise self.error
@@ -182,16 +184,22 @@ class Recorder:
             except TimeoutError:
                 if stopping is not None:
                     return
-                with self._lock:
-                    if self._file is not None:
-                        self._file.idle()
+                self._idle()
                 continue
             except StreamEnded:
+                # What a model says of the last frames comes after them.
+                while not self._asked.wait(_WAIT):
+                    self._idle()
                 return
             if stopping is not None and frame.received > stopping:
                 return
             with self._lock:
                 self._write(self._finite(frame))
+
+    def _idle(self) -> None:
+        with self._lock:
+            if self._file is not None:
+                self._file.idle()
 
     def _write(self, frame: LiveFrame) -> None:
         if self._file is None:

@@ -18,7 +18,7 @@ from torch_geometric_tactile.live.rested_judge import RestedJudge
 from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status
 from torch_geometric_tactile.live.stream import Stream
-from torch_geometric_tactile.live.subscription import StreamEnded, Subscription
+from torch_geometric_tactile.live.subscription import Policy, StreamEnded, Subscription
 from torch_geometric_tactile.live.taxel_map import TaxelMap
 from torch_geometric_tactile.typing import PathLike
 
@@ -75,7 +75,7 @@ class LiveSession:
         tare: bool = False,
         taxel_map: TaxelMap | None = None,
         layout: "TaxelLayout | PathLike | None" = None,
-        policy: str | None = None,
+        policy: Policy | None = None,
         callbacks: Sequence[Callback] = (),
     ) -> None:
         self._judge = RestedJudge(judge, rest, tare, self._rest_event)
@@ -85,7 +85,7 @@ class LiveSession:
         self.judged = 0
         self.judgement: Judgement | None = None
         sees_all = judge is not None and judge.length > 1
-        self._policy = policy or ("drop_oldest" if sees_all else "newest")
+        self._policy: Policy = policy or ("drop_oldest" if sees_all else "newest")
         self._latencies = Latencies()
         self._note = ""
         self._worker: threading.Thread | None = None

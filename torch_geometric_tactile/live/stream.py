@@ -14,7 +14,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.clock_map import ClockMap
 from torch_geometric_tactile.live.health import Health, HealthMeter
 from torch_geometric_tactile.live.source import Source, SourceEnded
-from torch_geometric_tactile.live.subscription import Subscription
+from torch_geometric_tactile.live.subscription import Policy, Subscription
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.taxel_map import TaxelMap
@@ -93,7 +93,7 @@ class Stream:
         r"""Returns how well it runs, at this moment."""
         return self._meter.snapshot(self._state, self.source)
 
-    def subscribe(self, policy: str = "all", size: int | None = None) -> Subscription:
+    def subscribe(self, policy: Policy = "all", size: int | None = None) -> Subscription:
         r"""Returns a queue of the frames from now on. One that nobody holds any more is given up.
 
         Args:
@@ -211,7 +211,7 @@ class Stream:
         with suppress(Exception):
             self.source.close()
         while not self._stop.is_set():
-            returned = self._returned(back_off)
+            returned = _came_back(self.source, self._stop, back_off)
             back_off = _BACK_OFF[0] if returned else min(2 * back_off, _BACK_OFF[1])
             if self._stop.is_set():
                 break
@@ -226,19 +226,6 @@ class Stream:
             self._state = "open"
             break
         return back_off
-
-    def _returned(self, back_off: float) -> bool:
-        # Waits, but no longer than until the source is seen to come back.
-        deadline = time.monotonic() + back_off
-        missing = not self.source.is_there()
-        while not self._stop.wait(max(0.0, min(_READ, deadline - time.monotonic()))):
-            there = self.source.is_there()
-            if missing and there:
-                return True
-            missing = missing or not there
-            if time.monotonic() >= deadline:
-                break
-        return False
 
     def _deliver(self, frames: list[LiveFrame]) -> None:
         for frame in frames:
@@ -288,3 +275,17 @@ class Stream:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.source!r}, state={self._state!r})"
+
+
+def _came_back(source: Source, stop: threading.Event, back_off: float) -> bool:
+    # Waits, but no longer than until a source that was gone is seen to be back.
+    deadline = time.monotonic() + back_off
+    missing = not source.is_there()
+    while not stop.wait(max(0.0, min(_READ, deadline - time.monotonic()))):
+        there = source.is_there()
+        if missing and there:
+            return True
+        missing = missing or not there
+        if time.monotonic() >= deadline:
+            break
+    return False

@@ -5,11 +5,12 @@ import threading
 from collections import deque
 from contextlib import suppress
 from time import monotonic
-from typing import Self
+from typing import Literal, Self
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
-SIZES = {"all": 8192, "drop_oldest": 256, "newest": 1}
+Policy = Literal["all", "drop_oldest", "newest"]
+SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
 
 
 class StreamEnded(EOFError):  # noqa: N818 - an end, not an error
@@ -42,7 +43,7 @@ class Subscription:
         ValueError: If there is no such policy, or :obj:`size` is not positive.
     """
 
-    def __init__(self, policy: str = "all", size: int | None = None) -> None:
+    def __init__(self, policy: Policy = "all", size: int | None = None) -> None:
         if policy not in SIZES:
             raise ValueError(f"'policy' must be one of {list(SIZES)} (got {policy!r})")
         size = SIZES[policy] if size is None or policy == "newest" else size

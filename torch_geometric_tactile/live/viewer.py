@@ -1,23 +1,19 @@
 r"""The viewer: a page in the browser that shows a stream."""
 
 import asyncio
-import base64
-import hashlib
 import ipaddress
 import logging
-import re
 import socket
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Self
-from urllib.parse import urlsplit
 
 import numpy as np
 
 from torch_geometric_tactile.live.viewer_client import ViewerClient
+from torch_geometric_tactile.live.viewer_page import ViewerPage
 from torch_geometric_tactile.live.viewer_screen import ViewerScreen
 from torch_geometric_tactile.typing import PathLike
 
@@ -68,6 +64,15 @@ class Viewer:
     Raises:
         ImportError: If websockets is missing.
         ValueError: If the layout, its hand and the joint angles do not fit.
+
+    Examples:
+        >>> from torch_geometric_tactile.live import ReplaySource, Stream, Viewer
+        >>> stream = Stream(ReplaySource("grasp.h5", loop=True))
+        >>> viewer = Viewer(stream, port=8000)
+        >>> viewer.url
+        'http://127.0.0.1:8000/'
+        >>> with stream, viewer:  # doctest: +SKIP
+        ...     input("Enter ends ")
     """
 
     def __init__(
@@ -83,11 +88,12 @@ class Viewer:
         _require_websockets()
         self._screen = ViewerScreen(stream, layout, joint, kinematics)
         self._host, self._port = host, port
-        self._page, self._policy = _page()
+        self._page = ViewerPage(host)
         self._pages = 0
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stop: asyncio.Event | None = None
+        self._turn = asyncio.Lock()
 
     def start(self) -> None:
         r"""Begins to serve, in a thread of its own; does nothing if it does already.
@@ -102,7 +108,7 @@ class Viewer:
         self._port = listening.getsockname()[1]
         ready = threading.Event()
         self._thread = threading.Thread(
-            target=lambda: asyncio.run(self._serve(listening, ready)), name="viewer", daemon=True
+            target=self._run, args=(listening, ready), name="viewer", daemon=True
         )
         self._thread.start()
         ready.wait()
@@ -193,10 +199,18 @@ class Viewer:
     def __exit__(self, *error: object) -> None:
         self.close()
 
+    def _run(self, listening: socket.socket, ready: threading.Event) -> None:
+        try:
+            asyncio.run(self._serve(listening, ready))
+        finally:
+            ready.set()
+            listening.close()
+
     async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
         from websockets.asyncio.server import serve
 
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
+        self._turn = asyncio.Lock()
         quiet = logging.getLogger(f"{__name__}.websockets")
         quiet.setLevel(logging.CRITICAL)  # broken requests are the client's affair
         async with serve(
@@ -218,41 +232,12 @@ class Viewer:
         self._pages += 1
         try:
             with suppress(ConnectionClosed):
-                await ViewerClient(connection, self._screen).run()
+                await ViewerClient(connection, self._screen, self._turn).run()
         finally:
             self._pages -= 1
 
     def _answer(self, connection: Any, request: Any) -> Any:
-        host = _only(request.headers.get_all("Host"))
-        origin = request.headers.get_all("Origin")
-        own = {"localhost", self._host.lower(), connection.local_address[0]}
-        if host is None or _hostname(host) not in own:
-            return connection.respond(403, "This name is not one of the viewer's.\n")
-        if origin and _only(origin) != f"http://{host}":
-            return connection.respond(403, "Pages of others may not use the viewer.\n")
-        path = request.path.partition("?")[0]
-        if path == "/live":
-            full = self._pages >= _MOST_PAGES
-            return connection.respond(503, "Too many pages are open.\n") if full else None
-        if path != "/":
-            return connection.respond(404, "There is only one page: /\n")
-        response = connection.respond(200, self._page)
-        del response.headers["Content-Type"]
-        response.headers.update(self._headers(host))
-        return response
-
-    def _headers(self, host: str) -> dict[str, str]:
-        return {
-            "Content-Type": "text/html; charset=utf-8",
-            # Some browsers do not count a web socket of the same host as 'self'.
-            "Content-Security-Policy": f"{self._policy}; connect-src 'self' ws://{host}",
-            "Cache-Control": "no-store",
-            "Referrer-Policy": "no-referrer",
-            "X-Content-Type-Options": "nosniff",
-            "X-Frame-Options": "DENY",
-            "Cross-Origin-Opener-Policy": "same-origin",
-            "Cross-Origin-Resource-Policy": "same-origin",
-        }
+        return self._page.answer(connection, request, full=self._pages >= _MOST_PAGES)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"
@@ -263,29 +248,6 @@ def _require_websockets() -> None:
         import websockets  # noqa: F401
     except ImportError as error:
         raise ImportError(f"the viewer needs websockets: {_INSTALL}") from error
-
-
-def _page() -> tuple[str, str]:
-    # The page, and a policy under which nothing runs and nothing is loaded but what is in it.
-    page = files(__package__).joinpath("viewer.html").read_text(encoding="utf-8")
-    script, style = (
-        " ".join(_digest(text) for text in re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL))
-        for tag in ("script", "style")
-    )
-    rules = {
-        "default-src": "'none'",
-        "script-src": script,
-        "style-src": style,
-        "img-src": "data:",
-        "base-uri": "'none'",
-        "form-action": "'none'",
-        "frame-ancestors": "'none'",
-    }
-    return page, "; ".join(f"{name} {value}" for name, value in rules.items())
-
-
-def _digest(text: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -302,17 +264,3 @@ def _is_local(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
-
-
-def _hostname(host: str) -> str | None:
-    # Without the port, which differs where it is forwarded, as by `ssh -L`.
-    if not re.fullmatch(r"[\w.:\[\]-]+", host, re.ASCII):
-        return None
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
-
-
-def _only(values: list[str]) -> str | None:
-    return values[0] if len(values) == 1 else None

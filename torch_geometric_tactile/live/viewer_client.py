@@ -26,10 +26,11 @@ class ViewerClient:
     Args:
         socket (ServerConnection): The connection of the page.
         screen (ViewerScreen): What all pages show.
+        turn (asyncio.Lock): Held while a button of any page is heeded.
     """
 
-    def __init__(self, socket: Any, screen: ViewerScreen) -> None:
-        self._socket, self._screen = socket, screen
+    def __init__(self, socket: Any, screen: ViewerScreen, turn: asyncio.Lock) -> None:
+        self._socket, self._screen, self._turn = socket, screen, turn
         self._subscription = screen.stream.subscribe("newest")
         self._ended = False
         self._gone = False
@@ -83,10 +84,14 @@ class ViewerClient:
             self._call(self._screen.record, bool(message.get("on")))
 
     def _call(self, function: Any, *arguments: Any) -> None:
-        # In a thread: what the caller does for a button must not stop the picture.
-        task = asyncio.create_task(asyncio.to_thread(function, *arguments))
+        task = asyncio.create_task(self._called(function, *arguments))
         self._calls.add(task)
         task.add_done_callback(self._calls.discard)
+
+    async def _called(self, function: Any, *arguments: Any) -> None:
+        # In a thread, as what the caller does for a button must not stop the picture; in order.
+        async with self._turn:
+            await asyncio.to_thread(function, *arguments)
 
     def _note_age(self) -> None:
         if self._sent is None:

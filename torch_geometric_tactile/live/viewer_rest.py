@@ -9,27 +9,31 @@ class ViewerRest:
     r"""The mean of the first second that was shown, or what the caller gives.
 
     While that second is not over, the mean so far serves. Readings that are missing in all of its
-    frames stay missing.
+    frames stay missing. One thread asks for readings; any may ask for another rest.
+
+    Attributes:
+        given (numpy.ndarray, optional): What the caller gives :math:`(N, C)`; it goes first.
+        mean (numpy.ndarray, optional): What was measured :math:`(N, C)`.
     """
 
     def __init__(self) -> None:
         self.given: np.ndarray | None = None
-        self.again()
+        self.mean: np.ndarray | None = None
+        self._total = self._count = np.zeros(0)
+        self._start = 0.0
+        self._over = False
+        self._anew = True
 
     def again(self) -> None:
-        r"""Measures the next second anew."""
-        self._total: np.ndarray | None = None
-        self._count = np.zeros(0)
-        self._start = 0.0
-        self._mean: np.ndarray | None = None
-        self._over = False
+        r"""Measures the next second."""
+        self._anew = True
 
     @property
     def kind(self) -> str:
         r"""Where the rest is from: :obj:`"given"`, :obj:`"measured"` or :obj:`"measuring"`."""
         if self.given is not None:
             return "given"
-        return "measured" if self._over else "measuring"
+        return "measured" if self._over and not self._anew else "measuring"
 
     def relative(self, time: float, tactile: np.ndarray) -> np.ndarray:
         r"""Returns readings relative to the rest.
@@ -41,22 +45,19 @@ class ViewerRest:
         given = self.given
         if given is not None and given.shape == tactile.shape:
             return tactile - given
-        if self._total is None or self._total.shape != tactile.shape:
-            self.again()
-            self._total = np.zeros(tactile.shape)
-            self._count = np.zeros(tactile.shape)
+        if self._anew or self._total.shape != tactile.shape:
+            self._anew = self._over = False
+            self._total, self._count = np.zeros(tactile.shape), np.zeros(tactile.shape)
             self._start = time
         if not self._over:
             self._add(time, tactile)
-        assert self._mean is not None
-        return tactile - self._mean
+        assert self.mean is not None
+        return tactile - self.mean
 
     def _add(self, time: float, tactile: np.ndarray) -> None:
-        assert self._total is not None
         present = ~np.isnan(tactile)
         self._total[present] += tactile[present]
         self._count += present
-        counted = np.maximum(self._count, 1)
-        self._mean = np.where(self._count > 0, self._total / counted, np.nan)
-        # A stream that starts over, as a replay in a loop does, has earlier times.
-        self._over = not self._start <= time < self._start + _SECONDS
+        mean = self._total / np.maximum(self._count, 1)
+        self.mean = np.where(self._count > 0, mean, np.nan)
+        self._over = time >= self._start + _SECONDS

@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # without a layout, a live robot is shown without torch
     from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 
 _GAP = 0.3  # between the links of a layout that no hand carries, in shares of the largest
+_NEAR = 0.1  # share of the taxels of a patch that may overlap their nearest
 # Rows: what the viewer sees to the right, above, and towards himself, in the frame of the root.
 _HAND_VIEW = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 _FLAT_VIEW = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -254,7 +255,8 @@ def _sizes(layout: "TaxelLayout") -> np.ndarray:
         mine = np.flatnonzero(patch == index)
         if len(mine) > 1:
             distance = cKDTree(pos[mine]).query(pos[mine], k=2)[0][:, 1]
-            size[mine] = np.median(distance[distance > 0]) if (distance > 0).any() else np.nan
+            apart = distance[distance > 0]
+            size[mine] = np.quantile(apart, _NEAR) if len(apart) else np.nan
     known = size[~np.isnan(size)]
     size[np.isnan(size)] = np.median(known) if len(known) else 0.005
     return size

@@ -166,6 +166,7 @@ class ViewerScreen:
         """
         since = self.recording_since
         return {
+            "source": self.stream.source.name,
             "health": self._health(),
             "rest": self.rest.kind,
             "recording": None if since is None else time.monotonic() - since,
@@ -184,9 +185,8 @@ class ViewerScreen:
         judgement = self.judgement
         if judgement is None:
             return None
-        label = judgement.label
         return {
-            "label": label if isinstance(label, str) else ", ".join(label),
+            "label": _shown_label(judgement),
             "task": judgement.task,
             "names": list(judgement.class_names),
             "probability": np.asarray(judgement.probability, dtype=float).tolist(),
@@ -197,6 +197,7 @@ class ViewerScreen:
     def tare(self) -> None:
         r"""Calls :obj:`on_tare`, or measures the rest that is shown anew."""
         if self.on_tare is None:
+            self.rest.given = None
             self.rest.again()
             self.note("Rest measured anew")
         else:
@@ -217,6 +218,15 @@ class ViewerScreen:
         except Exception as error:  # of the caller: told where the button is
             _LOG.warning("%s failed: %s", what, error)
             self.note(f"{what} failed: {error}")
+
+
+def _shown_label(judgement: Any) -> str:
+    if np.isnan(judgement.probability).any():
+        return "no answer"
+    if judgement.task == "regression":
+        return ""
+    label: str = judgement.label
+    return (label.replace(";", ", ") or "none") if judgement.task == "multilabel" else label
 
 
 def _opened(layout: Any) -> "TaxelLayout":

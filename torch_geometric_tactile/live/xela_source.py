@@ -1,55 +1,18 @@
 r"""Frames from XELA's server."""
 
-import json
 import time
 from inspect import signature
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.xela_message import XelaFrame, parse_xela_message, sensor_keys
+from torch_geometric_tactile.io.xela_live import parse_xela_text
+from torch_geometric_tactile.io.xela_message import XelaFrame
 from torch_geometric_tactile.live.source import Source
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _OPEN = 5.0  # seconds to connect
 _FIRST = 1.0  # seconds that opening waits for the first message, which tells the sensors
 _CLOSE = 1.0
-_EXTRA = ("temp", "ups")
-
-
-class _Message(NamedTuple):
-    frame: XelaFrame
-    extra: dict[str, np.ndarray]
-
-
-def _parsed(text: str | bytes, forces: bool) -> _Message | None:
-    # One message, or nothing for the greeting. Raises ValueError.
-    try:
-        message = json.loads(text, strict=False)
-    except RecursionError as error:
-        raise ValueError("a XELA message must not be nested that deep") from error
-    if isinstance(message, dict) and isinstance(message.get("message"), str):
-        if sensor_keys(message):
-            raise ValueError("'message' of a XELA message with sensors must be an integer")
-        return None
-    frame = parse_xela_message(message, forces)
-    return _Message(frame, _extra([message[key] for key in sensor_keys(message)], frame))
-
-
-def _extra(sensors: list[dict[str, Any]], frame: XelaFrame) -> dict[str, np.ndarray]:
-    # Temperature and updates per second of each taxel, where all sensors tell them.
-    out = {}
-    for name in _EXTRA:
-        values = [sensor.get(name) for sensor in sensors]
-        if all(
-            isinstance(v, list) and len(v) == n for v, n in zip(values, frame.taxels, strict=True)
-        ):
-            try:
-                out[name] = np.concatenate([np.asarray(v, dtype=np.float32) for v in values])
-            except (TypeError, ValueError, OverflowError):
-                continue
-    return out
 
 
 class XelaSource(Source):
@@ -113,7 +76,6 @@ class XelaSource(Source):
                 f"no server of XELA answers at '{self.name}' ({error}); is it running?"
             ) from error
         self._connection = connection
-        self._number = None
         try:
             if self._taxels is None:
                 self._waiting = self.read(_FIRST)
@@ -153,13 +115,12 @@ class XelaSource(Source):
 
     def _frame(self, text: str | bytes, received: int) -> LiveFrame | None:
         try:
-            message = _parsed(text, self.forces)
+            frame = parse_xela_text(text, self.forces)
         except ValueError:
             self.counts.corrupt += 1
             return None
-        if message is None:
+        if frame is None:
             return None
-        frame, extra = message
         if self._taxels is None:
             self._learn(frame)
         elif frame.taxels != self._taxels:
@@ -172,6 +133,8 @@ class XelaSource(Source):
                 return None
             self.counts.lost += max(0, frame.number - last - 1)
         self.counts.good += 1
+        known = {"temp": frame.temp, "ups": frame.ups}
+        extra = {name: value for name, value in known.items() if value is not None}
         return LiveFrame(
             frame.number, received * 1e-9, received, frame.time, frame.reading, None, extra
         )

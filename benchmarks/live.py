@@ -1,0 +1,149 @@
+r"""What live use must hold: damaged cables, lost ports, latency, kills, slow readers, memory.
+
+The other side is a second process on a real pty, or a real WebSocket server. Figures of one run are
+written as JSON; parts that are not measured keep what an earlier run found.
+
+Examples:
+    python benchmarks/live.py                                       # all but the hour: six minutes
+    python benchmarks/live.py --only label replay
+    python benchmarks/live.py --only hour                           # 15 minutes, 2 GB of disk
+    python benchmarks/live.py --out docs/results/live.json
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from live_files import measure_cuts, measure_kills
+from live_hour import measure_hour, measure_idle, measure_slow_viewers
+from live_label import measure_label, measure_replay
+from live_page import measure_page
+from live_wire import measure_bytes, measure_packets, measure_returns, measure_xela
+from predictor_onnx import build
+from throughput_report import describe_machine
+
+from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile.predictor.export_onnx import export_onnx
+
+Part = Callable[[argparse.Namespace, Path], dict[str, Any]]
+
+
+def parse(argv: list[str] | None = None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="The exit code is 0 if all that was measured holds, and 1 if not.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    quick = [name for name in PARTS if name != "hour"]
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=quick)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of a stream (default: 60)")
+    parser.add_argument(
+        "--times", type=int, default=100, help="that the port is gone (default: 100)"
+    )
+    parser.add_argument("--hour", type=float, default=3600.0, help="seconds of the long recording")
+    parser.add_argument("--rate", type=float, default=100.0, help="its frames a second")
+    parser.add_argument("--speed", type=float, default=4.0, help="how much faster it is replayed")
+    parser.add_argument("--folder", help="for large files (default: a temporary one)")
+    parser.add_argument("--out", metavar="JSON", help="where to write the figures")
+    return parser.parse_args(argv)
+
+
+def _models(folder: Path) -> tuple[Any, Path]:
+    torch.set_num_threads(1)
+    predictor, _ = build("message")
+    path = folder / "model.onnx"
+    if not path.exists():
+        export_onnx(predictor, path)
+    return predictor, path
+
+
+def _label(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    return measure_label(*_models(folder), seconds=arguments.seconds)
+
+
+def _replay(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    return measure_replay(*_models(folder), seconds=arguments.seconds)
+
+
+def _hour(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    onnx = _models(folder)[1]
+    return measure_hour(onnx, folder, arguments.hour, arguments.rate, arguments.speed)
+
+
+PARTS: dict[str, Part] = {
+    "packets": lambda arguments, _: measure_packets(arguments.seconds),
+    "bytes": lambda arguments, _: measure_bytes(arguments.seconds),
+    "returns": lambda arguments, _: measure_returns(arguments.times),
+    "xela": lambda arguments, _: measure_xela(arguments.seconds),
+    "label": _label,
+    "replay": _replay,
+    "kills": lambda arguments, _: measure_kills(10),
+    "cuts": lambda _, folder: measure_cuts(folder, 100),
+    "slow viewers": lambda arguments, folder: measure_slow_viewers(folder, arguments.seconds / 3),
+    "idle": lambda arguments, _: measure_idle(arguments.seconds / 3),
+    "page": lambda _, folder: measure_page(folder),
+    "hour": _hour,
+}
+
+# What each part must hold.
+HOLDS: dict[str, Callable[[dict[str, Any]], bool]] = {
+    "packets": lambda f: f["in order"] and f["missing"] == 0 and f["wrong"] == 0,
+    "bytes": lambda f: f["intact delivered (%)"] >= 98,
+    "returns": lambda f: (
+        f["slowest return (s)"] <= 0.5 and f["missing"] == f["counted as lost"] and f["wrong"] == 0
+    ),
+    "xela": lambda f: (
+        f["delivered"] == f["messages"] and f["in order"] and f["wrong"] == 0 and f["core (%)"] < 20
+    ),
+    "label": lambda f: (
+        f["onnx"]["decoded frame to label"]["p50 (ms)"] <= 1
+        and f["onnx"]["decoded frame to label"]["p99 (ms)"] <= 2
+        and f["onnx"]["first byte to label"]["p50 (ms)"] <= 3
+    ),
+    "replay": lambda f: all(
+        one["same classes"]
+        and one["largest difference"] <= 1e-5
+        and one["drift (ms a minute)"] < 5
+        and one["times increase"]
+        for one in f.values()
+    ),
+    "kills": lambda f: f["most lost (s)"] <= 0.3 and f["wrong frames"] == 0,
+    "cuts": lambda f: f["most lost (s)"] <= 0.3 and f["wrong frames"] == 0,
+    "slow viewers": lambda f: f["frames"] == f["recorded"] and f["same"],
+    "idle": lambda f: True,
+    "page": lambda f: f["foreign requests"] == 0 and f["age when throttled, p99 (ms)"] < 100,
+    "hour": lambda f: (
+        f["frames"] == f["recorded"]
+        and f["same"]
+        and f["lost"] == 0
+        and f["highest after (MB)"] - f["memory at 10 % (MB)"] <= 20
+    ),
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    arguments = parse(argv)
+    out = None if arguments.out is None else Path(arguments.out)
+    kept = json.loads(out.read_text()) if out is not None and out.exists() else {}
+    failed = []
+    with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
+        for name in arguments.only:
+            found = PARTS[name](arguments, Path(folder))
+            holds = bool(HOLDS[name](found))
+            kept[name] = {**found, "holds": holds, "machine": describe_machine()}
+            failed += [] if holds else [name]
+            print(json.dumps({name: kept[name]}, indent=2), flush=True)
+            if out is not None:
+                with atomic_path(out) as path:
+                    path.write_text(json.dumps(kept, indent=2) + "\n")
+    print(f"does not hold: {', '.join(failed)}" if failed else "all of it holds")
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,334 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import lerobot_dataset, read_lerobot, write_lerobot
+from torch_geometric_tactile.io.lerobot_stats import resampled
+
+# The keys of version 3.0, as lerobot 0.4.4 writes them (`create_empty_dataset_info`).
+INFO_KEYS = {
+    "codebase_version": str,
+    "robot_type": str | None,
+    "total_episodes": int,
+    "total_frames": int,
+    "total_tasks": int,
+    "chunks_size": int,
+    "data_files_size_in_mb": int,
+    "video_files_size_in_mb": int,
+    "fps": int,
+    "splits": dict,
+    "data_path": str,
+    "video_path": None,
+    "features": dict,
+}
+DEFAULT_FEATURES = {
+    "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+    "frame_index": {"dtype": "int64", "shape": [1], "names": None},
+    "episode_index": {"dtype": "int64", "shape": [1], "names": None},
+    "index": {"dtype": "int64", "shape": [1], "names": None},
+    "task_index": {"dtype": "int64", "shape": [1], "names": None},
+}
+
+
+def a_recording(frames=6, rate=10, seed=0, joints=2, **more):
+    draw = np.random.default_rng(seed)
+    tactile = draw.normal(size=(frames, 4, 3)).astype(np.float32)
+    tactile[1, 2, 0] = np.nan
+    tactile[:, 3, :] = np.nan
+    joint = draw.normal(size=(frames, joints)).astype(np.float32) / 9 if joints else None
+    return Recording(5 + np.arange(frames) / rate, tactile, joint, **more)
+
+
+def three(**more):
+    meta = {"unit": "count", "joint_names": ["a", "b"]}
+    return [
+        a_recording(6, seed=1, label="mug", meta=meta, **more),
+        a_recording(4, seed=2, label="box é", meta=meta, **more),
+        a_recording(5, seed=3, label="mug", meta=meta, **more),
+    ]
+
+
+@pytest.fixture
+def root(tmp_path):
+    write_lerobot(three(), tmp_path / "set", fps=10, robot_type="allegro")
+    return tmp_path / "set"
+
+
+def test_recordings_come_back(root):
+    for found, recording in zip(read_lerobot(root), three(), strict=True):
+        assert found.time == pytest.approx(recording.time - 5, abs=1e-9)
+        assert np.array_equal(found.tactile, recording.tactile, equal_nan=True)
+        assert np.array_equal(found.joint, recording.joint)
+        assert found.label == recording.label
+        assert found.meta == {**recording.meta, "rate": 10}
+
+
+def test_without_joints_and_with_labels_of_other_types(tmp_path):
+    recordings = [a_recording(joints=0, label=3), a_recording(joints=0)]
+    write_lerobot(recordings, tmp_path / "set", fps=10)
+    assert [found.label for found in read_lerobot(tmp_path / "set")] == [3, None]
+    (tmp_path / "set/meta/tactile.json").unlink()
+    found = read_lerobot(tmp_path / "set")
+    assert [one.label for one in found] == ["3", "touch"]
+    assert [one.meta for one in found] == [{"episode": i, "rate": 10} for i in range(2)]
+    assert found[0].joint is None
+
+
+def test_info_has_the_documented_keys(root):
+    info = json.loads((root / "meta/info.json").read_text())
+    assert [*info] == [*INFO_KEYS]
+    for key, kind in INFO_KEYS.items():
+        assert info[key] is None if kind is None else isinstance(info[key], kind)
+    features = info.pop("features")
+    assert info == {
+        "codebase_version": "v3.0",
+        "robot_type": "allegro",
+        "total_episodes": 3,
+        "total_frames": 15,
+        "total_tasks": 2,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": 10,
+        "splits": {"train": "0:3"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
+    }
+    assert features.pop("observation.tactile") == {
+        "dtype": "float32",
+        "shape": [4, 3],
+        "names": ["taxels", "channels"],
+    }
+    assert features.pop("observation.state") == {
+        "dtype": "float32",
+        "shape": [2],
+        "names": ["a", "b"],
+    }
+    assert features == DEFAULT_FEATURES
+
+
+def test_files_are_where_the_format_has_them(root):
+    files = sorted(str(path.relative_to(root)) for path in root.rglob("*") if path.is_file())
+    assert files == [
+        "data/chunk-000/file-000.parquet",
+        "meta/episodes/chunk-000/file-000.parquet",
+        "meta/info.json",
+        "meta/stats.json",
+        "meta/tactile.json",
+        "meta/tasks.parquet",
+    ]
+
+
+def test_frames_have_the_documented_columns(root):
+    table = pq.read_table(root / "data/chunk-000/file-000.parquet")
+    types = {field.name: str(field.type) for field in table.schema}
+    types = {name: re.sub("element|item", "x", text) for name, text in types.items()}
+    assert types == {
+        "observation.tactile": "list<x: list<x: float>>",
+        "observation.state": "fixed_size_list<x: float>[2]",
+        "timestamp": "float",
+        "frame_index": "int64",
+        "episode_index": "int64",
+        "index": "int64",
+        "task_index": "int64",
+    }
+    assert table["index"].to_pylist() == list(range(15))
+    assert table["episode_index"].to_pylist() == [0] * 6 + [1] * 4 + [2] * 5
+    assert table["task_index"].to_pylist() == [0] * 6 + [1] * 4 + [0] * 5
+    assert table["frame_index"].to_pylist() == [*range(6), *range(4), *range(5)]
+    assert table["timestamp"].to_numpy() == pytest.approx(table["frame_index"].to_numpy() / 10)
+
+
+def test_episodes_have_the_documented_columns(root):
+    (first, second, _) = pq.read_table(root / "meta/episodes").to_pylist()
+    keys = ("min", "max", "mean", "std", "q01", "q10", "q50", "q90", "q99", "count")
+    names = ("observation.tactile", "observation.state", *DEFAULT_FEATURES)
+    assert set(first) == {
+        *("episode_index", "tasks", "length", "dataset_from_index", "dataset_to_index"),
+        *("data/chunk_index", "data/file_index"),
+        *("meta/episodes/chunk_index", "meta/episodes/file_index"),
+        *(f"stats/{name}/{key}" for name in names for key in keys),
+    }
+    assert (second["episode_index"], second["tasks"], second["length"]) == (1, ["box é"], 4)
+    assert (second["dataset_from_index"], second["dataset_to_index"]) == (6, 10)
+    assert second["stats/index/min"] == [6.0]
+    assert second["stats/observation.state/count"] == [4]
+
+
+def test_tasks_are_an_index_for_pandas(root):
+    table = pq.read_table(root / "meta/tasks.parquet")
+    assert table.to_pydict() == {"task_index": [0, 1], "__index_level_0__": ["mug", "box é"]}
+    assert json.loads(table.schema.metadata[b"pandas"])["index_columns"] == ["__index_level_0__"]
+
+
+def test_statistics_leave_out_what_is_missing(root):
+    stats = json.loads((root / "meta/stats.json").read_text())
+    readings = np.concatenate([r.tactile for r in three()]).reshape(-1, 3)
+    found = stats["observation.tactile"]
+    assert found["count"] == [15]
+    assert found["min"] == pytest.approx(np.nanmin(readings, axis=0))
+    assert found["max"] == pytest.approx(np.nanmax(readings, axis=0))
+    # Episodes count by their frames, as LeRobot joins them, whatever is missing in them.
+    means = [np.nanmean(r.tactile.reshape(-1, 3), axis=0) for r in three()]
+    mean = np.average(means, axis=0, weights=[6, 4, 5])
+    assert found["mean"] == pytest.approx(mean, rel=1e-5)
+    assert stats["observation.state"]["mean"] == pytest.approx(
+        np.concatenate([r.joint for r in three()]).mean(axis=0), rel=1e-5
+    )
+    assert stats["observation.state"]["std"] == pytest.approx(
+        np.concatenate([r.joint for r in three()]).std(axis=0), rel=1e-5
+    )
+    assert stats["frame_index"]["max"] == [5.0]
+
+
+def test_feature_without_any_reading_has_zeros(tmp_path):
+    write_lerobot([Recording([0.0], np.full((1, 2, 1), np.nan))], tmp_path / "set", fps=5)
+    stats = json.loads((tmp_path / "set/meta/stats.json").read_text())["observation.tactile"]
+    assert stats["mean"] == stats["min"] == stats["q50"] == [0.0]
+    assert np.isnan(read_lerobot(tmp_path / "set")[0].tactile).all()
+
+
+@pytest.mark.parametrize(
+    ("nearest", "expected"), [(False, [0, 1, 2, 4, 5]), (True, [0, 1, 3, 4, 5])]
+)
+def test_each_step_has_the_last_or_the_nearest_frame(nearest, expected):
+    time = np.array([10.0, 10.095, 10.11, 10.22, 10.3, 10.4])
+    assert resampled(time, 10, nearest).tolist() == expected
+
+
+def test_steps_that_lie_on_frames_but_for_rounding():
+    time = 1.7e9 + np.arange(3001) / 30
+    assert resampled(time, 30, nearest=False).tolist() == list(range(3001))
+    assert resampled(time[:1], 30, nearest=True).tolist() == [0]
+
+
+def test_long_sets_have_several_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(lerobot_dataset, "_DATA_MB", 0.0005)
+    monkeypatch.setattr(lerobot_dataset, "_FILES_PER_CHUNK", 2)
+    write_lerobot(three(), tmp_path / "set", fps=10)
+    files = sorted(str(p.relative_to(tmp_path / "set/data")) for p in tmp_path.rglob("data/*/*"))
+    assert files == [
+        "chunk-000/file-000.parquet",
+        "chunk-000/file-001.parquet",
+        "chunk-001/file-000.parquet",
+    ]
+    rows = pq.read_table(tmp_path / "set/meta/episodes").to_pylist()
+    assert [(r["data/chunk_index"], r["data/file_index"]) for r in rows] == [(0, 0), (0, 1), (1, 0)]
+    assert [found.num_frames for found in read_lerobot(tmp_path / "set")] == [6, 4, 5]
+
+
+def change(path, **values):
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, **values}))
+
+
+def test_sets_of_others_have_other_features(root):
+    path = root / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(path)
+    skin = pa.array(np.arange(30.0).reshape(15, 2).tolist())
+    table = table.append_column("skin", skin).append_column("one", pa.array(range(15)))
+    pq.write_table(table, path)
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    skin = {"dtype": "float64", "shape": [2], "names": None}
+    one = {"dtype": "int64", "shape": [1], "names": None}
+    change(root / "meta/info.json", features={**features, "skin": skin, "one": one})
+    found = read_lerobot(root, tactile="skin", state="none")
+    assert found[1].tactile[:, :, 0].tolist() == [[12, 13], [14, 15], [16, 17], [18, 19]]
+    assert found[1].joint is None
+    found = read_lerobot(root, tactile="one", state="one")
+    assert found[1].tactile.ravel().tolist() == [6, 7, 8, 9]
+    assert found[2].joint.ravel().tolist() == [10, 11, 12, 13, 14]
+
+
+@pytest.mark.parametrize(
+    ("values", "match"),
+    [
+        ({"codebase_version": "v2.1"}, "must be a LeRobot data set of version 3 .*got v2.1"),
+        ({"fps": 0}, "positive 'fps'"),
+        ({"fps": "30"}, "must hold 'fps'"),
+        ({"total_frames": 14}, "3 episodes and 14 frames.*got 3 and 15"),
+        ({"features": {"action": {}}}, "must have the feature 'observation.tactile' .*got action"),
+        ({"features": {"observation.tactile": {"shape": [2, 2, 2]}}}, "one or two dimensions"),
+        ({"features": {"observation.tactile": {"shape": [3, 4]}}}, "lists of 3"),
+        ({"features": {"observation.tactile": {"shape": [4]}}}, "must hold numbers"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(root, values, match):
+    change(root / "meta/info.json", **values)
+    with pytest.raises(ValueError, match=match):
+        read_lerobot(root)
+
+
+@pytest.mark.parametrize(
+    "name", ["data/chunk-000/file-000.parquet", "meta/tasks.parquet", "meta/info.json"]
+)
+def test_damaged_files_are_named(root, name):
+    path = root / name
+    whole = path.read_bytes()
+    for content in (whole[: len(whole) // 2], b"", b"no such file"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=re.escape(str(path))):
+            read_lerobot(root)
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match="set"):
+        read_lerobot(root)
+
+
+def test_flipped_bit_of_a_reading_is_noticed(root):
+    path = root / "data/chunk-000/file-000.parquet"
+    whole = path.read_bytes()
+    draw = np.random.default_rng(0)
+    before = [r.tactile for r in read_lerobot(root)]
+    for place in draw.integers(4, 400, 20).tolist():
+        changed = bytearray(whole)
+        changed[place] ^= 1
+        path.write_bytes(changed)
+        try:
+            found = [r.tactile for r in read_lerobot(root)]
+        except ValueError:
+            continue
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found, before, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("recordings", "settings", "error", "match"),
+    [
+        ([], {}, ValueError, "at least one recording"),
+        ([a_recording(), a_recording(joints=0)], {}, ValueError, "recording 1 must have 4 taxels"),
+        ([a_recording().select(slice(0, 0))], {}, ValueError, "recording 0 must hold at least one"),
+        (
+            [a_recording(meta={"unit": "count"}), a_recording(meta={"unit": "newton"})],
+            {},
+            ValueError,
+            "must have one unit",
+        ),
+        ([a_recording()], {"fps": 0}, ValueError, "'fps' must be a positive integer"),
+        ([a_recording()], {"fps": 29.97}, ValueError, "'fps' must be a positive integer"),
+    ],
+    ids=["none", "joints", "empty", "units", "zero", "fraction"],
+)
+def test_bad_arguments(tmp_path, recordings, settings, error, match):
+    with pytest.raises(error, match=match):
+        write_lerobot(recordings, tmp_path / "set", **{"fps": 10, **settings})
+    assert not (tmp_path / "set").exists()
+
+
+def test_folder_with_files_is_not_touched(root):
+    with pytest.raises(FileExistsError, match="new or empty folder"):
+        write_lerobot(three(), root, fps=10)
+    with pytest.raises(FileNotFoundError, match=r"info.json' does not exist"):
+        read_lerobot(root.parent)
+
+
+def test_missing_library_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    with pytest.raises(ImportError, match=r"pip install 'torch-geometric-tactile\[lerobot\]'"):
+        write_lerobot(three(), tmp_path, fps=10)

@@ -1,0 +1,119 @@
+r"""``tactile view``: a source or a recording, on a page in the browser."""
+
+import argparse
+import re
+import time
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.live import Source, Stream, Viewer
+
+HELP = "show a source or a recording on a page in the browser"
+DESCRIPTION = """\
+Shows what a sensor reads, relative to its rest: pressure as colour and shear as arrows, on the
+hand in the pose of its joints, or on a flat layout. A recording is played again and again at
+its own speed. Judging and recording are those of 'tactile live --view'.
+
+SOURCE is serial:/dev/ttyACM0?protocol=anyskin ('tactile ports' lists them), the address of
+XELA's server (ws://host:5000), a recording (grasp.h5, or file:grasp.h5?speed=0.5) or sim: (the
+simulated hand). The first second counts as rest; the button of the page, or its key T, measures
+it anew. Ctrl-C ends.
+"""
+EXAMPLES = """\
+examples:
+  tactile view grasp.h5
+  tactile view ws://127.0.0.1:5000 --layout allegro_uskin
+  tactile view 'serial:/dev/ttyUSB0?protocol=text&shape=12x32' --layout 12x32
+  tactile view sim: --port 8000 --no-browser     on a robot; then, where the browser is,
+                                                 ssh -L 8000:127.0.0.1:8000 ROBOT
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the arguments of the verb.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument("source", metavar="SOURCE", help="a source, or the file of a recording")
+    parser.add_argument(
+        "--layout",
+        metavar="LAYOUT",
+        help="where the taxels are: a stock layout, a layout file, or the rows and columns of a "
+        "grid, such as 16x16 (default: the one that the source names, else a grid by number)",
+    )
+    parser.add_argument(
+        "--port", type=_port, default=0, help="port of the page (default: any free one)"
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="only tell the address of the page"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    r"""Runs the verb and returns the exit status.
+
+    Args:
+        arguments (argparse.Namespace): The arguments.
+    """
+    from torch_geometric_tactile.live import Stream, Viewer
+
+    layout = None if arguments.layout is None else _layout(arguments.layout)
+    stream = Stream(_source(arguments.source))
+    try:
+        with stream, Viewer(stream, layout, port=arguments.port) as viewer:
+            print(f"{viewer.url}  (Ctrl-C ends)", flush=True)
+            if not arguments.no_browser:
+                import webbrowser
+
+                webbrowser.open(viewer.url)
+            _show(stream, viewer)
+    except KeyboardInterrupt:
+        print()
+    if stream.error is not None:
+        raise stream.error
+    return 0
+
+
+def _show(stream: "Stream", viewer: "Viewer") -> None:
+    _measure_rest(stream, viewer)
+    while stream.state != "ended":
+        time.sleep(0.1)
+    if stream.error is None:
+        print("the source has ended", flush=True)
+
+
+def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
+    # From the beginning, whenever a page is opened.
+    from torch_geometric_tactile.live.viewer_rest import ViewerRest
+
+    rest = ViewerRest()
+    for frame in stream:
+        rest.relative(frame.time, frame.tactile)
+        if rest.mean is not None and rest.kind == "measured":
+            viewer.rest = rest.mean
+            return
+
+
+def _source(text: str) -> "Source":
+    from torch_geometric_tactile.live import ReplaySource, open_source
+
+    source = open_source(text)
+    if isinstance(source, ReplaySource) and "loop=" not in text:
+        source.loop = True
+    return source
+
+
+def _layout(text: str) -> Any:
+    from torch_geometric_tactile.sensors import as_layout, grid
+
+    size = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", text)
+    if size is None:
+        return as_layout(text)
+    return grid(int(size[1]), int(size[2]), pitch=0.005)
+
+
+def _port(text: str) -> int:
+    if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text[:40]!r})")
+    return int(text)
