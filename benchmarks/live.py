@@ -23,7 +23,7 @@ from live_files import measure_cuts, measure_kills
 from live_hour import measure_hour, measure_idle, measure_slow_viewers
 from live_label import measure_label, measure_replay
 from live_page import measure_page
-from live_wire import measure_bytes, measure_packets, measure_returns, measure_xela
+from live_wire import measured
 from predictor_onnx import build
 from throughput_report import describe_machine
 
@@ -76,10 +76,10 @@ def _hour(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 
 PARTS: dict[str, Part] = {
-    "packets": lambda arguments, _: measure_packets(arguments.seconds),
-    "bytes": lambda arguments, _: measure_bytes(arguments.seconds),
-    "returns": lambda arguments, _: measure_returns(arguments.times),
-    "xela": lambda arguments, _: measure_xela(arguments.seconds),
+    "packets": lambda arguments, _: measured("packets", arguments.seconds),
+    "bytes": lambda arguments, _: measured("bytes", arguments.seconds),
+    "returns": lambda arguments, _: measured("returns", arguments.times),
+    "xela": lambda arguments, _: measured("xela", arguments.seconds),
     "label": _label,
     "replay": _replay,
     "kills": lambda arguments, _: measure_kills(10),

@@ -1,6 +1,7 @@
 r"""What comes over a cable: damaged packets, a port that is gone and back, XELA's server."""
 
 import contextlib
+import json
 import subprocess
 import sys
 import tempfile
@@ -201,3 +202,28 @@ def measure_xela(seconds: float) -> dict[str, Any]:
         "taxels": len(frames[0].tactile),
         "core (%)": 100 * spent / wall,
     }
+
+
+PARTS = {
+    "packets": measure_packets,
+    "bytes": measure_bytes,
+    "returns": lambda times: measure_returns(int(times)),
+    "xela": measure_xela,
+}
+
+
+def measured(part: str, amount: float) -> dict[str, Any]:
+    r"""Returns what a part measures in a process of its own, without PyTorch, as on a robot.
+
+    Args:
+        part (str): Which one.
+        amount (float): Seconds, or how often.
+    """
+    command = [sys.executable, __file__, part, str(amount)]
+    told = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+    found: dict[str, Any] = json.loads(told)
+    return found
+
+
+if __name__ == "__main__":
+    print(json.dumps(PARTS[sys.argv[1]](float(sys.argv[2]))))

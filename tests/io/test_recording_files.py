@@ -71,7 +71,9 @@ def test_missing_file_and_unknown_suffix(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"gone.xyz' does not exist"):
         read_recording(tmp_path / "gone.xyz")
     (tmp_path / "a.mat").write_bytes(b"a")
-    with pytest.raises(ValueError, match=r"a.mat' must end in one of .h5, .hdf5, .npz, .mcap, .csv, .jso"):
+    with pytest.raises(
+        ValueError, match=r"a.mat' must end in one of .h5, .hdf5, .npz, .mcap, .csv, .jso"
+    ):
         read_recording(tmp_path / "a.mat")
     with pytest.raises(
         ValueError, match=r"one of .h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson \(got '.json'\)"

@@ -1,8 +1,10 @@
 r"""The text of a single message of XELA's server, as fast as a live hand sends them."""
 
 import json
-from collections.abc import Callable
+import re
 from typing import Any
+
+import numpy as np
 
 from torch_geometric_tactile.io.xela_message import (
     XelaFrame,
@@ -11,12 +13,13 @@ from torch_geometric_tactile.io.xela_message import (
     sensor_keys,
 )
 
-_fast_json: Callable[[str | bytes], Any] | None
+_orjson: Any
 try:
-    from orjson import loads as _fast_json
+    import orjson as _orjson
 except ImportError:  # the extra `live` has it; without it messages take twice as long
-    _fast_json = None
+    _orjson = None
 
+_INTEGER = re.compile(rb'"integer": ?\[([0-9, ]*)\]')
 _MOST_FLOATS = 4096
 
 
@@ -57,16 +60,31 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
         >>> frame.reading.tolist(), frame.temp.tolist()
         ([[1.0, 2.0, 255.0]], [25.5])
     """
-    if _fast_json is not None:
+    if _orjson is not None:
         try:
-            return _read(_fast_json(text), forces)
-        except ValueError:  # or JSON that only Python's reader takes; and errors are told by it
+            return _read_fast(text if isinstance(text, bytes) else text.encode(), forces)
+        except ValueError:  # also what only Python's reader takes, who tells what is wrong
             pass
     try:
         message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
         raise ValueError(f"a XELA message must be JSON (got {few(text)}: {error})") from error
     return _read(message, forces)
+
+
+def _read_fast(text: bytes, forces: bool) -> XelaFrame | None:
+    # The numbers of `integer` are compared as text: to make them takes half of the time. Their key
+    # becomes one that no reader looks at.
+    pieces = [text] if forces else _INTEGER.split(text)
+    frame = _read(_orjson.loads(b'"_":0'.join(pieces[::2])), forces)
+    if frame is None or len(pieces) == 1:
+        return frame
+    counts = frame.reading.astype(np.uint16).ravel()
+    wanted = _orjson.dumps(counts, option=_orjson.OPT_SERIALIZE_NUMPY)[1:-1]
+    said = b",".join(pieces[1::2]).replace(b" ", b"")
+    if len(pieces) // 2 != len(frame.taxels) or said != wanted:
+        raise ValueError("'integer' may say something else")
+    return frame
 
 
 def _read(message: Any, forces: bool) -> XelaFrame | None:

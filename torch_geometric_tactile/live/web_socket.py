@@ -1,5 +1,6 @@
 r"""A WebSocket that is read without a thread."""
 
+import math
 import socket
 import ssl
 import time
@@ -10,6 +11,7 @@ from typing import Any
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _PIECE = 1 << 16  # bytes of one read
 _LARGEST = 1 << 24  # bytes of a message
+_SAME = 0.95  # part of a time-out that is as good as the whole of it
 _CLOSE = 0.5  # seconds that a goodbye may take
 
 
@@ -43,6 +45,7 @@ class WebSocket:
         self._messages: deque[bytes] = deque()
         self._parts: list[bytes] = []
         self._closed = ""
+        self._timeout = math.inf
 
     def open(self, timeout: float) -> None:
         r"""Connects.
@@ -57,6 +60,7 @@ class WebSocket:
 
         deadline = time.monotonic() + timeout
         uri = self._uri
+        self._timeout = math.inf
         self._socket = socket.create_connection((uri.host, uri.port), timeout=timeout)
         self._protocol = ClientProtocol(uri, max_size=_LARGEST)
         try:
@@ -110,7 +114,10 @@ class WebSocket:
         # Whether anything came in time.
         if self._socket is None:
             raise OSError("the WebSocket is not open")
-        self._socket.settimeout(max(timeout, 1e-3))
+        timeout = max(timeout, 1e-3)
+        if not _SAME * timeout <= self._timeout <= timeout:  # to set it costs a system call
+            self._socket.settimeout(timeout)
+            self._timeout = timeout
         try:
             data = self._socket.recv(_PIECE)
         except TimeoutError:
@@ -121,7 +128,7 @@ class WebSocket:
             self._protocol.receive_eof()
         for event in self._protocol.events_received():
             self._take(event)
-        self._send()
+        self._send()  # such as the answer to a ping
         wrong = self._protocol.parser_exc
         if not data:
             raise EOFError(self._closed or "the connection was closed")
