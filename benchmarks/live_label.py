@@ -21,7 +21,8 @@ from torch_geometric_tactile.live import (
 )
 
 _WRAP = 2**32 / 1e6  # seconds after which the clock of the board starts over
-_WARM = 20  # first judgements, in which memory is taken
+_TURN = 200  # frames that one judges before the other does
+_WARM = 20  # of these that do not count
 _RATE = 100.0
 _STILL = 50  # frames of the rest
 
@@ -44,14 +45,16 @@ def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str,
         with stream:
             other.say()
             for number, frame in enumerate(_frames(subscription, other)):
-                # In turns, such that whatever else the machine does meets both.
-                name = ("onnx", "eager")[number % 2]
+                # In turns, such that whatever else the machine does meets both; not frame by frame,
+                # since each would push the weights of the other out of the cache.
+                name = ("onnx", "eager")[number // _TURN % 2]
                 judgement = judges[name](frame)
                 assert judgement is not None
                 assert frame.device_time is not None
                 sent = frame.device_time % _WRAP
-                found[name].append(((judgement.finished / 1e9 - sent) % _WRAP, judgement))
-    return {name: _parts(parts[_WARM:]) for name, parts in found.items()}
+                if number % _TURN >= _WARM:
+                    found[name].append(((judgement.finished / 1e9 - sent) % _WRAP, judgement))
+    return {name: _parts(parts) for name, parts in found.items()}
 
 
 def _frames(subscription: Subscription, other: Sender) -> Any:
