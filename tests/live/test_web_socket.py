@@ -1,0 +1,179 @@
+import http
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("websockets", reason="needs the extra 'live'")
+
+from websockets.sync.server import serve
+
+from torch_geometric_tactile.live.web_socket import WebSocket
+
+LONG = 20.0
+
+
+@contextmanager
+def served(handler, **options):
+    """The address of a server whose connections are handled by `handler`."""
+    with serve(handler, "127.0.0.1", 0, **options) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+        thread.join()
+
+
+@contextmanager
+def answered(data):
+    """The address of something else, which answers with these bytes and hangs up."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def answer():
+            connection, _ = listening.accept()
+            with connection:
+                connection.recv(65536)
+                connection.sendall(data)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        yield f"ws://127.0.0.1:{listening.getsockname()[1]}"
+        thread.join()
+
+
+def opened(url):
+    client = WebSocket(url)
+    client.open(LONG)
+    return client
+
+
+def test_messages_come_whole_and_in_order():
+    texts = ["", "a", "é" * 70_000, "{}"]
+
+    def send(connection):
+        for text in texts:
+            connection.send(text)
+        connection.send(iter(["in ", "three ", "parts"]))
+        connection.send(b"bytes")
+
+    with served(send) as url:
+        client = opened(url)
+        found = [client.receive(LONG) for _ in range(6)]
+        assert found == [*(text.encode() for text in texts), b"in three parts", b"bytes"]
+        with pytest.raises(EOFError, match=r"the server has closed it .*1000"):
+            client.receive(LONG)
+        client.close()
+
+
+def test_ping_is_answered():
+    answered_in_time = []
+
+    def ping(connection):
+        answered_in_time.append(connection.ping().wait(LONG))
+        connection.send("done")
+
+    with served(ping) as url:
+        client = opened(url)
+        assert client.receive(LONG) == b"done"
+        client.close()
+    assert answered_in_time == [True]
+
+
+def test_nothing_in_time_is_none_and_costs_no_message():
+    go = threading.Event()
+
+    def send(connection):
+        go.wait(LONG)
+        connection.send("late")
+
+    with served(send) as url:
+        client = opened(url)
+        start = time.monotonic()
+        assert client.receive(0.05) is None
+        assert time.monotonic() - start >= 0.04
+        assert client.receive(0.0) is None
+        go.set()
+        assert client.receive(LONG) == b"late"
+        client.close()
+
+
+def test_goodbye_is_said():
+    ended = []
+
+    def wait(connection):
+        for _ in connection:
+            pass
+        ended.append(connection.close_code)
+
+    with served(wait) as url:
+        client = opened(url)
+        client.close()
+        client.close()
+        with pytest.raises(OSError, match="is not open"):
+            client.receive(0.0)
+        client.open(LONG)  # again
+        client.close()
+    assert ended == [1000, 1000]
+
+
+def test_server_that_refuses():
+    def refuse(connection, request):
+        return connection.respond(http.HTTPStatus.FORBIDDEN, "no\n")
+
+    with (
+        served(lambda connection: None, process_request=refuse) as url,
+        pytest.raises(ConnectionError, match="403"),
+    ):
+        opened(url)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\x00" * 99, b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n", b"HTTP/1.1 101"],
+    ids=["nothing", "garbage", "a page", "half"],
+)
+def test_what_is_no_web_socket_is_told(data):
+    with answered(data) as url, pytest.raises((OSError, EOFError)):
+        opened(url)
+
+
+def test_connection_that_breaks_the_protocol_ends():
+    def break_it(connection):
+        connection.socket.sendall(b"\xff\xff\xff\xff")
+        connection.close_socket()
+
+    with served(break_it) as url:
+        client = opened(url)
+        with pytest.raises(EOFError, match="breaks the protocol|closed"):
+            client.receive(LONG)
+        client.close()
+
+
+def test_message_that_is_too_large_ends_it():
+    def send(connection):
+        connection.send(b"0" * ((1 << 24) + 1))
+
+    with served(send) as url:
+        client = opened(url)
+        with pytest.raises(EOFError, match="breaks the protocol"):
+            client.receive(LONG)
+        client.close()
+
+
+@pytest.mark.parametrize("url", ["http://127.0.0.1", "ws://", "nowhere", "ws://a:b"])
+def test_address_that_is_none(url):
+    with pytest.raises(ValueError, match="'url' must be the address of a WebSocket"):
+        WebSocket(url)
+
+
+def test_nobody_there():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
+    with pytest.raises(ConnectionRefusedError):
+        opened(f"ws://127.0.0.1:{port}")
+
+
+def test_repr():
+    assert repr(WebSocket("ws://127.0.0.1:5000")) == "WebSocket('127.0.0.1', 5000)"
