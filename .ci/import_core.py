@@ -20,6 +20,7 @@ EXTRAS = {
     "onnx",
     "onnxruntime",
     "onnxscript",
+    "orjson",
     "pyarrow",
     "tabulate",
     "tensorboard",
@@ -66,6 +67,7 @@ from torch_geometric_tactile import io, nn, sim  # noqa: E402
 
 check_named("train", lambda: importlib.import_module("torch_geometric_tactile.training"))
 check_named("sim", lambda: sim.simulate("nowhere"))
+check_named("live", io.CobsDecoder)
 check_named("io", lambda: io.read_hdf5(__file__))
 check_named("hub", lambda: nn.models.GraspGCN().save_pretrained("nowhere"))
 print(f"{count} core modules import without extras")

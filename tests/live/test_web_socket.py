@@ -146,7 +146,7 @@ def test_connection_that_breaks_the_protocol_ends():
 
     with served(break_it) as url:
         client = opened(url)
-        with pytest.raises(EOFError, match="breaks the protocol|closed"):
+        with pytest.raises(EOFError, match=r"breaks the protocol|closed"):
             client.receive(LONG)
         client.close()
 

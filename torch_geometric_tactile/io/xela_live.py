@@ -19,7 +19,7 @@ try:
 except ImportError:  # the extra `live` has it; without it messages take twice as long
     _orjson = None
 
-_INTEGER = re.compile(rb'"integer": ?\[([0-9, ]*)\]')
+_INTEGER = re.compile(rb'"integer": ?\[([^\]]*)\]')
 _MOST_FLOATS = 4096
 
 

@@ -148,40 +148,46 @@ def few(value: Any) -> str:
 def _counts_at_once(sensors: Sequence[Any]) -> tuple[np.ndarray, tuple[int, ...]] | None:
     """The counts of sensors as servers send them, ten times as fast as one word after another;
     :obj:`None` if anything is unusual, for :meth:`_sensor_reading` to say what."""
-    texts, taxels, integers = [], [], array("H")
-    comma = ""
+    if any(type(sensor) is not dict for sensor in sensors):
+        return None
+    texts = [sensor.get("data") for sensor in sensors]
+    if any(type(text) is not str for text in texts):
+        return None
+    comma = ",\n" if texts[0][4:6] == ",\n" else ","
+    step = 4 + len(comma)
+    taxels = [(len(text) + len(comma)) // (3 * step) for text in texts]
+    said = [sensor.get("taxels", count) for sensor, count in zip(sensors, taxels, strict=True)]
+    if said != taxels or 0 in taxels or any(type(count) is not int for count in said):
+        return None
+    joined, words = comma.join(texts) + comma, 3 * sum(taxels)
+    if len(joined) != words * step or any(
+        joined[4 + i :: step] != sign * words for i, sign in enumerate(comma)
+    ):
+        return None
     try:
-        for sensor in sensors:
-            text = sensor.get("data") if type(sensor) is dict else None
-            if type(text) is not str:
-                return None
-            comma = comma or (",\n" if text[4:6] == ",\n" else ",")
-            number, rest = divmod(len(text) + len(comma), 3 * (4 + len(comma)))
-            said = sensor.get("taxels", number)
-            if rest or not number or type(said) is not int or said != number:
-                return None
-            if "integer" in sensor:
-                integer = sensor["integer"]
-                if type(integer) is not list or len(integer) != 3 * number:
-                    return None
-                integers.fromlist(integer)
-            texts.append(text)
-            taxels.append(number)
-        words, joined = 3 * sum(taxels), comma.join(texts) + comma
-        for i, sign in enumerate(comma):
-            if joined[4 + i :: 4 + len(comma)] != sign * words:
-                return None
         data = bytes.fromhex(joined.replace(comma, ""))
-    except (TypeError, ValueError, OverflowError):
+    except ValueError:
         return None
-    if len(data) != 2 * words:
+    integers = [sensor["integer"] for sensor in sensors if "integer" in sensor]
+    if len(data) != 2 * words or (integers and not _is_said(integers, taxels, data)):
         return None
-    if integers:
-        if sys.byteorder == "little":
-            integers.byteswap()
-        if len(integers) != words or integers.tobytes() != data:
-            return None
     return np.frombuffer(data, dtype=">u2").astype(np.float32).reshape(-1, 3), tuple(taxels)
+
+
+def _is_said(integers: Sequence[Any], taxels: Sequence[int], data: bytes) -> bool:
+    if len(integers) != len(taxels):
+        return False
+    found = array("H")
+    try:
+        for values, count in zip(integers, taxels, strict=True):
+            if type(values) is not list or len(values) != 3 * count:
+                return False
+            found.fromlist(values)
+    except (TypeError, OverflowError):
+        return False
+    if sys.byteorder == "little":
+        found.byteswap()
+    return found.tobytes() == data
 
 
 def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> np.ndarray | None:
