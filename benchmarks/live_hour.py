@@ -75,8 +75,8 @@ def measure_hour(
     url = session.view()
     process = psutil.Process()
     memory: list[tuple[float, float]] = []
+    session.record(copy)  # before it is opened, for the first frame
     with browsed(url) as has_browser, session:
-        session.record(copy, overwrite=True)
         spent, start = time.process_time(), time.monotonic()
 
         def note(status: Status) -> None:
@@ -92,7 +92,7 @@ def measure_hour(
     return {
         "frames": count,
         "recorded": back.num_frames,
-        "same": bool((back.tactile[:, 0, 0] == np.arange(count) % 60_000).all()),
+        "same": np.array_equal(back.tactile[:, 0, 0], np.arange(count) % 60_000),
         "judged": judged,
         "lost": health.lost,
         "minutes": wall / 60,
@@ -169,8 +169,8 @@ def measure_slow_viewers(folder: Path, seconds: float) -> dict[str, Any]:
 
     thread = threading.Thread(target=sleepy)
     thread.start()
+    session.record(copy)
     with session:
-        session.record(copy, overwrite=True)
         with browsed(url) as has_browser:
             session.run(seconds=seconds / 2)
         session.run()
@@ -179,7 +179,7 @@ def measure_slow_viewers(folder: Path, seconds: float) -> dict[str, Any]:
     return {
         "frames": count,
         "recorded": back.num_frames,
-        "same": bool((back.tactile[:, 0, 0] == np.arange(count) % 60_000).all()),
+        "same": np.array_equal(back.tactile[:, 0, 0], np.arange(count) % 60_000),
         "seen by the slow one": seen,
         "browser": has_browser,
     }
