@@ -348,6 +348,18 @@ def test_the_rest_is_an_input(path):
     assert np.abs(out - other).max() > 1e-3
 
 
+@pytest.mark.slow
+def test_the_rest_is_an_input_of_a_predictor_of_tared_readings(tmp_path):
+    model = TactileFNN(11, 2, num_joints=2, widths=(4,), pools=(1,))
+    tared = fitted(dataset(), model, [T.ZScore(per="channel")])
+    exported = export_onnx(tared.with_tare(), tmp_path / "a.onnx")
+    assert exported.metadata["rest"]["transform"] == "Tare('session', first=None)"
+    x, joint = frames().x[:1], frames().joint[0]
+    feed = {"tactile": x.numpy() + 64, "rest": np.full((11, 3), 64.0), "joint": joint.numpy()}
+    (out,) = session_of(tmp_path / "a.onnx").run(None, feed)
+    assert np.abs(out - tared(x, joint).numpy()).max() < 1e-5
+
+
 @pytest.mark.parametrize("change", [1e-3, np.nan], ids=["different", "missing"])
 def test_a_difference_is_an_error_and_leaves_nothing(change, small, path, tmp_path, monkeypatch):
     import onnx

@@ -7,7 +7,13 @@ from torch.nn import Linear, Module
 from torch_geometric.transforms import BaseTransform, Compose, Distance
 
 from torch_geometric_tactile import Predictor
-from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import (
+    Recording,
+    StaticData,
+    StaticDataset,
+    Windows,
+    apply_transform,
+)
 from torch_geometric_tactile.nn import TactileGCN, TaxelNet
 from torch_geometric_tactile.predictor import settling
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
@@ -343,6 +349,34 @@ def test_model_and_data_without_edges(tmp_path):
     for found in (predictor, Predictor.load(tmp_path / "a.predictor")):
         assert found.preparation.shared.edge_index is None
         torch.testing.assert_close(found(x), expected)
+
+
+def test_tare_comes_first(tmp_path):
+    dataset = StaticDataset.from_arrays(readings(20, 4, 1), layout=LAYOUT)
+    transform = ZScore(per="channel").fit(dataset.data)
+    tared = Predictor.from_dataset(Sum(), dataset, transform, task="regression")
+    raw = tared.with_tare()
+    raw.save(tmp_path / "a.predictor")
+    x, rest = readings(5, 4, 1), readings(20, 4, 1) + 500
+    expected = tared(x)
+    for predictor in (raw, Predictor.load(tmp_path / "a.predictor", Sum())):
+        predictor.adapt(rest)
+        mean = rest.double().mean(0).float()
+        torch.testing.assert_close(predictor(x + mean), expected, rtol=1e-4, atol=1e-4)
+    with pytest.raises(ValueError, match=r"'session' must be given.*Tare\('session'"):
+        tared.with_tare()(x)
+    with pytest.raises(ValueError, match=r"measures the rest already, by Tare\('session'"):
+        raw.with_tare()
+
+
+def test_tare_cannot_come_after_a_transform_of_frames():
+    trial = torch.zeros(20, dtype=torch.long)
+    data = StaticData(x=readings(20, 4, 1), trial=trial, step=torch.arange(20))
+    transform = ZScore(per="channel").fit(data)
+    frames = StaticDataset._of((data, {}), LAYOUT, transform, None, None)
+    predictor = Predictor.from_dataset(Sum(), Windows(frames, 4), task="regression")
+    with pytest.raises(ValueError, match="the rest must be subtracted before all other transforms"):
+        predictor.with_tare()
 
 
 def test_repr():

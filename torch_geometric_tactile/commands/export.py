@@ -38,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the unit of the readings, for the metadata of the file",
     )
     parser.add_argument(
+        "--tare",
+        action="store_true",
+        help="of a predictor that was trained on readings relative to rest: the file takes raw "
+        "readings, and the rest beside them",
+    )
+    parser.add_argument(
         "--channels",
         metavar="N",
         type=few,
@@ -67,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     require_export()
     predictor = run_data.open_predictor(arguments.predictor, arguments.config, arguments.allow)
+    if arguments.tare:
+        predictor = predictor.with_tare()
     exported = export_onnx(
         predictor, arguments.model, unit=arguments.unit, num_channels=arguments.channels
     )

@@ -8,14 +8,17 @@ import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import Module
+from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor.classes import flat
 from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation, shared_by_frames
 from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel
 from torch_geometric_tactile.predictor.windowed_model import WindowedModel, check_size
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms import Tare
 from torch_geometric_tactile.typing import PathLike, Transform
 
 
@@ -230,6 +233,36 @@ class Predictor(WindowedModel):
         if time is not None:
             data.time = torch.as_tensor(time, dtype=torch.double)
         return self.preparation.adapt(data)
+
+    def with_tare(self) -> Self:
+        r"""Returns a predictor of raw readings, where this one takes readings relative to rest,
+        such as those of :obj:`AllegroUSkin(tare="hover")`: :class:`~torch_geometric_tactile.
+        transforms.Tare` comes first, and :meth:`adapt` measures the rest.
+
+        Raises:
+            ValueError: If a transform measures sessions already, or frames go through a transform
+                before they are cut to windows.
+        """
+        preparation = self.preparation
+        measures = [part for part in preparation.fitted if part.key is not None]
+        if measures:
+            raise ValueError(f"the predictor measures the rest already, by {measures[0]!r}")
+        if flat(preparation.frame_transform):
+            raise ValueError(
+                "the rest must be subtracted before all other transforms, and frames go through "
+                f"{preparation.frame_transform!r} before they are cut to windows"
+            )
+        tared = Preparation(
+            preparation.layout,
+            preparation.shared,
+            Compose([Tare(), *flat(preparation.pre_transform)]),
+            preparation.transform,
+            preparation.num_channels,
+            preparation.num_joints,
+            window=preparation.window,
+        )
+        names = self.class_names
+        return self._of(Content(tared, copy.deepcopy(self.model), names, self.task, self.threshold))
 
     def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
         r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
