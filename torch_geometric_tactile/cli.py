@@ -32,6 +32,9 @@ examples:
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
   tactile simulate --out grasps --trials 2 --preview
                                                  grasps of a simulated Allegro hand, with pictures
+  tactile ports                                  the serial ports that there are
+  tactile live ws://127.0.0.1:5000 --model model.onnx --view
+                                                 a sensor: judged, shown, and recorded if wanted
   tactile view grasp.h5                          a recording or a sensor, in the browser
   tactile record ws://127.0.0.1:5000 grasp.mcap  what a sensor sends, until Ctrl-C
   tactile replay grasp.mcap --serve ws           a double of XELA's server, of a recording
