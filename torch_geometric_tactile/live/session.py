@@ -89,7 +89,6 @@ class LiveSession:
         self._latencies = Latencies()
         self._note = ""
         self._worker: threading.Thread | None = None
-        self._subscription: Subscription | None = None
         self._error: BaseException | None = None
         self._ended = threading.Event()
 
@@ -159,9 +158,9 @@ class LiveSession:
         Raises:
             OSError: If the source is not there.
         """
-        self._subscription = self.stream.subscribe(self._policy)
+        frames = self.stream.subscribe(self._policy)
         self.stream.open()
-        self._worker = threading.Thread(target=self._work, name="tactile-session", daemon=True)
+        self._worker = threading.Thread(target=self._work, args=(frames,), daemon=True)
         self._worker.start()
 
     def run(
@@ -191,12 +190,12 @@ class LiveSession:
         self._ended.set()
 
     def close(self) -> None:
-        r"""Ends everything: the recorder writes what is left. Does nothing if it was called before.
+        r"""Ends everything; the recorder writes what is left. May be called again.
 
         Raises:
             OSError: As :meth:`stop_recording`.
         """
-        self._ended.set()
+        self.stop()
         try:
             self.stream.close()
             if self._worker is not None and self._worker is not threading.current_thread():
@@ -218,13 +217,12 @@ class LiveSession:
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.stream.source!r}, judge={self._judge.judge!r})"
 
-    def _work(self) -> None:
-        assert self._subscription is not None
+    def _work(self, frames: Subscription) -> None:
         try:
             for callback in self.callbacks:
                 callback.on_start(self)
-            for frame in self._subscription:
-                self._take(self._newest(frame))
+            for frame in frames:
+                self._take(self._newest(frame, frames))
         except BaseException as error:
             self._error = error
         finally:
@@ -235,12 +233,11 @@ class LiveSession:
                 self._error = self._error or error
             self._ended.set()
 
-    def _newest(self, frame: LiveFrame) -> LiveFrame:
+    def _newest(self, frame: LiveFrame, frames: Subscription) -> LiveFrame:
         # A model of windows sees the frames between as well.
-        assert self._subscription is not None
         while self._policy == "drop_oldest" and not self._ended.is_set():
             try:
-                newer = self._subscription.get(timeout=0.0)
+                newer = frames.get(timeout=0.0)
             except (TimeoutError, StreamEnded):
                 break
             self._judge(frame, wanted=False)

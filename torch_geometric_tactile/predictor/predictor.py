@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.data import Recording, StaticDataset
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor.classes import flat
 from torch_geometric_tactile.predictor.content import Content
@@ -208,32 +208,6 @@ class Predictor(WindowedModel):
         num_dims = reading.ndim if hasattr(reading, "ndim") else np.ndim(reading)
         return out[0] if num_dims == 2 else out
 
-    def adapt(
-        self,
-        reading: ArrayLike,
-        joint: ArrayLike | None = None,
-        time: ArrayLike | None = None,
-    ) -> int:
-        r"""Measures a new recording session by some of its readings, without labels, and returns
-        its number; it is the session of the calls that follow. See
-        :class:`~torch_geometric_tactile.transforms.SessionZScore` and
-        :class:`~torch_geometric_tactile.transforms.Tare`.
-
-        Args:
-            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`.
-            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
-            time (torch.Tensor or numpy.ndarray, optional): Time of each in seconds :math:`(B,)`,
-                where :class:`~torch_geometric_tactile.transforms.Tare` needs it.
-
-        Raises:
-            ValueError: If no transform measures sessions, or as for a call.
-        """
-        self._check_adapts()
-        data = self.preparation.data(reading, joint, -1, dtype=self._dtype, device=self._device)
-        if time is not None:
-            data.time = torch.as_tensor(time, dtype=torch.double)
-        return self.preparation.adapt(data)
-
     def with_tare(self) -> Self:
         r"""Returns a predictor of raw readings, where this one takes readings relative to rest,
         such as those of :obj:`AllegroUSkin(tare="hover")`: :class:`~torch_geometric_tactile.
@@ -281,21 +255,6 @@ class Predictor(WindowedModel):
         recording.check(self.layout)
         parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
         return torch.cat(parts)
-
-    def prepare(
-        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
-    ) -> StaticData:
-        r"""Returns readings as the model takes them, after all transforms.
-
-        Args:
-            reading (torch.Tensor or numpy.ndarray): As for a call.
-            joint (torch.Tensor or numpy.ndarray, optional): As for a call.
-            session (int, optional): As for a call.
-        """
-        data = self.preparation.data
-        return self.preparation.prepared(
-            data(reading, joint, session, dtype=self._dtype, device=self._device)
-        )
 
     def __repr__(self) -> str:
         return (

@@ -43,6 +43,32 @@ class WindowedModel(TrainedModel):
         frames.time = torch.as_tensor(recording.time.copy())
         return self.preparation.cut(frames)
 
+    def adapt(
+        self,
+        reading: ArrayLike,
+        joint: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> int:
+        r"""Measures a new recording session by some of its readings, without labels, and returns
+        its number; it is the session of the calls that follow. See
+        :class:`~torch_geometric_tactile.transforms.SessionZScore` and
+        :class:`~torch_geometric_tactile.transforms.Tare`.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
+            time (torch.Tensor or numpy.ndarray, optional): Time of each in seconds :math:`(B,)`,
+                where :class:`~torch_geometric_tactile.transforms.Tare` needs it.
+
+        Raises:
+            ValueError: If no transform measures sessions, or as for a call.
+        """
+        self._check_adapts()
+        data = self.preparation.data(reading, joint, -1, dtype=self._dtype, device=self._device)
+        if time is not None:
+            data.time = torch.as_tensor(time, dtype=torch.double)
+        return self.preparation.adapt(data)
+
     def adapt_windows(self, windows: StaticData) -> int:
         r"""Measures a new recording session by some windows: that of what
         :meth:`windows` returned.
@@ -77,6 +103,21 @@ class WindowedModel(TrainedModel):
                 data = self.preparation.prepared_windows(part)
                 parts.append(self.probability(self.logits(data)))
         return torch.cat(parts)
+
+    def prepare(
+        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
+    ) -> StaticData:
+        r"""Returns readings as the model takes them, after all transforms.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): As for a call.
+            joint (torch.Tensor or numpy.ndarray, optional): As for a call.
+            session (int, optional): As for a call.
+        """
+        data = self.preparation.data
+        return self.preparation.prepared(
+            data(reading, joint, session, dtype=self._dtype, device=self._device)
+        )
 
     def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
         r"""Returns one frame of a stream as the model takes it, or for a model of windows as these
