@@ -32,6 +32,7 @@ from .xela_live import parse_xela_text
 from .xela_log_csv import read_xela_log_csv
 from .xela_message import XelaFrame, format_xela_message, parse_xela_message
 from .xela_messages import read_xela_messages, write_xela_messages
+from .xela_reader import XelaReader
 
 __all__ = [
     "PROTOCOLS",
@@ -49,6 +50,7 @@ __all__ = [
     "RobotiqDecoder",
     "TextRowsDecoder",
     "XelaFrame",
+    "XelaReader",
     "append_hdf5",
     "decoder_of",
     "encode_letter_array",

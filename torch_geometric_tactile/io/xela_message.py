@@ -198,10 +198,10 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
         if type(part) is not list or len(part) != count:
             break
     else:
-        found = _numbers([*chain.from_iterable(parts)])
+        found = float_numbers([*chain.from_iterable(parts)])
         if found is not None:
             return found
-    values = [_numbers(part) if type(part) is list else None for part in parts]
+    values = [float_numbers(part) if type(part) is list else None for part in parts]
     return np.concatenate(
         [
             part if part is not None and len(part) == count else np.full(count, np.nan, np.float32)
@@ -210,14 +210,20 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
     )
 
 
-def _numbers(values: list[Any]) -> np.ndarray | None:
+def float_numbers(values: list[Any]) -> np.ndarray | None:
+    r"""Returns numbers as float32, NaN for :obj:`None` and infinity, or :obj:`None` if some are no
+    numbers.
+
+    Args:
+        values (list): The numbers.
+    """
     try:  # numbers only, and faster than an array of a list
         data = struct.pack(f"{len(values)}d", *values)
     except OverflowError:
         return None
     except struct.error:
         some = [math.nan if value is None else value for value in values]
-        return _numbers(some) if None in values else None
+        return float_numbers(some) if None in values else None
     with np.errstate(over="ignore"):
         found = np.frombuffer(data).astype(np.float32)
     found[np.isinf(found)] = np.nan
