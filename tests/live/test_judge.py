@@ -1,4 +1,5 @@
 import copy
+from pathlib import Path
 
 import numpy as np
 import onnx_predictors as made
@@ -233,3 +234,21 @@ def test_bad_onnx_files(tmp_path):
         path.write_bytes(model.SerializeToString())
         with pytest.raises(ValueError, match=match):
             Judge(path)
+
+
+@pytest.mark.slow
+def test_any_flipped_bit_of_a_graph_is_noticed(tmp_path):
+    whole = Path(model_of("frame", "onnx")).read_bytes()
+    path = tmp_path / "a.onnx"
+    path.write_bytes(whole)
+    Judge(path)
+    draw = np.random.default_rng(0)
+    for place in draw.integers(0, len(whole), 60).tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << draw.integers(8)
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"a\.onnx'"):
+            Judge(path)
+    path.write_bytes(whole[:-1])
+    with pytest.raises(ValueError, match=r"a\.onnx'"):
+        Judge(path)

@@ -1,7 +1,9 @@
 r"""A model in ONNX, with numpy and onnxruntime alone."""
 
+import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from time import perf_counter_ns
 from typing import Any
@@ -13,6 +15,7 @@ from torch_geometric_tactile.typing import PathLike
 
 _KEY = "torch_geometric_tactile"
 _FORMAT = 1
+_DIGEST = re.compile(rb'"sha256": "([0-9a-f]{64})"')
 
 
 class OnnxModel:
@@ -45,6 +48,7 @@ class OnnxModel:
             ) from error
         if not os.path.isfile(path):
             raise FileNotFoundError(f"there is no model '{os.fspath(path)}'")
+        content = _checked(path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
@@ -53,7 +57,7 @@ class OnnxModel:
         options.log_severity_level = 3
         try:
             self._session = onnxruntime.InferenceSession(
-                os.fspath(path), options, providers=["CPUExecutionProvider"]
+                content, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # of several classes that the runtime does not name
             raise ValueError(f"'{os.fspath(path)}' is not a model in ONNX ({error})") from error
@@ -222,6 +226,21 @@ class OnnxModel:
         return np.stack(out)
 
 
+def _checked(path: PathLike) -> bytes:
+    # The file, unless it was damaged after it was written.
+    with open(path, "rb") as file:
+        content = file.read()
+    found = _DIGEST.search(content)
+    if found is None:
+        return content  # which is told by what it lacks
+    blank = content[: found.start(1)] + b"0" * 64 + content[found.end(1) :]
+    if hashlib.sha256(blank).hexdigest().encode() != found[1]:
+        raise ValueError(
+            f"'{os.fspath(path)}' is damaged: its checksum differs; export the model again"
+        )
+    return content
+
+
 def _read_info(entries: Mapping[str, str], path: str) -> dict[str, Any]:
     if _KEY not in entries:
         raise ValueError(f"'{path}' must be a model that 'tactile export' wrote (got another one)")
@@ -231,6 +250,8 @@ def _read_info(entries: Mapping[str, str], path: str) -> dict[str, Any]:
             raise ValueError(
                 f"'{path}' must have format {_FORMAT} (got {info['format']}): export it again"
             )
+        if not _DIGEST.fullmatch(f'"sha256": "{info["sha256"]}"'.encode()):
+            raise TypeError("the checksum must be one")
         numbers = [info[name] for name in ("num_taxels", "num_channels", "num_joints")]
         if not all(isinstance(number, int) for number in numbers):
             raise TypeError("sizes must be whole numbers")
