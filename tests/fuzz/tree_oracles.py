@@ -91,7 +91,13 @@ def _is_joint(joint: dict[str, Any], own: dict[str, Any]) -> bool:
     same = (axis is None) == (unit is None)
     if same and axis is not None:
         same = np.allclose(np.array(axis, float) / np.linalg.norm(np.array(axis, float)), unit)
-    return same and all(key in own and own[key] == joint[key] for key in joint)
+    return same and all(key in own and _is_value(joint[key], own[key]) for key in joint)
+
+
+def _is_value(written: Any, read: Any) -> bool:
+    if type(written) is int and type(read) is float:  # 10**30 is no float
+        return float(written) == read
+    return bool(written == read)
 
 
 def xml_tree(data: bytes) -> Any:
