@@ -12,7 +12,7 @@ from torch_geometric_tactile.io.xela_message import XelaFrame, float_numbers, se
 
 # What differs from message to message. All else is compared as it is.
 _JSON_NUMBER = rb"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?"
-_NUMBER = re.compile(_JSON_NUMBER)
+_NUMBERS = re.compile(rb"(?:%b\0)*" % _JSON_NUMBER)
 _VARYING = re.compile(
     rb'"(message|time|sendtime|data|integer|temp|ups)":\s*(%b|\[[^\]]*\]|"[^"\\]*")' % _JSON_NUMBER
 )
@@ -125,7 +125,10 @@ def _form_of(text: bytes, frame: XelaFrame) -> _Form | None:
 
 def _by_form(text: bytes, form: _Form) -> XelaFrame | None:
     values = _values(text, form.between)
-    if values is None or not all(_NUMBER.fullmatch(values[place]) for place in form.places):
+    if values is None:
+        return None
+    numbers = b"\0".join([values[place] for place in form.places]) + b"\0"
+    if numbers.count(b"\0") != len(form.places) or not _NUMBERS.fullmatch(numbers):
         return None
     counts = _counts([values[i] for i in form.data], form)
     if counts is None:

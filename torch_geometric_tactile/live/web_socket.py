@@ -126,9 +126,11 @@ class WebSocket:
             self._protocol.receive_data(data)
         else:
             self._protocol.receive_eof()
-        for event in self._protocol.events_received():
+        events = self._protocol.events_received()
+        for event in events:
             self._take(event)
-        self._send()  # such as the answer to a ping
+        if len(events) != 1 or not self._messages:  # such as the answer to a ping
+            self._send()
         wrong = self._protocol.parser_exc
         if not data:
             raise EOFError(self._closed or "the connection was closed")
