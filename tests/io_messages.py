@@ -1,11 +1,11 @@
 """Messages of MCAP files, read by others: the library of MCAP, and protobuf."""
 
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.reader import make_reader
-
 
 def messages(path, topic):
     """Yields the messages of a topic, raw and decoded by the schema that the file has."""
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    from mcap.reader import make_reader
+
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             if channel.topic == topic:

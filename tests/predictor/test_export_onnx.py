@@ -1,3 +1,4 @@
+# ruff: noqa: E402
 """Every model and every transform of the package is part of a graph, or refused by its name. A
 graph is compared with its predictor before it is written, so that an export is a comparison."""
 
@@ -5,6 +6,11 @@ import json
 
 import numpy as np
 import pytest
+
+for extra in ("onnx", "onnxscript", "onnxruntime"):
+    pytest.importorskip(extra, reason="needs the extra 'export'")
+pytest.importorskip("yaml", reason="needs the extra 'train'")
+
 import small_models
 import torch
 import torch_geometric.transforms as pyg
@@ -33,9 +39,6 @@ from torch_geometric_tactile.predictor import classes, onnx_check
 from torch_geometric_tactile.predictor import export_onnx as export_module
 from torch_geometric_tactile.predictor.export_onnx import export_onnx
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
-
-for extra in ("onnx", "onnxscript", "onnxruntime"):
-    pytest.importorskip(extra, reason="needs the extra 'export'")
 
 HAND = HandKinematics(
     [
