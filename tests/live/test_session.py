@@ -238,12 +238,13 @@ def judgement(probability, names, task="multiclass"):
     ("said", "text"),
     [
         (judgement([0.07, 0.93], ["hold", "slip"]), "slip 93 %"),
+        (judgement([0.4, 0.6], ["hold", "slip; late"]), "slip; late 60 %"),
         (judgement([np.nan, np.nan], ["hold", "slip"]), "no answer (readings are missing)"),
         (judgement([0.9, 0.2, 0.7], ["a", "b", "c"], "multilabel"), "a, c"),
         (judgement([0.1, 0.2], ["a", "b"], "multilabel"), "none of the labels"),
         (judgement([1.23456, -2], ["x", "y"], "regression"), "x 1.235 y -2"),
     ],
-    ids=["class", "missing", "labels", "no label", "numbers"],
+    ids=["class", "semicolon", "missing", "labels", "no label", "numbers"],
 )
 def test_status_is_one_line(said, text):
     health = Health("open", frames=9, rate=100.0, age=0.001)

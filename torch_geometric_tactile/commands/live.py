@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         choices=("newest", "all"),
-        help="which frames are judged (default: the newest, and all for a model of windows)",
+        help="which frames are judged (default: the newest; a model of windows sees those between)",
     )
     parser.add_argument("--seconds", metavar="S", type=seconds, help="end after so long")
 

@@ -195,7 +195,7 @@ class Judge:
                 frame = subscription.get()
             except StreamEnded:
                 return
-            while (newer := _next(subscription)) is not None:
+            while (newer := subscription.poll()) is not None:
                 self(frame, wanted=False)
                 frame = newer
             judgement = self(frame)
@@ -251,10 +251,3 @@ class Judge:
             f"{type(self).__name__}({kind}, '{self.info['layout']}', "
             f"classes={list(self._class_names)}, task='{self.info['task']}', length={self.length})"
         )
-
-
-def _next(subscription: Subscription) -> LiveFrame | None:
-    try:
-        return subscription.get(timeout=0.0)
-    except (TimeoutError, StreamEnded):
-        return None

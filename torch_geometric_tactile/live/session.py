@@ -18,7 +18,7 @@ from torch_geometric_tactile.live.rested_judge import RestedJudge
 from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status
 from torch_geometric_tactile.live.stream import Stream
-from torch_geometric_tactile.live.subscription import Policy, StreamEnded, Subscription
+from torch_geometric_tactile.live.subscription import Policy, Subscription
 from torch_geometric_tactile.live.taxel_map import TaxelMap
 from torch_geometric_tactile.typing import PathLike
 
@@ -236,9 +236,8 @@ class LiveSession:
     def _newest(self, frame: LiveFrame, frames: Subscription) -> LiveFrame:
         # A model of windows sees the frames between as well.
         while self._policy == "drop_oldest" and not self._ended.is_set():
-            try:
-                newer = frames.get(timeout=0.0)
-            except (TimeoutError, StreamEnded):
+            newer = frames.poll()
+            if newer is None:
                 break
             self._judge(frame, wanted=False)
             frame = newer

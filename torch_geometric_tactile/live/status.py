@@ -46,7 +46,8 @@ def described(judgement: Judgement) -> str:
     if judgement.task == "regression":
         named = zip(judgement.class_names, probability, strict=True)
         return " ".join(f"{name} {value:.4g}" for name, value in named)
-    chosen = [name for name in judgement.label.split(";") if name]
     if judgement.task == "multilabel":
-        return ", ".join(chosen) or "none of the labels"
-    return f"{judgement.label} {100 * probability[judgement.class_names.index(chosen[0])]:.0f} %"
+        return judgement.label.replace(";", ", ") or "none of the labels"
+    return (
+        f"{judgement.label} {100 * probability[judgement.class_names.index(judgement.label)]:.0f} %"
+    )

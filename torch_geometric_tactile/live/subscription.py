@@ -82,6 +82,15 @@ class Subscription:
                     raise TimeoutError(f"no frame came within {timeout:g} s")
                 self._changed.wait(left)
 
+    def poll(self) -> LiveFrame | None:
+        r"""Returns the next frame if there is one by now, and otherwise :obj:`None`; what ended the
+        stream is left to :meth:`get`.
+        """
+        try:
+            return self.get(timeout=0.0)
+        except (TimeoutError, StreamEnded):
+            return None
+
     def close(self) -> None:
         r"""Ends the subscription; who waits for a frame is woken with :class:`StreamEnded`."""
         with self._changed:
