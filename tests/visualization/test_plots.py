@@ -184,6 +184,6 @@ def test_pyplot_is_not_imported():
 
 
 def test_missing_extra_is_named_at_the_call(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
     with pytest.raises(ImportError, match=r'pip install "torch-geometric-tactile\[viz\]"'):
         plot_layout(LAYOUT)

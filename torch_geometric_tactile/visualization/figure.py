@@ -15,7 +15,7 @@ INSTALL = 'pip install "torch-geometric-tactile[viz]"'
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    r"""Returns an empty white figure that is drawn in memory.
+    r"""Returns an empty white figure that is drawn in memory and shown by notebooks.
 
     Args:
         width (float): Width in inches.
@@ -26,10 +26,11 @@ def new_figure(width: float, height: float) -> "Figure":
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+
+        from torch_geometric_tactile.visualization.shown_figure import ShownFigure
     except ImportError as error:
         raise ImportError(f"pictures need matplotlib: {INSTALL}") from error
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    figure = ShownFigure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
 
