@@ -18,6 +18,7 @@ lint: $(VENV)/installed
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/codespell
 
 # docs/build/html is the site, complete in this folder. Tutorials come from `make tutorials` where it
 # has run; without them: TACTILE_DOCS_TUTORIALS=0. Links into the documentation of other projects come

@@ -29,6 +29,7 @@ extensions = [
     "sphinx_design",
     "api_pages",
     "command_pages",
+    "inventories",
     "mathml",
     "repository_links",
     "tutorial_pages",
@@ -64,7 +65,7 @@ python_use_unqualified_type_names = True
 add_module_names = False
 toc_object_entries_show_parents = "hide"
 napoleon_numpy_docstring = False
-napoleon_custom_sections = [("Shapes", "params_style")]
+napoleon_custom_sections = ["Shapes"]
 napoleon_use_ivar = True  # "Attributes" as a list; members that are properties have their own entry
 napoleon_use_rtype = False
 viewcode_follow_imported_members = True
@@ -72,7 +73,7 @@ viewcode_follow_imported_members = True
 # -- Markdown and notebooks --------------------------------------------------------------------
 nb_execution_mode = "off"
 nb_ipywidgets_js = {}  # from a foreign host otherwise; our tutorials have no widgets
-myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath", "substitution"]
+myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath", "html_image"]
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
 
@@ -86,6 +87,11 @@ _HOMES = {
     "matplotlib": "https://matplotlib.org/stable/",
     "lightning": "https://lightning.ai/docs/pytorch/stable/",
     "sklearn": "https://scikit-learn.org/stable/",
+}
+online_inventories = _ONLINE
+intersphinx_mapping = {
+    name: (home, None if _ONLINE else str(DOCS / "generated" / f"{name}.inv"))
+    for name, home in _HOMES.items()
 }
 linkcheck_timeout = 20
 linkcheck_anchors = False  # pages that draw their anchors with scripts are reported as broken

@@ -67,6 +67,14 @@ def read_matrix_mat(
         ValueError: If the file is of another format or version, cut or damaged, would take absurdly
             much memory, does not have the variable, has several numeric ones and none is named, or
             an array of another size or kind. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> import scipy.io
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     scipy.io.savemat(f"{folder}/presses.mat", {"presses": np.ones((5, 2, 3))})
+        ...     read_matrix_mat(f"{folder}/presses.mat", size=(2, 3)).shape
+        (5, 2, 3)
     """
     path = Path(path)
     if not path.is_file():

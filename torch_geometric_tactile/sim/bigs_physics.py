@@ -15,6 +15,7 @@ from torch_geometric_tactile.sim.bigs_plan import (
 from torch_geometric_tactile.sim.bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim.grasp import import_mujoco
 
+#: The phases of a simulated grasp with three fingertips, in order.
 BIGS_PHASES = ("closing", "hold", "lift", "shake")
 _TICK = 1.0 / CONTROL_RATE  # s
 _FRAME = CONTROL_RATE // FRAME_RATE  # ticks

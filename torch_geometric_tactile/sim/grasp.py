@@ -14,6 +14,7 @@ from torch_geometric_tactile.sim.hand_model import (
 from torch_geometric_tactile.sim.objects import GraspObject
 from torch_geometric_tactile.sim.spread import GraspSpread
 
+#: The phases of a simulated grasp, in order.
 PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
 
 # Shortest and longest duration of each phase but the last, in seconds of a trial of 17 s.

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
-# The order of the "Tactile Object Property Recognition ..." paper.
+#: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
 PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
 
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg

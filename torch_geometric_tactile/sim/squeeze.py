@@ -13,6 +13,7 @@ from torch_geometric_tactile.sim.grasp import (
 )
 from torch_geometric_tactile.sim.spread import GraspSpread
 
+#: The phases of a simulated squeeze, in order.
 SQUEEZE_PHASES = ("hover", "reach", "close", "squeeze")
 
 # Shortest and longest duration of each phase but the last, in seconds of a trial of 10 s: what is

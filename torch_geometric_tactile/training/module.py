@@ -304,7 +304,7 @@ class TactileModule(DecidingModule):
         metrics.reset()
 
 
-# The name for classes and labels.
+#: Another name of :class:`TactileModule`, for classes and labels.
 TactileClassifier = TactileModule
 
 
