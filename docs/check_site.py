@@ -6,6 +6,7 @@ python docs/check_site.py docs/build/html
 """
 
 import argparse
+import re
 import sys
 from functools import cache
 from html.parser import HTMLParser
@@ -90,9 +91,9 @@ def check_summaries(site: Path, names: list[PublicName]) -> list[str]:
         for one in names:
             if one.module != module or one.kind == "alias":
                 continue
-            _, _, row = text.partition(f'title="{one.full}"><code class="xref py py-obj')
-            _, _, summary = row.partition("</tr>")[0].partition("<td><p>")
-            if not summary or summary.startswith("</p>"):
+            link = rf'<td><p><a [^>]*title="{re.escape(one.full)}">'
+            row = re.search(rf"{link}.*?</td>\s*<td><p>(.*?)</p>", text, re.DOTALL)
+            if row is None or not row[1]:
                 problems.append(f"{one.full} has no summary in {path.name}")
     return problems
 

@@ -3,9 +3,11 @@
 import ast
 import inspect
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from pprint import pformat
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
@@ -201,16 +203,17 @@ def _comment(lines: list[str]) -> str:
 
 
 def _shown_value(full: str) -> str:
-    text = repr(get_object(full))
-    text = re.sub(r"<(class|function) '?(?:[\w.]+\.)?(\w+)[^>]*>", r"\2", text)
-    return re.sub(r"^mappingproxy\((.*)\)$", r"\1", text)
+    value = get_object(full)
+    value = dict(value) if isinstance(value, Mapping) else value
+    text = pformat(value, width=80, compact=True, sort_dicts=False)
+    return re.sub(r"<(?:class|function) '?(?:[\w.]+\.)?(\w+)[^>]*>", r"\1", text)
 
 
 def _signature(
     app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str, returned: str
 ) -> tuple[str, str] | None:
     # Models that can be on a hub have a `__new__` of any arguments; those of `__init__` count.
-    if what != "class" or "(*args: Any, **kwargs: Any)" not in (signature or ""):
+    if what != "class" or not re.fullmatch(r"\(\*args: \S+, \*\*kwargs: \S+\)", signature or ""):
         return None
     return stringify_signature(sphinx_signature(obj.__init__, bound_method=True)), returned
 
@@ -260,9 +263,10 @@ def _write_pages(app: Sphinx, config: Any) -> None:
         if one.kind == "alias":
             text = _alias_page(one, config.repository_url)
             write_if_changed(folder / "api" / f"{one.full}.rst", text)
-    written = {f"{one.full}.rst" for one in all_public_names()}
-    for path in (folder / "api").glob("*.rst"):
-        if path.name not in written:
+    known = {one.full for one in all_public_names()}
+    built = Path(app.outdir) / "generated" / "api"
+    for path in [*(folder / "api").glob("*.rst"), *built.glob("*.html")]:
+        if path.stem not in known:  # of an earlier build
             path.unlink()
     config.autosummary_generate = [str(folder / f"{module}.rst") for module in MODULES]
     names = all_public_names()
