@@ -180,8 +180,8 @@ def main() -> None:
     parser.add_argument("out")
     parser.add_argument("--trial", default="cylinder_003_004")
     parser.add_argument("--frames", type=int, default=56)
-    parser.add_argument("--azimuth", type=float, default=60.0)
-    parser.add_argument("--elevation", type=float, default=-12.0)
+    parser.add_argument("--azimuth", type=float, default=75.0)
+    parser.add_argument("--elevation", type=float, default=-4.0)
     parser.add_argument("--stills", help="a folder for single frames, without training")
     args = parser.parse_args()
     (path,) = Path(args.root).rglob(f"{args.trial}.h5")
@@ -208,7 +208,8 @@ def main() -> None:
         for i, picture in enumerate(pictures):
             picture.save(Path(args.stills) / f"{i}.png")
         return
-    palette = pictures[-1].quantize(96)
+    some = np.concatenate([np.asarray(picture) for picture in pictures[::6]])
+    palette = Image.fromarray(some).quantize(220)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     duration = [90] * (len(small) - 1) + [2500]
     small[0].save(
