@@ -198,8 +198,8 @@ def main(argv: list[str] | None = None) -> int:
         + ". Accuracy in % on held-out frames, mean ± standard deviation over the seeds "
         f"{seeds} (of split and training). *By trial* holds out whole trials (3 of 10 of each "
         "object), *by frame* random frames of the same trials. Each sample is one frame, every "
-        f"{arguments.stride}th frame, with readings scaled by the training part. The FNN has two hidden "
-        f"layers (256, 64) and {_EPOCHS} epochs, the forest 100 trees; neither was tuned. "
+        f"{arguments.stride}th frame, with readings scaled by the training part. The FNN has two "
+        f"hidden layers (256, 64) and {_EPOCHS} epochs, the forest 100 trees; neither was tuned. "
         f"Written by `benchmarks/simulated_hand.py` ({machine}).",
         "",
         "## Which of eight objects (chance 12.5)",
