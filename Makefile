@@ -4,7 +4,7 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test lint docs linkcheck clean
+.PHONY: demo test tutorials lint docs linkcheck clean
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/installed
@@ -12,6 +12,10 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
+
+tutorials: $(VENV)/installed
+	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python tutorials/run.py --jobs 2 \
+	  $(if $(DATA),--data "$(DATA)")
 
 lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .
