@@ -35,21 +35,20 @@ extensions = [
     "tutorial_pages",
 ]
 
-exclude_patterns = ["build", "inventories", "_ext", "_templates", "results/simulated_hand_notes.md"]
+exclude_patterns = ["build", "inventories", "_ext", "_templates"]
 templates_path = ["_templates"]
 repository_url = REPOSITORY
-# Executed copies of the tutorials are taken where `make tutorials` has left them.
+# Executed copies of the tutorials are taken where `make tutorials` has left them. The variable names
+# another folder, or is 0 for a site without them.
 tutorial_folders = ["../build/tutorials", "../tutorials/notebooks"]
-if os.environ.get("TACTILE_DOCS_TUTORIALS") == "0":
-    tutorial_folders = []
+_FOLDER = os.environ.get("TACTILE_DOCS_TUTORIALS")
+if _FOLDER is not None:
+    tutorial_folders = [] if _FOLDER == "0" else [_FOLDER]
 
 # Pages that are planned. Until they exist, the entries of the tables of contents are left out.
 planned_pages = [
-    "cheat_sheets",
-    "glossary",
     "install",
     "troubleshooting",
-    "which_model",
     "your_own_classes",
 ]
 
