@@ -83,8 +83,8 @@ def test_wrong_arguments_are_explained(command, capsys, flags, message):
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
-        ([], "their mean in the phase hover is subtracted."),
-        (["--tare", "0.02"], "their mean in its first 0.02 s is subtracted."),
+        ([], "readings in the phase hover is subtracted."),
+        (["--tare", "0.02"], "readings in its first 0.02 s is subtracted."),
         (["--tare", "none"], None),
     ],
 )

@@ -183,7 +183,7 @@ def test_table_is_trained_goes_on_and_tells_of_draws(squeezes, tmp_path, capsys)
     assert mine["by trial", "draws_variance"] == pytest.approx(1e4 * expected["draws_variance"])
     printed = next(r for r in rows if r["experiment"] == "one_i" and r["source"] == "published")
     assert (printed["metric"], printed["mean"]) == ("accuracy", "86.47")
-    costs = page.split("## What a model costs")[1]
+    costs = page.split("## Cost of the models")[1]
     assert costs.count("`p4_tables/one_i`") == 1
     assert "one_i_8300" not in costs
 
