@@ -32,8 +32,8 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
         "This page shows the measured speed and memory of training and inference against plain PyG "
         "([the fast path](../models.md#the-fast-path)).",
         "",
-        f"Random readings in the shape of the hand (384 taxels, 1401 edges); {where}. *Plain* is the "
-        "same model in plain PyG, measured alternately in the same run. Written by "
+        f"Random readings in the shape of the hand (384 taxels, 1401 edges); {where}. *Plain* is "
+        "the same model in plain PyG, measured alternately in the same run. Written by "
         "`benchmarks/throughput.py`.",
         *(line for text in kept for line in ("", text)),
         "",
@@ -152,14 +152,15 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
 
 def _accuracy_lines(found: dict[str, Any]) -> list[str]:
     seeds = len(next(iter(found["models"]["X"].values())))
+    rounded = ROUNDED * (found["bfloat16"] == "rounded")
     lines = [
         "",
         f"Accuracy of objects by trial in %, on {found['num_trials']} simulated trials of eight "
         f"objects, every {found['stride']}th frame of squeeze, lift and hold, tared by hover, one "
         f"scale for a channel: {found['num_train']} frames to train and {found['num_test']} of "
         f"other trials to test, {found['epochs']} epochs, seeds 0 to {seeds - 1} (of splits, "
-        "weights and batches). Mean ± standard deviation; difference to the first row of the model on the "
-        "same seed, with its standard error." + ROUNDED * (found["bfloat16"] == "rounded"),
+        "weights and batches). Mean ± standard deviation; difference to the first row of the "
+        f"model on the same seed, with its standard error.{rounded}",
         "",
         "| model | optimizer, precision | accuracy | difference |",
         "|---|---|---|---|",

@@ -94,7 +94,7 @@ def test_rest_readings_are_those_of_the_table_or_chosen(command, tmp_path, flags
     assert (
         ("subtracted" not in page)
         if said is None
-        else (f" From the readings of each trial {said}" in page)
+        else (f" The mean of each trial's {said}" in page)
     )
 
 

@@ -48,8 +48,9 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is cut, holds no message or one that cannot be read, the sensors or
-            their models change, or the time does not increase. The message names the line.
+        ValueError: If the file is truncated, holds no message or one that cannot be read, the
+            sensors or their models change, or the time does not increase. The message names the
+            line.
     """
     path = checked_file(path)
     frames: list[XelaFrame] = []
@@ -130,7 +131,7 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
             raise ValueError(
                 f"'{path}', line {line}: the message that begins here cannot be read as JSON "
-                f"({error}): is the file cut? Delete what is left of it"
+                f"({error}): is the file truncated? Delete what is left of it"
             ) from error
         yield line, message
         start, passed = text.find("{", end), end
@@ -143,7 +144,7 @@ def _check_passed(path: Path, text: str, start: int, stop: int) -> None:
     if part is not None:
         raise ValueError(
             f"'{path}', line {text.count(chr(10), 0, part.start()) + 1}: the end of a message "
-            "must have its beginning (got none): is the file cut? Delete what is left of it"
+            "must have its beginning (got none): is the file truncated? Delete what is left of it"
         )
 
 
