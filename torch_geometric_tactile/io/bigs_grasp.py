@@ -32,9 +32,9 @@ def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If h5py is missing for an HDF5 file.
-        ValueError: If the file is truncated or damaged, lacks a field, or an array has another
-            shape or length than is stated, times do not increase or do not fit the rate, or the
-            outcome is no truth value. The message names file and field.
+        ValueError: If the file is cut or damaged, lacks a field, or an array has another shape or
+            length than is stated, times do not increase or do not fit the rate, or the outcome is
+            no truth value. The message names file and field.
     """
     path = Path(path)
     return _Grasp(path, layout or BiGSFormat()).recording()

@@ -40,8 +40,8 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing or named twice, a line is empty or has no newline (a
-            truncated file), or a cell is missing, not a number, not finite, or no 0/1 label. The
+        ValueError: If a column is missing or named twice, a line is empty or has no end (a file
+            that was cut), or a cell is missing, not a number, not finite, or no 0/1 label. The
             message names file, line and column. Also if the file is no text.
     """
     path = Path(path)

@@ -31,9 +31,9 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing, unknown or named twice, a line is empty or has no
-            newline (a truncated file), or a cell is missing, not a number or not finite. The
-            message names file, line and column. Also if the file is no text.
+        ValueError: If a column is missing, unknown or named twice, a line is empty or has no end (a
+            file that was cut), or a cell is missing, not a number or not finite. The message names
+            file, line and column. Also if the file is no text.
     """
     path = Path(path)
     if not path.is_file():

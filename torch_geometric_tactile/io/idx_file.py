@@ -31,9 +31,8 @@ def read_idx(path: PathLike) -> np.ndarray:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no IDX file of bytes, truncated or damaged, has another number of
-            bytes than its header says, or would take absurdly much memory. The message names the
-            file.
+        ValueError: If the file is no IDX file of bytes, cut or damaged, has another number of bytes
+            than its header says, or would take absurdly much memory. The message names the file.
     """
     path = Path(path)
     if not path.is_file():

@@ -23,7 +23,7 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If the file has another number of lines or of cells in a line, a cell is no
-            finite number, or the file has no final newline, as a truncated one. The message names
+            finite number, or the last line has no end, as in a file that was cut. The message names
             file, line and column.
     """
     path = Path(path)

@@ -64,9 +64,9 @@ def read_matrix_mat(
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is of another format or version, truncated or damaged, would take
-            absurdly much memory, does not have the variable, has several numeric ones and none is
-            named, or an array of another size or kind. The message names the file.
+        ValueError: If the file is of another format or version, cut or damaged, would take absurdly
+            much memory, does not have the variable, has several numeric ones and none is named, or
+            an array of another size or kind. The message names the file.
     """
     path = Path(path)
     if not path.is_file():

@@ -26,7 +26,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no npy file, truncated or damaged, holds anything else than real
+        ValueError: If the file is no npy file, cut or damaged, holds anything else than real
             numbers, or an array of another size. The message names the file.
     """
     path, size = Path(path), tuple(size)

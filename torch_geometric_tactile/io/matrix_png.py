@@ -33,7 +33,7 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If Pillow is missing.
-        ValueError: If the file is no PNG image, truncated or damaged, too large, of another size or
+        ValueError: If the file is no PNG image, cut or damaged, too large, of another size or
             depth, coloured, or an animation. The message names the file.
     """
     path = Path(path)

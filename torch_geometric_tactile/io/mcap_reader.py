@@ -24,9 +24,9 @@ _MOST_TOLD = 5
 def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -> Recording:
     r"""Reads a recording from an MCAP file, of :class:`McapWriter` or of others.
 
-    A file that is truncated, by a crash or a full disk, or damaged is read chunk by chunk: each
-    chunk with its checksum, those that are not whole are left out, and a warning is logged that
-    tells how much is missing. A frame that is read is as it was written.
+    A file that was cut, by a crash or a full disk, or is damaged is read chunk by chunk: each chunk
+    with its checksum, those that are not whole are left out, and a warning is logged that tells how
+    much is missing. A frame that is read is as it was written.
 
     Args:
         path (str or PathLike): The file.

@@ -78,8 +78,8 @@ def read_named_csv(
         FileNotFoundError: If there is no such file.
         ValueError: If a column is missing or named twice, the names are numbers or an index that
             pandas made up, the readings are no multiple of the channels, a line is empty, has
-            another number of cells or no newline (a truncated file), a cell is no finite number,
-            the time does not increase, or there is no frame. The message names the line.
+            another number of cells or no end (a file that was cut), a cell is no finite number, the
+            time does not increase, or there is no frame. The message names the line.
     """
     path = checked_file(path)
     if not rate > 0:

@@ -89,9 +89,9 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
     Raises:
         ImportError: If h5py is missing.
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no HDF5 file, truncated or damaged, lacks something, is of
-            another version, refers to other files, or holds more than :obj:`max_bytes`. The message
-            names the file.
+        ValueError: If the file is no HDF5 file, cut or damaged, lacks something, is of another
+            version, refers to other files, or holds more than :obj:`max_bytes`. The message names
+            the file.
         BlockingIOError: If another process writes the file.
     """
     path = hdf5_file(_h5py_needed(path))

@@ -3,7 +3,7 @@ r"""Recordings as MCAP files, which viewers of robot data open and which survive
 Topics are :obj:`tactile.Frame`, :obj:`tactile.Prediction`, :obj:`tactile.Health`,
 :obj:`tactile.Event` and :obj:`foxglove.PointCloud`
 (:mod:`~torch_geometric_tactile.io.mcap_schemas`). Label, metadata, name of the layout and the
-clocks are in a metadata record at the beginning, so that a truncated file has them.
+clocks are in a metadata record at the beginning, so that a cut file has them.
 
 The times of messages are nanoseconds since 1970. The :obj:`time` of a frame is that of the
 monotonic clock of the host, and of a :class:`~torch_geometric_tactile.data.Recording` the seconds

@@ -58,8 +58,8 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no npz file, truncated or damaged, holds pickled objects, would
-            take absurdly much memory, lacks something or holds something else, or is of another
+        ValueError: If the file is no npz file, cut or damaged, holds pickled objects, would take
+            absurdly much memory, lacks something or holds something else, or is of another
             version. The message names the file.
     """
     path = checked_file(path)

@@ -51,9 +51,9 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is no npz file, truncated or damaged, holds pickled objects, would
-            take absurdly much memory, has no readings or no labels, an array twice, texts in place
-            of numbers, or different numbers of samples. The message names the file.
+        ValueError: If the file is no npz file, cut or damaged, holds pickled objects, would take
+            absurdly much memory, has no readings or no labels, an array twice, texts in place of
+            numbers, or different numbers of samples. The message names the file.
     """
     path = Path(path)
     if not path.is_file():

@@ -98,9 +98,9 @@ def read_wide_csv(
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If a name is not understood, named twice or missing, a line is empty, has
-            another number of cells or no newline (a truncated file), a cell is no finite number,
-            the time does not increase, there is no frame, a header contradicts the arguments, or
-            there is a header or an index that pandas made up. The message names the line.
+            another number of cells or no end (a file that was cut), a cell is no finite number, the
+            time does not increase, there is no frame, a header contradicts the arguments, or there
+            is a header or an index that pandas made up. The message names the line.
     """
     path = checked_file(path)
     if not rate > 0:

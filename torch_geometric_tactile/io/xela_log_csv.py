@@ -33,7 +33,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If a column is missing (also those of the forces, if they are wanted) or named
-            twice, a line is empty or truncated, a cell is no finite number, or the time does not
+            twice, a line is empty or cut, a cell is no finite number, or the time does not
             increase. The message names the line.
     """
     path = checked_file(path)

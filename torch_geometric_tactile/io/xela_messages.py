@@ -48,9 +48,8 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is truncated, holds no message or one that cannot be read, the
-            sensors or their models change, or the time does not increase. The message names the
-            line.
+        ValueError: If the file is cut, holds no message or one that cannot be read, the sensors or
+            their models change, or the time does not increase. The message names the line.
     """
     path = checked_file(path)
     frames: list[XelaFrame] = []
