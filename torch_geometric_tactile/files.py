@@ -1,4 +1,4 @@
-r"""Files that are either whole or absent."""
+r"""Files that are either complete or absent."""
 
 import hashlib
 import itertools
