@@ -55,8 +55,8 @@ def write_report(
     tables: Sequence[ReportTable],
     pictures: Sequence[ReportPicture],
 ) -> None:
-    r"""Writes a report as one HTML file that is either whole or absent. It loads nothing, runs no
-    script, and can be read on a phone, in the dark and on paper.
+    r"""Writes a report as one HTML file that is either complete or absent. It loads nothing, runs
+    no script, and can be read on a phone, in the dark and on paper.
 
     Args:
         path (str or PathLike): The file.
