@@ -9,8 +9,8 @@
 #   **simulated** by `data/make_glove.py` and no measurement, so the accuracies say nothing about
 #   real gloves. The traps in them are real: time in milliseconds, empty cells, and an offset that
 #   changes whenever the glove is put on.
-# - **You will see** a model that scores more than 90 % on a split by frame and loses a third of it
-#   or more on new trials, and the one argument that repairs it.
+# - **You will see** a model that scores 96 % on a split by frame and 57 % on new trials, and the one
+#   transform that repairs it.
 # - **Time**: about half a minute.
 
 # %%
@@ -171,24 +171,28 @@ assert losses[-1] < losses[0]
 #
 # `TactileDataModule` splits the data set, fits the scaling on the training part and loads batches;
 # `TactileClassifier` is the training step. `TaxelNet` is [the model to take
-# first](../docs/models.md). With `split="frame"` each frame is drawn by itself, so nearly every
-# test frame has neighbours of the same trial in the training part. With `split="trial"` whole
-# trials are held out, which is what a user of the glove will meet.
+# first](../docs/models.md). With three folds every frame is tested on once, by a model that was not
+# trained on it.
+#
+# - `Protocol("frame", ...)` draws each frame by itself, so that nearly every test frame has
+#   neighbours of the same trial in the training part.
+# - `Protocol("trial", ...)` holds out whole trials, which is what a user of the glove will meet.
 
 # %%
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
 from torch_geometric_tactile.transforms import FillMissing, Tare, ZScore
 
 
-def train(transform, split, seed):
-    lightning.seed_everything(seed, verbose=False)
-    module = TactileDataModule(raw, split=split, test=0.25, transform=transform, batch_size=32)
+def train(transform, split, fold):
+    lightning.seed_everything(fold, verbose=False)
+    module = TactileDataModule(raw, split=split, fold=fold, transform=transform, batch_size=32)
     classifier = TactileClassifier(TaxelNet(layout, raw.num_classes, in_channels=1))
     quiet = {"enable_progress_bar": False, "enable_model_summary": False, "logger": False}
-    trainer = lightning.Trainer(max_epochs=12, enable_checkpointing=False, **quiet)
+    trainer = lightning.Trainer(max_epochs=10, enable_checkpointing=False, **quiet)
     trainer.fit(classifier, module)
     (metrics,) = trainer.test(classifier, module, verbose=False)
     return classifier, module, metrics["test/accuracy"]
@@ -197,61 +201,70 @@ def train(transform, split, seed):
 # %% [markdown]
 # The third run subtracts what each taxel reads while the hand is open, the mean of the first 0.3 s
 # of each trial: `Tare("trial", seconds=0.3)`. It needs no labels, so it may measure held-out trials
-# as well. All three put the mean in place of missing readings.
+# as well. In all three runs missing readings become the mean.
 
 # %%
 import matplotlib.pyplot as plt
 
 plain = Compose([ZScore(per="channel"), FillMissing()])
 tared = Compose([Tare("trial", seconds=0.3), ZScore(per="channel"), FillMissing()])
+by_frame = Protocol("frame", folds=3, stratify="y")
+by_trial = Protocol("trial", folds=3, stratify="y")
 runs = {
-    "raw, by frame": (plain, "frame"),
-    "raw, by trial": (plain, "trial"),
-    "tared, by trial": (tared, "trial"),
+    "raw, by frame": [train(plain, by_frame, fold) for fold in range(3)],
+    "raw, by trial": [train(plain, by_trial, fold) for fold in range(3)],
+    "tared, by trial": [train(tared, by_trial, fold) for fold in range(3)],
 }
-accuracy = {name: [train(*run, seed)[2] for seed in (0, 1)] for name, run in runs.items()}
+accuracy = {name: [result[2] for result in results] for name, results in runs.items()}
 for name, values in accuracy.items():
-    print(f"{name:16} {' '.join(f'{value:.3f}' for value in values)}")
+    print(f"{name:16} {' '.join(f'{value:.3f}' for value in values)}, mean {np.mean(values):.3f}")
 
 # %% tags=["figure"]
-figure, ax = plt.subplots(figsize=(5.5, 3))
+figure, ax = plt.subplots(figsize=(5.5, 2.6))
 for row, values in enumerate(accuracy.values()):
     ax.barh(row, np.mean(values), color="#56B4E9")
     ax.plot(values, [row] * len(values), "k.")
-ax.set(xlim=(0, 1), xlabel="accuracy on held-out frames (dots: two trainings)")
+ax.set(xlim=(0, 1), xlabel="accuracy on held-out frames (dots: three folds)")
 ax.set_yticks(range(len(accuracy)), list(accuracy))
 ax.invert_yaxis()
 figure.tight_layout()
 
 # %% [markdown]
-# The split by frame looks best and is wrong: the model has recognised the *offsets of the trial*.
+# The split by frame looks best and is misleading: the model recognises the *offsets of each trial*.
 # On new trials the same model on the same raw readings fails. With the rest subtracted it works on
 # new trials as well.
 
 # %%
-by_frame, by_trial, with_tare = (np.mean(values) for values in accuracy.values())
-assert by_frame > by_trial + 0.2  # the split by frame promises too much
-assert with_tare > by_trial + 0.2  # the tare brings it back
+frame_split, trial_split, with_tare = (np.mean(values) for values in accuracy.values())
+assert frame_split > trial_split + 0.2  # the split by frame promises too much
+assert with_tare > trial_split + 0.2  # the tare brings it back
 
 # %% [markdown]
-# Which grasps are confused, on the trials that were held out:
+# Which grasps are confused? Each trial is judged by the model that was not trained on it.
 
 # %% tags=["figure"]
+from torch_geometric_tactile import analysis
 from torch_geometric_tactile.visualization import plot_confusion
 
-from torch_geometric_tactile import analysis
+counts, wrong = 0, []
+for classifier, module, _ in runs["tared, by trial"]:
+    test = module.part("test")
+    held_out = test.batch(range(len(test)))
+    with torch.no_grad():
+        found = classifier.eval()(module.transform(held_out)).argmax(-1)
+    counts = counts + analysis.class_confusion(held_out.y, found, raw.num_classes)
+    wrong.append(held_out.time[found != held_out.y])
+plot_confusion(counts, raw.class_names, f"Held-out trials, {len(raw)} frames")
 
-classifier, module, _ = train(tared, "trial", seed=0)
-test = module.part("test")
-held_out = test.batch(range(len(test)))
-with torch.no_grad():
-    found = classifier.eval()(module.transform(held_out)).argmax(-1)
-counts = analysis.class_confusion(held_out.y, found, raw.num_classes)
-plot_confusion(counts, raw.class_names, f"Held-out trials, {len(test)} frames")
+# %%
+wrong = torch.cat(wrong)
+print(f"{len(wrong)} frames are wrong; {int((wrong < 0.45).sum())} of them are before 0.45 s")
+assert (wrong < 0.45).float().mean() > 0.5
 
 # %% [markdown]
-# The first frames after the hand begins to close press hardly at all yet, so that some of them look
-# *open*; *pinch* and *tripod* differ only by the middle finger.
+# The hand begins to close at 0.3 s, and `grasp` says so at once, though the fingers hardly press
+# yet. So most wrong frames are at the start of a grasp. Labels that a person types while recording
+# are early or late in the same way.
 #
 # ## 6. One file for later
 #
@@ -282,7 +295,7 @@ assert labels == [raw.class_names[i] for i in same_trial]  # as in training and 
 # these windows has `in_channels=5`.
 
 # %%
-from torch_geometric_tactile.data import Protocol, Windows
+from torch_geometric_tactile.data import Windows
 
 windows = Windows(raw, length=5, hop=1)
 print(windows, "of", raw, "with readings of shape", tuple(windows[0].x.shape))
@@ -362,10 +375,11 @@ main(
 # without the test part):
 #
 # ```sh
-# tactile convert mug_1.csv mug_1.h5 --tactile '(palm|thumb|index|middle|ring|little)_\d+' --joint 'bend_.*' --label grasp
+# tactile convert mug_1.csv mug_1.h5 --tactile '(palm|thumb|index|middle|ring|little)_\d+' \
+#   --joint 'bend_.*' --label grasp
 # tactile inspect mug_1.h5
 # tactile predict glove.predictor mug_1.h5 --adapt
-# tactile compare recordings/ --layout glove.json --init target=grasp
+# tactile compare recordings --layout glove.json --init target=grasp
 # ```
 #
 # ## What to take from this
@@ -373,9 +387,9 @@ main(
 # - Three things describe a glove: the names of the columns, a layout in metres, and what a trial
 #   is.
 # - A data set of recordings is a PyG data set: loaders, transforms and layers of PyG work on it.
-# - Split by what will be new. Here a split by frame gave 0.97 and new trials gave 0.33, with the
+# - Split by what will be new. Here a split by frame gave 0.97 and new trials gave 0.57, with the
 #   same model.
-# - Subtract the rest of each trial. Here that gave 0.93 on new trials.
+# - Subtract the rest of each trial. Here that raised the accuracy on new trials from 0.57 to 0.97.
 # - The numbers are of a simulated glove. Run the same three lines on yours before you believe any
 #   of them.
 #
