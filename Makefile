@@ -4,13 +4,17 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test lint clean
+.PHONY: demo test tutorials lint clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
 
 test: $(VENV)/installed
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
+
+tutorials: $(VENV)/installed
+	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python tutorials/run.py --jobs 2 \
+	  $(if $(DATA),--data "$(DATA)")
 
 lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .
