@@ -4,7 +4,8 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test tutorials lint clean
+.PHONY: demo test tutorials lint docs linkcheck clean
+SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/installed
 	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
@@ -22,6 +23,16 @@ lint: $(VENV)/installed
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
+# docs/build/html is the site, complete in this folder. Tutorials come from `make tutorials` where it
+# has run; without them: TACTILE_DOCS_TUTORIALS=0. Links into the documentation of other projects come
+# from docs/inventories; from their sites: TACTILE_DOCS_ONLINE=1.
+docs: $(VENV)/installed
+	$(SPHINX) -q -b html docs docs/build/html
+	$(VENV)/bin/python docs/check_site.py docs/build/html
+
+linkcheck: $(VENV)/installed
+	$(SPHINX) -b linkcheck docs docs/build/linkcheck
+
 $(VENV)/installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11 ..."; exit 1; }
@@ -31,4 +42,4 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build docs/build docs/generated docs/tutorials *.egg-info
