@@ -13,8 +13,9 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim import stock_bodies
 from torch_geometric_tactile.sim.hand_model import STAND
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.style import plain_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
