@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     open_plot,
     plain_text,
     series_color,
+    title_axes,
     title_figure,
 )
 
@@ -163,7 +164,7 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
     ax.tick_params(axis="y", length=0)
     open_plot(ax, "x")
     ax.set_xlabel(plain_text(panel.xlabel))
-    ax.set_title(plain_text(panel.title))
+    title_axes(ax, plain_text(panel.title))
 
 
 def _style(index: int, is_spread_known: bool) -> dict[str, Any]:

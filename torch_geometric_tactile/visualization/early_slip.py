@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     plain_text,
     series_color,
     series_marker,
+    title_axes,
     title_figure,
 )
 
@@ -70,7 +71,7 @@ def plot_early_slip(
         (left, "slipping grasps with an alarm"),
         (right, "holding grasps with an alarm\nat the same moments"),
     ):
-        ax.set_title(what)
+        title_axes(ax, what)
         ax.set_xlabel("seconds before the onset of slip")
         ax.set_xlim(time.max() * 1.03, 0.0)
         open_plot(ax)
