@@ -240,6 +240,7 @@ _ROC = (
     (_MAIN, _READINGS),
     (_TWIN, _READINGS),
     ("SVM", _READINGS),
+    ("LSTM", _READINGS),
     ("GCN-DF", _READINGS),
     ("SVM", "raw"),
     ("GCN-DF", "raw"),

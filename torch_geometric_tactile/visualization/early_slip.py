@@ -62,6 +62,9 @@ def plot_early_slip(
     if not methods:
         raise ValueError("'methods' must hold at least one method (got none)")
     time = np.asarray(seconds, dtype=np.float64)
+
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(8.0, 4.1)
     left, right = figure.subplots(1, 2, sharey=True)
     for i, (name, curves) in enumerate(methods.items()):
@@ -74,6 +77,7 @@ def plot_early_slip(
         title_axes(ax, what)
         ax.set_xlabel("seconds before the onset of slip")
         ax.set_xlim(time.max() * 1.03, 0.0)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
         open_plot(ax)
     left.set_ylim(0.0, 1.02)
     left.set_ylabel("part of the grasps")

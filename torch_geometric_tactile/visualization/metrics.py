@@ -294,6 +294,9 @@ def plot_protocols(
     panel = max(0.9, min(1.5, (MOST_WIDTH - width) / len(protocols)))
     figure = new_figure(width + panel * len(protocols), 0.27 * len(lines) + 1.1)
     look = current_theme()
+
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
     for ax, protocol in zip(axes, protocols, strict=True):
         for model in models[::2]:
@@ -306,6 +309,7 @@ def plot_protocols(
                 kind = kinds.index(readings)
                 _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
         ax.set_xlim(*limits)
+        ax.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # ends touch the next panel's
         ax.tick_params(axis="y", length=0, labelcolor=look.ink)
         open_plot(ax, "x")
         title_axes(ax, fitted(protocol, panel - 0.1, TEXT))
