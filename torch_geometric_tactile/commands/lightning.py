@@ -7,13 +7,21 @@ FULL_HELP = ("--help-all", "--help=all")
 _OPTIONS = (
     ("--config FILE", "a YAML file, or the name of a shipped configuration;", "may be repeated"),
     ("--model.model CLASS", "the network, such as TaxelNet"),
-    ("--data.dataset.init_args.root DIR", "folder of the data; the same for test_dataset", "(default: a folder in $TACTILE_DATA)"),
+    (
+        "--data.dataset.init_args.root DIR",
+        "folder of the data; the same for test_dataset",
+        "(default: a folder in $TACTILE_DATA)",
+    ),
     ("--trainer.max_epochs N", "number of epochs"),
     ("--data.batch_size N", "samples per batch (default: 128)"),
     ("--model.optimizer.init_args.lr RATE", "learning rate (default: the configuration's)"),
     ("--seed_everything N", "seed of all randomness (default: 0)"),
     ("--ckpt_path FILE", "{checkpoint}"),
-    ("--trainer.devices N", "number of GPUs, or of processes on a CPU", "(default: all GPUs, or one process)"),
+    (
+        "--trainer.devices N",
+        "number of GPUs, or of processes on a CPU",
+        "(default: all GPUs, or one process)",
+    ),
     ("--out DIR", "folder of the runs (default: runs)"),
 )
 _OF_FIT = ("--trainer.max_epochs", "--model.optimizer.init_args.lr")
