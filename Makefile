@@ -4,7 +4,7 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint dist clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
@@ -18,6 +18,12 @@ lint: $(VENV)/installed
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
+dist: $(VENV)/installed
+	rm -rf dist
+	$(VENV)/bin/python -m build
+	$(VENV)/bin/twine check --strict dist/*
+	$(VENV)/bin/python .ci/check_dist.py dist
+
 $(VENV)/installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11 ..."; exit 1; }
@@ -27,4 +33,4 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build dist *.egg-info
