@@ -206,6 +206,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(str(error))
     if args.data.is_dir() and "TACTILE_DATA" not in os.environ:
         link_data(args.data, args.out / "data")
+    # What tqdm says in a kernel without ipywidgets is no fault of a tutorial.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:IProgress not found")
     limits = Limits(args.limit, args.memory * 1e9)
     # A new process for each, so that its children are those of one tutorial.
     with ProcessPoolExecutor(

@@ -155,7 +155,8 @@ def test_good_tutorial_runs(script, tmp_path, monkeypatch, capsys):
     assert (status, err) == (0, "")
     name, result, processor, wall, memory, figures = out.splitlines()[1].split()
     assert (name, result, figures) == ("01_real_grasps", "ok", "2")
-    assert float(wall) > 0 and float(processor) > 0 and float(memory) > 10
+    assert min(float(wall), float(processor)) > 0
+    assert float(memory) > 10
     executed = json.loads((tmp_path / "out" / "01_real_grasps.ipynb").read_text("utf-8"))
     pictures = ["image/png" in str(cell.get("outputs")) for cell in executed["cells"]]
     assert pictures == [False, False, True, True, False]

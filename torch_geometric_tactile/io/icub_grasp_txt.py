@@ -93,7 +93,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
     if not columns[0] or len(columns[0]) > len(columns[-1]):
         raise ValueError(
             f"'{path}' must hold {len(_LINES)} lines for each frame, and at least one frame (got "
-            f"{sum(map(len, columns))} lines): is the file cut?"
+            f"{sum(map(len, columns))} lines): is the file truncated?"
         )
     return ICubGraspFrames(
         reading=np.concatenate([np.array(column) for column in columns[2:]], axis=1).astype("f4"),
@@ -110,7 +110,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             if not line.endswith(b"\n"):
                 raise ValueError(
                     f"'{path}', line {number} must end with a line break, and be below "
-                    f"{_MOST_CHARACTERS} characters: is the file cut?"
+                    f"{_MOST_CHARACTERS} characters: is the file truncated?"
                 )
             text = line[:-1].removesuffix(b"\r").replace(b"\t", b" ")
             if not text.isascii() or not text.decode("ascii").isprintable():

@@ -45,5 +45,7 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
             raise ValueError(f"'{path}' must have {rows} lines (got more)")
         found.append(csv_numbers(path, line, row, names))
     if len(found) < rows:
-        raise ValueError(f"'{path}' must have {rows} lines (got {len(found)}): is the file cut?")
+        raise ValueError(
+            f"'{path}' must have {rows} lines (got {len(found)}): is the file truncated?"
+        )
     return np.stack(found)[None]

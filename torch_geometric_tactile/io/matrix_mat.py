@@ -92,10 +92,10 @@ def _byte_order(data: bytes) -> str:
     if _HDF5 in (data[:8], data[512:520]):
         raise ValueError("it is of version 7.3 (HDF5): write it by save(..., '-v7')")
     if len(data) < _START:
-        raise ValueError("it is no MAT file of version 5 to 7, or cut: try save(..., '-v7')")
+        raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None or 0 in data[:4]:
-        raise ValueError("it is no MAT file of version 5 to 7, or cut: try save(..., '-v7')")
+        raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
     (version,) = struct.unpack(f"{order}H", data[124:126])
     if version != 0x0100:
         raise ValueError(f"it is of version {version:#x}: write it by save(..., '-v7')")
@@ -108,7 +108,9 @@ def _variables(data: bytes, order: str) -> Iterator[_Variable]:
         kind, count, place = _tag(data, place, order)
         content = data[place : place + count]
         if len(content) < count:
-            raise ValueError(f"it is cut: a variable must have {count} bytes (got {len(content)})")
+            raise ValueError(
+                f"it is truncated: a variable must have {count} bytes (got {len(content)})"
+            )
         place += count
         is_packed = kind == _COMPRESSED
         if is_packed:
@@ -125,7 +127,7 @@ def _variables(data: bytes, order: str) -> Iterator[_Variable]:
 def _tag(data: bytes, place: int, order: str) -> tuple[int, int, int]:
     # Type and number of bytes of an element, and where they begin.
     if len(data) < place + 8:
-        raise ValueError("it is cut")
+        raise ValueError("it is truncated")
     kind, count = struct.unpack_from(f"{order}II", data, place)
     if kind >> 16:  # a small element has both in one number
         return kind & 0xFFFF, kind >> 16, place + 4
@@ -140,7 +142,7 @@ def _element(data: bytes, place: int, order: str) -> tuple[int, bytes, int]:
         raise ValueError(f"a small part must have 4 bytes at most (got {count})")
     content = data[start : start + count]
     if len(content) < count:
-        raise ValueError(f"it is cut: a part must have {count} bytes (got {len(content)})")
+        raise ValueError(f"it is truncated: a part must have {count} bytes (got {len(content)})")
     return kind, content, place + 8 if is_small else start + -(-count // 8) * 8
 
 

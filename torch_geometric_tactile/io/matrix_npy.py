@@ -59,7 +59,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         if start + header.num_bytes != path.stat().st_size:
             raise ValueError(
                 f"'{path}' must have {start + header.num_bytes} bytes for the shape {shape} (got "
-                f"{path.stat().st_size}): is it cut? Copy or write it again"
+                f"{path.stat().st_size}): is it truncated? Copy or write it again"
             )
         numbers = np.fromfile(file, dtype=header.dtype)
     numbers = numbers.astype(header.dtype.newbyteorder("="), copy=False)

@@ -1,4 +1,4 @@
-r"""A whole MCAP file from what is left of a cut or damaged one."""
+r"""A whole MCAP file from what is left of a truncated or damaged one."""
 
 import os
 from dataclasses import dataclass

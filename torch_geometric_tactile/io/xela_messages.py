@@ -142,7 +142,7 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
             raise ValueError(
                 f"'{path}', line {line}: the message that begins here cannot be read as JSON "
-                f"({error}): is the file cut? Delete what is left of it"
+                f"({error}): is the file truncated? Delete what is left of it"
             ) from error
         yield line, message
         start, passed = text.find("{", end), end
@@ -155,7 +155,7 @@ def _check_passed(path: Path, text: str, start: int, stop: int) -> None:
     if part is not None:
         raise ValueError(
             f"'{path}', line {text.count(chr(10), 0, part.start()) + 1}: the end of a message "
-            "must have its beginning (got none): is the file cut? Delete what is left of it"
+            "must have its beginning (got none): is the file truncated? Delete what is left of it"
         )
 
 

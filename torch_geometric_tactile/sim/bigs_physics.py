@@ -30,7 +30,7 @@ _AFTER = 0.3  # s recorded after the loss
 
 
 class BigsPhysics(NamedTuple):
-    r"""What happened, :obj:`CONTROL_RATE` times a second.
+    r"""The course of a grasp, :obj:`CONTROL_RATE` times a second.
 
     :obj:`force` are the forces of the object on the fingertips in their frames, x to the end of the
     finger, y across, z into the pad, :math:`(K, 3, 3)`; :obj:`normal` and :obj:`shear` their parts

@@ -106,7 +106,7 @@ def paper8() -> list[GraspObject]:
 
 def control8() -> list[GraspObject]:
     r"""Eight objects of one shape and size, with every combination of mass, softness and friction:
-    what tells them apart is not their shape.
+    they cannot be distinguished by their shape.
     """
     return [
         _object(

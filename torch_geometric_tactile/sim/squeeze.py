@@ -29,7 +29,7 @@ _TOUCH = 0.05  # pressure that counts, N
 
 
 class SqueezePlan(GraspPlan):
-    r"""What the controller wants, every :obj:`step` seconds: squeezes, and no lift.
+    r"""The targets of the controller, every :obj:`step` seconds: squeezes, and no lift.
 
     As :class:`GraspPlan`, with :obj:`phase` in :obj:`SQUEEZE_PHASES`.
     """
