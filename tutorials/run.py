@@ -112,9 +112,8 @@ def _execute(notebook: NotebookNode, folder: Path, limits: Limits, result: Resul
         if error.ename == "ConnectionError" and "by hand" in error.evalue:
             result.skipped = error.evalue
         else:
-            result.problems.append(
-                f"a cell raises {error.ename}: {error.evalue}\n{error.traceback}"
-            )
+            told = _ESCAPES.sub("", error.traceback)
+            result.problems.append(f"a cell raises {error.ename}: {error.evalue}\n{told}")
     except (CellTimeoutError, DeadKernelError) as error:
         result.problems.append(f"{type(error).__name__}: {error}")
 
@@ -129,7 +128,8 @@ def _output_problems(cell: NotebookNode) -> list[str]:
             problems.append(f"the cell '{first_line(cell)}' writes to stderr: {text}")
         elif re.search("warning", text, re.IGNORECASE):
             problems.append(f"the cell '{first_line(cell)}' prints a warning: {text}")
-    if is_figure(cell) and not _shows_picture(cell):
+    was_run = cell.execution_count is not None  # not so behind a cell that failed
+    if was_run and is_figure(cell) and not _shows_picture(cell):
         problems.append(f"the figure cell '{first_line(cell)}' shows no picture")
     return problems
 

@@ -220,3 +220,45 @@ def test_data_is_linked_and_never_written_to(tmp_path, monkeypatch):
     (linked / "BioTacSP").mkdir()
     assert (linked / "biotacsp" / "a.csv").read_text() == "1"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["biotacsp"]
+
+
+class FakeShell:
+    def __init__(self):
+        self.calls = []
+
+    def system(self, command):
+        self.calls.append(f"!{command}")
+
+    def run_line_magic(self, name, line):
+        self.calls.append(f"%{name} {line}")
+
+
+@pytest.mark.parametrize(
+    ("installed", "start", "calls", "end"),
+    [
+        (True, "tutorials", [], "tutorials"),
+        (True, "tutorials/notebooks", [], "tutorials"),
+        (False, "", ["!git clone --quiet", "%pip install --quiet"], "tactile/tutorials"),
+    ],
+)
+def test_install_cell_leads_to_the_tutorials(tmp_path, monkeypatch, installed, start, calls, end):
+    from IPython.core.inputtransformer2 import TransformerManager
+
+    (tmp_path / "tutorials" / "notebooks").mkdir(parents=True)
+    (tmp_path / "tactile" / "tutorials").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / start)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object() if installed else None)
+    shell = FakeShell()
+    code = TransformerManager().transform_cell(to_notebooks.INSTALL)
+    exec(code, {"get_ipython": lambda: shell})
+    assert [" ".join(call.split()[:3]) for call in shell.calls] == calls
+    assert Path.cwd() == tmp_path / end
+
+
+def test_extras_of_notebooks_are_those_of_binder_and_exist():
+    import tomllib
+
+    pyproject = tomllib.loads((FOLDER.parent / "pyproject.toml").read_text("utf-8"))
+    extras = to_notebooks.EXTRAS.split(",")
+    assert set(extras) <= set(pyproject["project"]["optional-dependencies"])
+    assert f'".[{to_notebooks.EXTRAS}]"' in (FOLDER.parent / "binder" / "postBuild").read_text()
