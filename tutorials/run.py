@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import nbformat
-from form import FOLDER, ROOT, first_line, form_problems, is_figure, read_script, replace_links
+from form import FOLDER, ROOT, first_line, form_problems, is_figure, read_script
 from form import script_paths as find_scripts
 from jupyter_client.kernelspec import KernelSpec
 from jupyter_client.manager import AsyncKernelManager
@@ -91,7 +91,6 @@ def run_tutorial(path: Path, out: Path, limits: Limits) -> Result:
         result.problems += [p for cell in notebook.cells for p in _output_problems(cell)]
         result.figures = sum(_shows_picture(cell) for cell in notebook.cells)
     result.problems += _limit_problems(result, limits)
-    replace_links(notebook, pages="../", tutorials="")
     out.mkdir(parents=True, exist_ok=True)
     nbformat.write(notebook, out / f"{path.stem}.ipynb")
     return result
