@@ -4,7 +4,7 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test tutorials lint docs linkcheck clean
+.PHONY: demo test tutorials lint docs linkcheck dist clean
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/installed
@@ -22,6 +22,7 @@ lint: $(VENV)/installed
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/codespell
 
 # docs/build/html is the site, complete in this folder. Tutorials come from `make tutorials` where it
 # has run; without them: TACTILE_DOCS_TUTORIALS=0. Links into the documentation of other projects come
@@ -33,6 +34,12 @@ docs: $(VENV)/installed
 linkcheck: $(VENV)/installed
 	$(SPHINX) -b linkcheck docs docs/build/linkcheck
 
+dist: $(VENV)/installed
+	rm -rf dist
+	$(VENV)/bin/python -m build
+	$(VENV)/bin/twine check --strict dist/*
+	$(VENV)/bin/python .ci/check_dist.py dist
+
 $(VENV)/installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11 ..."; exit 1; }
@@ -42,4 +49,4 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build docs/build docs/generated docs/tutorials *.egg-info
+	rm -rf $(VENV) build dist docs/build docs/generated docs/tutorials *.egg-info

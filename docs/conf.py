@@ -29,26 +29,26 @@ extensions = [
     "sphinx_design",
     "api_pages",
     "command_pages",
+    "inventories",
     "mathml",
     "repository_links",
     "tutorial_pages",
 ]
 
-exclude_patterns = ["build", "inventories", "_ext", "_templates", "results/simulated_hand_notes.md"]
+exclude_patterns = ["build", "inventories", "_ext", "_templates"]
 templates_path = ["_templates"]
 repository_url = REPOSITORY
-# Executed copies of the tutorials are taken where `make tutorials` has left them.
+# Executed copies of the tutorials are taken where `make tutorials` has left them. The variable names
+# another folder, or is 0 for a site without them.
 tutorial_folders = ["../build/tutorials", "../tutorials/notebooks"]
-if os.environ.get("TACTILE_DOCS_TUTORIALS") == "0":
-    tutorial_folders = []
+_FOLDER = os.environ.get("TACTILE_DOCS_TUTORIALS")
+if _FOLDER is not None:
+    tutorial_folders = [] if _FOLDER == "0" else [_FOLDER]
 
 # Pages that are planned. Until they exist, the entries of the tables of contents are left out.
 planned_pages = [
-    "cheat_sheets",
-    "glossary",
     "install",
     "troubleshooting",
-    "which_model",
     "your_own_classes",
 ]
 
@@ -64,7 +64,7 @@ python_use_unqualified_type_names = True
 add_module_names = False
 toc_object_entries_show_parents = "hide"
 napoleon_numpy_docstring = False
-napoleon_custom_sections = [("Shapes", "params_style")]
+napoleon_custom_sections = ["Shapes"]
 napoleon_use_ivar = True  # "Attributes" as a list; members that are properties have their own entry
 napoleon_use_rtype = False
 viewcode_follow_imported_members = True
@@ -72,7 +72,7 @@ viewcode_follow_imported_members = True
 # -- Markdown and notebooks --------------------------------------------------------------------
 nb_execution_mode = "off"
 nb_ipywidgets_js = {}  # from a foreign host otherwise; our tutorials have no widgets
-myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath", "substitution"]
+myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath", "html_image"]
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
 
@@ -86,6 +86,11 @@ _HOMES = {
     "matplotlib": "https://matplotlib.org/stable/",
     "lightning": "https://lightning.ai/docs/pytorch/stable/",
     "sklearn": "https://scikit-learn.org/stable/",
+}
+online_inventories = _ONLINE
+intersphinx_mapping = {
+    name: (home, None if _ONLINE else str(DOCS / "generated" / f"{name}.inv"))
+    for name, home in _HOMES.items()
 }
 linkcheck_timeout = 20
 linkcheck_anchors = False  # pages that draw their anchors with scripts are reported as broken

@@ -3,9 +3,11 @@
 import ast
 import inspect
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from pprint import pformat
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
 
@@ -14,6 +16,8 @@ from repository_links import write_if_changed
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
+from sphinx.util.inspect import signature as sphinx_signature
+from sphinx.util.inspect import stringify_signature
 
 PACKAGE = "torch_geometric_tactile"
 # In the order of the reference. Public names are those of `__all__`.
@@ -39,8 +43,8 @@ MODULES = (
     "reports",
     "testing",
 )
-# Public, and documented under another name.
-ALIASES = {PACKAGE: ("Predictor",), f"{PACKAGE}.nn": None, f"{PACKAGE}.commands": ("VERBS",)}
+# Modules with names in common.
+_SHARED = ("data", "data.splits")
 
 
 class PublicName(NamedTuple):
@@ -61,11 +65,20 @@ def public_names(module: str) -> list[PublicName]:
     full = f"{PACKAGE}.{module}"
     home = import_module(full)
     names = getattr(home, "__all__", None) or _functions_of(home)
-    above = getattr(import_module(full.rpartition(".")[0]), "__all__", ())
-    if "nn" not in full:  # names of `data.splits` that are those of `data`
-        names = [name for name in names if name not in above]
-    found = [PublicName(full, name, _kind(getattr(home, name))) for name in names]
+    names = [name for name in names if _home(getattr(home, name), module) == module]
+    found = [PublicName(full, name, _kind(name, getattr(home, name))) for name in names]
     return sorted((one for one in found if one.kind != "module"), key=lambda one: one.name.lower())
+
+
+def _home(value: Any, module: str) -> str:
+    # Where a name of two public modules is described: where it is defined.
+    if module not in _SHARED:
+        return module
+    defined = getattr(value, "__module__", "").removeprefix(f"{PACKAGE}.")
+    if defined in _SHARED:
+        return defined
+    is_above = any(value is other for other in vars(import_module(f"{PACKAGE}.data")).values())
+    return "data" if is_above else module
 
 
 def all_public_names() -> list[PublicName]:
@@ -83,9 +96,11 @@ def _functions_of(module: ModuleType) -> list[str]:
     ]
 
 
-def _kind(value: Any) -> str:
+def _kind(name: str, value: Any) -> str:
     if inspect.ismodule(value):
         return "module"
+    if inspect.isclass(value) and value.__name__ != name:
+        return "alias"
     if inspect.isclass(value):
         return "exception" if issubclass(value, BaseException) else "class"
     return "function" if inspect.isroutine(value) else "data"
@@ -188,9 +203,19 @@ def _comment(lines: list[str]) -> str:
 
 
 def _shown_value(full: str) -> str:
-    text = repr(get_object(full))
-    text = re.sub(r"<(class|function) '?(?:[\w.]+\.)?(\w+)[^>]*>", r"\2", text)
-    return re.sub(r"^mappingproxy\((.*)\)$", r"\1", text)
+    value = get_object(full)
+    value = dict(value) if isinstance(value, Mapping) else value
+    text = pformat(value, width=80, compact=True, sort_dicts=False)
+    return re.sub(r"<(?:class|function) '?(?:[\w.]+\.)?(\w+)[^>]*>", r"\1", text)
+
+
+def _signature(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str, returned: str
+) -> tuple[str, str] | None:
+    # Models that can be on a hub have a `__new__` of any arguments; those of `__init__` count.
+    if what != "class" or not re.fullmatch(r"\(\*args: \S+, \*\*kwargs: \S+\)", signature or ""):
+        return None
+    return stringify_signature(sphinx_signature(obj.__init__, bound_method=True)), returned
 
 
 def _doc_of_data(
@@ -215,16 +240,33 @@ def _package_page(module: str) -> str:
             rows = "".join(f"   {name}\n" for name in entries)
             parts.append(f"{heading}\n{'-' * len(heading)}\n")
             parts.append(f".. autosummary::\n   :toctree: api\n   :nosignatures:\n\n{rows}")
+    aliases = [one for one in names if one.kind == "alias"]
+    if aliases:
+        entries = "".join(f"   api/{one.full}\n" for one in aliases)
+        parts.append(f"Other names\n-----------\n\n.. toctree::\n   :maxdepth: 1\n\n{entries}")
     return "\n".join(parts)
+
+
+def _alias_page(one: PublicName, repository: str) -> str:
+    return (
+        f"{one.name}\n{'=' * len(one.name)}\n\n.. currentmodule:: {one.module}\n\n"
+        f".. py:class:: {one.name}\n\n   {definition(one.full)[2]}\n\n"
+        f"   `[source] <{_definition_link(one.full, repository)}>`__\n"
+    )
 
 
 def _write_pages(app: Sphinx, config: Any) -> None:
     folder = Path(app.srcdir) / "generated"
     for module in MODULES:
         write_if_changed(folder / f"{module}.rst", _package_page(module))
-    written = {f"{one.full}.rst" for one in all_public_names()}
-    for path in (folder / "api").glob("*.rst"):
-        if path.name not in written:
+    for one in all_public_names():
+        if one.kind == "alias":
+            text = _alias_page(one, config.repository_url)
+            write_if_changed(folder / "api" / f"{one.full}.rst", text)
+    known = {one.full for one in all_public_names()}
+    built = Path(app.outdir) / "generated" / "api"
+    for path in [*(folder / "api").glob("*.rst"), *built.glob("*.html")]:
+        if path.stem not in known:  # of an earlier build
             path.unlink()
     config.autosummary_generate = [str(folder / f"{module}.rst") for module in MODULES]
     names = all_public_names()
@@ -306,6 +348,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Writes the pages before Sphinx looks for them, and resolves short names."""
     app.connect("config-inited", _write_pages, priority=100)
     app.connect("autodoc-process-docstring", _doc_of_data)
+    app.connect("autodoc-process-signature", _signature)
     app.connect("missing-reference", _resolve, priority=100)
     app.connect("doctree-resolved", _link_code)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -11,7 +11,7 @@ from typing import Any
 from repository_links import write_if_changed
 from sphinx.application import Sphinx
 
-_WIDTH = "100"
+_WIDTH = "84"
 _LONG = 120  # lines of a help text that is folded away
 _INTRO = """\
 # Commands

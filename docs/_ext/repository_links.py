@@ -84,18 +84,25 @@ def _read(app: Sphinx, name: str, source: list[str]) -> None:
     folder = os.path.normpath(os.path.join("docs", page_folder))
     root = Path(app.srcdir).parent
     source[0] = rewrite_links(source[0], folder, page_folder, app.config.repository_url, root)
-    source[0] = _without_planned(source[0], app.config.planned_pages, path.parent)
+    source[0] = _without_planned(source[0], app.config.planned_pages, path)
 
 
-def _without_planned(text: str, planned: list[str], folder: Path) -> str:
-    # Drops the lines of pages that are not written yet: entries of a table of contents, or links.
-    entry = re.compile(rf"(?:^|\()((?:[./\w]*/)?(?:{'|'.join(planned) or '$^'}))(?:\.md\)|$)")
+def _without_planned(text: str, planned: list[str], path: Path) -> str:
+    # Of pages that are not written yet, an index drops the lines, and others keep the text of links.
+    names = "|".join(planned)
+    if not names:
+        return text
+    is_index = path.stem == "index"
+    entry = rf"^(?:.*\()?((?:[./\w]*/)?(?:{names}))(?:\.md\).*)?\n" if is_index else None
+    pattern = entry or rf"\[([^\]]*)\]\(((?:[./\w]*/)?(?:{names}))\.md(?:#[\w-]*)?\)"
 
-    def is_missing(line: str) -> bool:
-        found = entry.search(line.strip())
-        return found is not None and not (folder / f"{found[1]}.md").exists()
+    def kept(found: re.Match[str]) -> str:
+        page = found[1] if is_index else found[2]
+        if (path.parent / f"{page}.md").exists():
+            return found[0]
+        return "" if is_index else found[1]
 
-    return "".join(line for line in text.splitlines(keepends=True) if not is_missing(line))
+    return re.sub(pattern, kept, text, flags=re.MULTILINE)
 
 
 def _copy_pages(app: Sphinx) -> None:

@@ -51,16 +51,15 @@ def title_and_summary(notebook: dict[str, Any]) -> tuple[str, str]:
     raise ValueError("a tutorial must begin with a title '# ...'")
 
 
-def _links(name: str, repository: str) -> str:
+def _links(name: str, repository: str, root: Path) -> str:
     owner = repository.removeprefix("https://github.com/")
     path = f"tutorials/notebooks/{name}.ipynb"
     colab = f"https://colab.research.google.com/github/{owner}/blob/main/{path}"
     binder = f"https://mybinder.org/v2/gh/{owner}/main?labpath={path.replace('/', '%2F')}"
-    return (
-        f"[Open in Colab]({colab}) · [Open in Binder]({binder}) · "
-        f"{{download}}`Download the notebook <../../{path}>` · "
-        f"[Source]({repository}/blob/main/tutorials/{name}.py)"
-    )
+    links = [f"[Open in Colab]({colab})", f"[Open in Binder]({binder})"]
+    if (root / path).exists():
+        links.append(f"{{download}}`Download the notebook <../../{path}>`")
+    return " · ".join([*links, f"[Source]({repository}/blob/main/tutorials/{name}.py)"])
 
 
 def _is_install(cell: dict[str, Any]) -> bool:
@@ -86,7 +85,7 @@ def site_notebook(notebook: dict[str, Any], name: str, repository: str, root: Pa
         text = rewrite_links(text, "tutorials", "tutorials", repository, root)
         if is_first and text.lstrip().startswith("# "):
             title, _, rest = text.lstrip().partition("\n")
-            text = f"{title}\n\n{_links(name, repository)}\n{rest}"
+            text = f"{title}\n\n{_links(name, repository, root)}\n{rest}"
             is_first = False
         cell["source"] = text
     cells = [cell for cell in cells if _text(cell).strip()]

@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     current_theme,
     plain_text,
     series_color,
+    title_axes,
     title_figure,
 )
 
@@ -140,7 +141,7 @@ def _title(ax: Any, recording: Recording) -> None:
     parts = [str(recording.meta.get("object", "grasp")), str(recording.label)]
     if "mass" in grasp:
         parts.append(f"{1000 * grasp['mass']:.0f} g, friction {grasp['friction']:.2f}")
-    ax.set_title(plain_text(": ".join([", ".join(parts[:2]), *parts[2:]])), fontsize=TEXT, pad=16)
+    title_axes(ax, plain_text(": ".join([", ".join(parts[:2]), *parts[2:]])), size=TEXT, pad=16)
     phase, names = recording.privileged["phase"], recording.meta["phase_names"]
     for number in np.unique(phase):
         middle = float(recording.time[phase == number].mean())

@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     open_plot,
     plain_text,
     series_color,
+    title_axes,
     title_figure,
 )
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 Values = Mapping[str, tuple[float, float]]
-_ROW_HEIGHT = 0.34  # inches
+_ROW_HEIGHT, _OF_SERIES = 0.14, 0.065  # inches of a row, and more for each series
 _NARROWEST = 2.2  # inches of a panel
 _HALF_ROW = 0.32  # of a row, to either side, in which points are drawn
 
@@ -52,7 +53,7 @@ def plot_comparison(
     r"""Draws a table of numbers as points, with one line for each row and one colour for each
     series. Points without a standard deviation, such as published numbers or those of one seed, are
     hollow. Panels are drawn two side by side: two with the same rows share the names of the rows,
-    and two with the same label share the axis. Panels of other rows stand below one another if the
+    and all with the same label share the axis. Panels of other rows stand below one another if the
     names of two are too wide for a page.
 
     Args:
@@ -80,9 +81,10 @@ def plot_comparison(
     columns = _columns(panels)
     lines = [panels[i : i + columns] for i in range(0, len(panels), columns)]
     heights = [max(len(panel.rows) for panel in line) for line in lines]
+    row_height = _ROW_HEIGHT + _OF_SERIES * len(series)
     figure = new_figure(
         min(MOST_WIDTH, 3.4 * columns + _names_width(panels) + 0.6),
-        _ROW_HEIGHT * sum(heights) + 0.75 * len(lines) + 0.5 + 0.2 * len(series),
+        row_height * sum(heights) + 0.75 * len(lines) + 0.5 + 0.2 * len(series),
     )
     axes = figure.subplots(len(lines), columns, squeeze=False, height_ratios=heights)
     for line, row in zip(lines, axes, strict=True):
@@ -93,10 +95,12 @@ def plot_comparison(
             _draw(ax, line[i], series)
             if i and list(line[i].rows) == list(line[0].rows):
                 ax.tick_params(labelleft=False)
-        if len({panel.xlabel for panel in line}) == 1:
-            limits = [ax.get_xlim() for ax in row[: len(line)]]
-            for ax in row[: len(line)]:
-                ax.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
+    drawn = list(zip(panels, axes.flat, strict=False))
+    for label in {panel.xlabel for panel in panels}:
+        alike = [ax for panel, ax in drawn if panel.xlabel == label]
+        low, high = zip(*(ax.get_xlim() for ax in alike), strict=True)
+        for ax in alike:
+            ax.set_xlim(min(low), max(high))
     points = [
         (name, isfinite(sd))
         for panel in panels
@@ -163,7 +167,7 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
     ax.tick_params(axis="y", length=0)
     open_plot(ax, "x")
     ax.set_xlabel(plain_text(panel.xlabel))
-    ax.set_title(plain_text(panel.title))
+    title_axes(ax, plain_text(panel.title))
 
 
 def _style(index: int, is_spread_known: bool) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     plain_text,
     series_color,
     series_marker,
+    title_axes,
     title_figure,
 )
 
@@ -61,6 +62,9 @@ def plot_early_slip(
     if not methods:
         raise ValueError("'methods' must hold at least one method (got none)")
     time = np.asarray(seconds, dtype=np.float64)
+
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(8.0, 4.1)
     left, right = figure.subplots(1, 2, sharey=True)
     for i, (name, curves) in enumerate(methods.items()):
@@ -70,9 +74,10 @@ def plot_early_slip(
         (left, "slipping grasps with an alarm"),
         (right, "holding grasps with an alarm\nat the same moments"),
     ):
-        ax.set_title(what)
+        title_axes(ax, what)
         ax.set_xlabel("seconds before the onset of slip")
         ax.set_xlim(time.max() * 1.03, 0.0)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
         open_plot(ax)
     left.set_ylim(0.0, 1.02)
     left.set_ylabel("part of the grasps")

@@ -17,6 +17,7 @@ from torch_geometric_tactile.visualization.style import (
     plain_text,
     series_color,
     series_marker,
+    title_axes,
     title_figure,
 )
 
@@ -60,14 +61,14 @@ def plot_feature_maps(
     grid = figure.add_gridspec(total, columns + 1, width_ratios=[1.5, *[1] * columns])
     ax = figure.add_subplot(grid[:, 0])
     _draw(ax, np.asarray(image), 0.0, None)
-    ax.set_title("input")
+    title_axes(ax, "input")
     first = 0
     for name, kind in kinds.items():
         for i, values in enumerate(kind):
             ax = figure.add_subplot(grid[first + i // columns, 1 + i % columns])
             _draw(ax, values, float(kind.min()), float(kind.max()))
             if i == 0:
-                text = ax.set_title(plain_text(name), loc="left", fontsize=TEXT)
+                text = title_axes(ax, plain_text(name), loc="left")
                 text.set_in_layout(False)  # it may be wider than its map
         first += rows[name]
     title_figure(figure, title)
@@ -128,7 +129,7 @@ def plot_sample_embeddings(
                 edgecolors=current_theme().ground,
                 label=plain_text(name),
             )
-        ax.set_title(fitted(model, 1.9, TEXT), fontsize=TEXT)
+        title_axes(ax, fitted(model, 1.9, TEXT))
         ax.set_xticks(())
         ax.set_yticks(())
     for ax in list(figure.axes)[len(panels) :]:

@@ -43,8 +43,8 @@ def new_figure(width: float, height: float) -> "Figure":
 
 
 def save_figure(figure: "Figure", path: PathLike) -> None:
-    r"""Writes a figure as a PNG file that is either whole or absent, at 150 dots per inch. The same
-    figure gives the same bytes.
+    r"""Writes a figure as a PNG file that is either complete or absent, at 150 dots per inch. The
+    same figure gives the same bytes.
 
     Args:
         figure (matplotlib.figure.Figure): The figure.

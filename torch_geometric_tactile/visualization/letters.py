@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     SMALL,
     current_theme,
     plain_text,
+    title_axes,
     title_figure,
 )
 from torch_geometric_tactile.visualization.taxel_map import draw_taxels, value_colors, value_scale
@@ -79,7 +80,7 @@ def plot_presses(
         ax.set_axis_off()
     for ax, press, text in zip(axes.flat, presses, titles, strict=False):
         _draw(ax, press, layout, scale)
-        ax.set_title(plain_text(text), fontsize=SMALL + 0.5, pad=2)
+        title_axes(ax, plain_text(text), size=SMALL + 0.5, pad=2)
     bar = figure.colorbar(scale, ax=axes, aspect=40, pad=0.01)
     bar.set_label(plain_text(label))
     if title is not None:

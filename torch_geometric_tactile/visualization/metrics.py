@@ -21,6 +21,7 @@ from torch_geometric_tactile.visualization.style import (
     plain_text,
     series_color,
     series_marker,
+    title_axes,
     title_figure,
     wrapped,
 )
@@ -92,7 +93,7 @@ def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
                 ha="center",
                 va="center",
                 fontsize=6,
-                color=ink_on(image.to_rgba(value)),
+                color=ink_on(tuple(image.to_rgba(value))),
             )
     ax.tick_params(length=0)
 
@@ -116,7 +117,7 @@ def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
             va="center",
             fontsize=TEXT + 1 if len(counts) < 4 else SMALL,
             linespacing=1.3,
-            color=ink_on(image.to_rgba(share[row, column])),
+            color=ink_on(tuple(image.to_rgba(share[row, column]))),
         )
     ax.tick_params(length=0)
 
@@ -166,7 +167,7 @@ def plot_label_confusions(
         ax.set_yticks((0, 1), ("no", "yes"))
         ax.set_xlabel("predicted")
         ax.set_ylabel("true")
-        ax.set_title(wrapped(name, 26))
+        title_axes(ax, wrapped(name, 26))
     for ax in axes.flat[num_labels:]:
         ax.set_visible(False)
     title_figure(figure, title)
@@ -293,6 +294,9 @@ def plot_protocols(
     panel = max(0.9, min(1.5, (MOST_WIDTH - width) / len(protocols)))
     figure = new_figure(width + panel * len(protocols), 0.27 * len(lines) + 1.1)
     look = current_theme()
+
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
     for ax, protocol in zip(axes, protocols, strict=True):
         for model in models[::2]:
@@ -305,9 +309,10 @@ def plot_protocols(
                 kind = kinds.index(readings)
                 _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
         ax.set_xlim(*limits)
+        ax.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # ends touch the next panel's
         ax.tick_params(axis="y", length=0, labelcolor=look.ink)
         open_plot(ax, "x")
-        ax.set_title(fitted(protocol, panel - 0.1, TEXT), fontsize=TEXT)
+        title_axes(ax, fitted(protocol, panel - 0.1, TEXT))
     axes[0].set_yticks(range(len(lines)), [plain_text(name) for name in names])
     axes[0].set_ylim(len(lines) - 0.5, -0.5)
     axes[len(axes) // 2].set_xlabel("accuracy")

@@ -45,7 +45,7 @@ class ShownFigure(Figure):
         """
         bar = super().colorbar(*args, **kwargs)
         style_axes(bar.ax)
-        bar.outline.set(edgecolor=current_theme().faint, linewidth=0.8)  # type: ignore[operator]
+        bar.outline.set(edgecolor=current_theme().faint, linewidth=0.8)
         bar.ax.tick_params(labelsize=SMALL)
         return bar
 
@@ -66,5 +66,5 @@ class ShownFigure(Figure):
             *args (Any): The title.
             **kwargs (Any): Its place and properties.
         """
-        look = {"fontsize": TITLE, "color": current_theme().ink}
+        look: dict[str, Any] = {"fontsize": TITLE, "color": current_theme().ink}
         return super().suptitle(*args, **(look | kwargs))

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+    from matplotlib.text import Text
 
 # Points. At most 8 inches wide, a figure in a column of 720 pixels shows 8 points as 10 pixels.
 TITLE, TEXT, SMALL, TINY = 10.5, 9.0, 8.0, 7.0
@@ -245,6 +246,18 @@ def title_figure(figure: "Figure", title: str) -> None:
     figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
 
 
+def title_axes(ax: "Axes", title: str, size: float = TEXT, **kwargs: Any) -> "Text":
+    r"""Writes the title of axes, and returns it.
+
+    Args:
+        ax (matplotlib.axes.Axes): The axes.
+        title (str): The title, wrapped and without formulas.
+        size (float): Size of its letters in points.
+        **kwargs (Any): Its place and properties.
+    """
+    return ax.set_title(title, fontsize=size, color=current_theme().ink, **kwargs)
+
+
 def style_axes(ax: "Axes") -> None:
     r"""Gives axes the colours and sizes of all pictures, before anything is drawn.
 
@@ -259,7 +272,6 @@ def style_axes(ax: "Axes") -> None:
     ax.tick_params(
         which="both", color=look.faint, labelcolor=look.soft, labelsize=SMALL, width=0.8, length=3
     )
-    ax.title.set(color=look.ink, fontsize=TEXT + 0.5)
     for axis in (ax.xaxis, ax.yaxis):
         axis.label.set(color=look.soft, fontsize=TEXT)
         axis.get_offset_text().set(color=look.soft, fontsize=SMALL)

@@ -12,6 +12,7 @@ from torch_geometric_tactile.visualization.style import (
     colormap,
     current_theme,
     plain_text,
+    title_axes,
 )
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def finish_map(
     ax.set_xlabel("mm", fontsize=SMALL)
     ax.set_ylabel("mm", fontsize=SMALL)
     if title is not None:
-        ax.set_title(plain_text(title))
+        title_axes(ax, plain_text(title))
     if scale is not None and label is not None:
         draw_color_bar(ax, scale, label)
 

@@ -10,6 +10,7 @@ from torch_geometric_tactile.visualization.style import (
     open_plot,
     plain_text,
     series_color,
+    title_axes,
     title_figure,
 )
 
@@ -55,7 +56,7 @@ def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
         _draw_losses(row[0], curve)
         _draw_accuracy(row[1], curve)
         _draw_gradients(row[2], curve.gradients)
-        row[0].set_title(plain_text(name), loc="left", weight="bold")
+        title_axes(row[0], plain_text(name), loc="left", weight="bold")
     for ax in axes[-1][:2]:
         ax.set_xlabel("epoch")
     title_figure(figure, title)

@@ -1,0 +1,123 @@
+"""Every Python and shell block of the pages runs, or says why not and is checked."""
+
+import re
+
+import numpy as np
+import pytest
+import torch
+from markdown_pages import (
+    ROOT,
+    Block,
+    blocks_of,
+    check_command,
+    commands,
+    dangling_markers,
+    pages,
+    run_block,
+    run_page,
+)
+from markdown_stages import CHECKS, EXTRAS, SLOW, STAGES
+
+from torch_geometric_tactile.cli import main
+
+BIGS = ROOT / "docs" / "bigs.md"
+
+
+def _page(name):
+    return pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+
+
+@pytest.mark.parametrize("name", [_page(name) for name in pages()])
+@pytest.mark.filterwarnings("ignore")
+def test_blocks_run(name, tmp_path, monkeypatch, capsys):
+    for module in EXTRAS.get(name, ()):
+        pytest.importorskip(module, reason=f"the page {name} needs it")
+    monkeypatch.chdir(tmp_path)
+    torch.manual_seed(0)
+    np.random.seed(0)  # noqa: NPY002 (the README draws from it)
+    names = {"__name__": "page"}
+    if name in STAGES:
+        STAGES[name](names)
+    run_page(ROOT / name, names)
+    if name in CHECKS:
+        CHECKS[name](names, capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", pages())
+def test_markers_stand_right_before_a_block(name):
+    assert not dangling_markers(ROOT / name)
+
+
+@pytest.mark.parametrize(
+    "page", sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
+)
+def test_links_to_files_lead_somewhere(page):
+    links = re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8"))
+    missing = [link for link in links if not (page.parent / link).exists()]
+    assert not missing
+
+
+def test_blocks_of_a_page_are_found_with_their_markers(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# Page\n\n```python\nx = 1\n```\n\n<!-- not run: needs a port -->\n```sh\ntactile ports\n"
+        "```\n\n`a.yaml`:\n\n```yaml\nb: 1\n```\n\n```\nno language\n```\n"
+    )
+    assert blocks_of(page) == [
+        Block("python", "x = 1\n", 4, None, None),
+        Block("sh", "tactile ports\n", 9, "needs a port", None),
+        Block("yaml", "b: 1\n", 15, None, "a.yaml"),
+    ]
+    assert not dangling_markers(page)
+    page.write_text("<!-- not run: needs a port -->\n\nA sentence.\n\n```sh\ntactile ports\n```\n")
+    assert dangling_markers(page) == [1]
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("tactile predikt last.ckpt", "'tactile predikt' does not exist"),
+        ("tactile inspect a.h5 --pictures", "is refused"),
+        ("tactile convert bigs a.npz out --fields x=y", "is refused"),
+        ("python benchmarks/no_such.py", "there is no benchmarks/no_such.py"),
+        ("make demonstration", "the targets are"),
+        ("pip install -e '.[sims]'", r"no extra \['sims'\]"),
+        ("tactil fit", "'tactil' is no command"),
+    ],
+)
+def test_a_block_that_is_not_run_names_what_exists(code, message):
+    (words,) = commands(code)
+    with pytest.raises(AssertionError, match=message):
+        check_command(words)
+
+
+def test_a_block_that_is_not_run_imports_what_exists():
+    block = Block("python", "from torch_geometric_tactile.io import read_all\n", 1, "why", None)
+    with pytest.raises(AssertionError, match="has no 'read_all'"):
+        run_block("page.md", block, {})
+
+
+def test_options_of_a_training_are_checked():
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    (words,) = commands("tactile fit --config my.yaml --trainer.max_epochs 3  # a comment")
+    check_command(words)
+    with pytest.raises(AssertionError, match="most_epochs 3' is refused"):
+        check_command([*words[:-2], "--trainer.most_epochs", "3"])
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_missing_value_is_named_as_the_page_of_bigs_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _, log, *_ = [block for block in blocks_of(BIGS) if block.language == "python"]
+    convert, *_ = [block for block in blocks_of(BIGS) if block.language == "sh"]
+    exec(log.code, {})
+    content = dict(np.load("log_2.npz"))
+    np.savez("log_2.npz", **{**content, "pac": content["pac"][:-1]})
+    (words,) = commands(convert.code)
+    assert main(words[1:]) == 1
+    out, error = capsys.readouterr()
+    assert "2 of 3 grasps are in 'bigs'" in out
+    page = BIGS.read_text(encoding="utf-8")
+    said = re.search(r"`('pac' must have .*?\(10999, 3\)\))`", page, flags=re.DOTALL)
+    assert " ".join(said[1].split()).replace("'pac' must", "must").split("(got")[0] in error
+    assert "log_2.npz': 'pac' must have" in error

@@ -1,0 +1,402 @@
+# %% [markdown]
+# # Your own glove: can a model tell how an object is held?
+#
+# You have a glove with pressure sensors (taxels) and a logger that writes one CSV file per trial.
+# This tutorial goes from these files to a trained model in one file: look at a recording, describe
+# the layout, build a data set of ordinary PyG graphs, choose an honest split, train, save.
+#
+# - **Data**: 27 short recordings of a glove with 28 taxels and five bend sensors (88 kB). They are
+#   **simulated** by `data/make_glove.py` and no measurement, so the accuracies say nothing about
+#   real gloves. The traps in them are real: time in milliseconds, empty cells, and an offset that
+#   changes whenever the glove is put on.
+# - **You will see** a model that scores 96 % on a split by frame and 57 % on new trials, and the one
+#   transform that repairs it.
+# - **Time**: about half a minute.
+
+# %%
+import logging
+import shutil
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import lightning
+
+# The library's notes are printed in the notebook; those of Lightning are switched off.
+logging.basicConfig(stream=sys.stdout, format="note: %(message)s")
+logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
+warnings.filterwarnings("ignore", module="lightning|tqdm")
+
+folder = Path(tempfile.mkdtemp())
+grasps = folder / "grasps"
+shutil.copytree("data/glove", grasps)  # everything below is written beside the copy
+print(*sorted(path.name for path in grasps.iterdir())[:4], "...")
+
+# %% [markdown]
+# ## 1. One file
+#
+# A file is one trial, named `<object>_<number>.csv`, and a row is one frame. The hand is open at
+# first and then holds the object in a *power*, *pinch* or *tripod* grasp; the column `grasp` says
+# which, frame by frame.
+
+# %%
+for line in (grasps / "mug_1.csv").read_text().splitlines()[:3]:
+    print(line)
+
+# %% [markdown]
+# `read_recording` needs to know which column is what. Angles are in radians unless the name of the
+# column ends in `_deg`, and the unit of the time is read from `time_ms`. An empty cell is a missing
+# reading (NaN) and never a zero.
+
+# %%
+from torch_geometric_tactile.io import read_recording
+
+columns = {
+    "tactile": r"(palm|thumb|index|middle|ring|little)_\d+",  # a regular expression, or a list
+    "joint": r"bend_.*",
+    "label": "grasp",
+    "unit": "count",
+}
+recording = read_recording(grasps / "mug_1.csv", **columns)
+print(recording)
+
+# %% [markdown]
+# ## 2. The layout
+#
+# A layout says where each taxel is, in metres and **in the order of the columns**. This glove is
+# described as it lies flat on a table: a palm with ten taxels, and five fingers at an angle.
+# `patch` says which part of the glove a taxel belongs to.
+
+# %%
+from math import cos, radians, sin
+
+from torch_geometric_tactile.sensors import TaxelLayout
+
+place = [(-0.03 + 0.02 * (i % 4), 0.02 + 0.02 * (i // 4)) for i in range(10)]  # the palm
+patch = [0] * 10
+fingers = [  # root x and y in metres, angle in degrees, number of taxels
+    (0.045, 0.030, 35, 3),
+    (0.030, 0.090, 8, 4),
+    (0.010, 0.095, 0, 4),
+    (-0.010, 0.090, -6, 4),
+    (-0.030, 0.080, -15, 3),
+]
+for number, (x, y, angle, count) in enumerate(fingers, start=1):
+    turn = radians(angle)
+    place += [(x + 0.02 * i * sin(turn), y + 0.02 * i * cos(turn)) for i in range(count)]
+    patch += [number] * count
+names = ("palm", "thumb", "index", "middle", "ring", "little")
+layout = TaxelLayout("glove", place, patch=patch, patch_names=names)
+layout.save(folder / "glove.json")
+print(layout)
+
+# %% [markdown]
+# Check it with your eyes before you train on it. The colours are the change from the open hand to a
+# pinch: thumb and index finger must light up. If other taxels do, the order of the columns and the
+# layout differ.
+
+# %% tags=["figure"]
+import numpy as np
+import torch
+
+from torch_geometric_tactile.visualization import plot_layout
+
+recording.check(layout)  # the same number of taxels
+change = np.nanmean(recording.tactile[10:, :, 0], 0) - np.nanmean(recording.tactile[:6, :, 0], 0)
+plot_layout(layout, torch.from_numpy(change), title="A pinch", label="change in counts")
+
+# %% [markdown]
+# The same recording over time. Missing cells are grey.
+
+# %% tags=["figure"]
+from torch_geometric_tactile.visualization import plot_recording
+
+plot_recording(recording, rest=0.3)
+
+# %% [markdown]
+# ## 3. A data set
+#
+# `RecordingFrames` reads the whole folder once. `KNNGraph` joins each taxel to its four nearest
+# ones; it is a `pre_transform`, so it is computed once and stored.
+
+# %%
+from torch_geometric_tactile.datasets import RecordingFrames
+from torch_geometric_tactile.transforms import KNNGraph
+
+raw = RecordingFrames(
+    grasps,
+    layout=folder / "glove.json",
+    target="grasp",  # the column; "object" would be the name of the file
+    read_options=columns,
+    pre_transform=KNNGraph(k=4),
+)
+print(raw, raw.class_names)
+print(raw[0])
+
+# %% [markdown]
+# ## 4. It is ordinary PyG
+#
+# `raw[0]` is a `torch_geometric.data.Data` object, so PyG's `DataLoader` and layers work on it, and
+# a training loop is the one that you know:
+
+# %%
+from torch_geometric.loader import DataLoader
+from torch_geometric.nn import GCNConv, global_mean_pool
+
+torch.manual_seed(0)
+mean, std = raw.data.x.nanmean(), raw.data.x[~raw.data.x.isnan()].std()
+conv, head = GCNConv(1, 32), torch.nn.Linear(32, raw.num_classes)
+optimizer = torch.optim.Adam([*conv.parameters(), *head.parameters()], lr=0.01)
+losses = []
+for _ in range(10):
+    total = 0.0
+    for batch in DataLoader(raw, batch_size=32, shuffle=True):
+        x = ((batch.x - mean) / std).nan_to_num()
+        h = global_mean_pool(conv(x, batch.edge_index).relu(), batch.batch)
+        loss = torch.nn.functional.cross_entropy(head(h), batch.y)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        total += float(loss.detach()) * batch.num_graphs
+    losses.append(total / len(raw))
+print(f"mean loss of the first epoch {losses[0]:.2f}, of the last {losses[-1]:.2f}")
+assert losses[-1] < losses[0]
+
+# %% [markdown]
+# That is the mechanics only: the loss is on the training data, and a mean over all taxels forgets
+# where the hand is touched.
+#
+# ## 5. Train with Lightning, on two splits
+#
+# `TactileDataModule` splits the data set, fits the scaling on the training part and loads batches;
+# `TactileClassifier` is the training step. `TaxelNet` is [the model to take
+# first](../docs/models.md). With three folds every frame is tested on once, by a model that was not
+# trained on it.
+#
+# - `Protocol("frame", ...)` draws each frame by itself, so that nearly every test frame has
+#   neighbours of the same trial in the training part.
+# - `Protocol("trial", ...)` holds out whole trials, which is what a user of the glove will meet.
+
+# %%
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.nn import TaxelNet
+from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
+from torch_geometric_tactile.transforms import FillMissing, Tare, ZScore
+
+
+def train(transform, split, fold):
+    lightning.seed_everything(fold, verbose=False)
+    module = TactileDataModule(raw, split=split, fold=fold, transform=transform, batch_size=32)
+    classifier = TactileClassifier(TaxelNet(layout, raw.num_classes, in_channels=1))
+    quiet = {"enable_progress_bar": False, "enable_model_summary": False, "logger": False}
+    trainer = lightning.Trainer(max_epochs=10, enable_checkpointing=False, **quiet)
+    trainer.fit(classifier, module)
+    (metrics,) = trainer.test(classifier, module, verbose=False)
+    return classifier, module, metrics["test/accuracy"]
+
+
+# %% [markdown]
+# The third run subtracts what each taxel reads while the hand is open, the mean of the first 0.3 s
+# of each trial: `Tare("trial", seconds=0.3)`. It needs no labels, so it may measure held-out trials
+# as well. In all three runs missing readings become the mean.
+
+# %%
+import matplotlib.pyplot as plt
+
+plain = Compose([ZScore(per="channel"), FillMissing()])
+tared = Compose([Tare("trial", seconds=0.3), ZScore(per="channel"), FillMissing()])
+by_frame = Protocol("frame", folds=3, stratify="y")
+by_trial = Protocol("trial", folds=3, stratify="y")
+runs = {
+    "raw, by frame": [train(plain, by_frame, fold) for fold in range(3)],
+    "raw, by trial": [train(plain, by_trial, fold) for fold in range(3)],
+    "tared, by trial": [train(tared, by_trial, fold) for fold in range(3)],
+}
+accuracy = {name: [result[2] for result in results] for name, results in runs.items()}
+for name, values in accuracy.items():
+    print(f"{name:16} {' '.join(f'{value:.3f}' for value in values)}, mean {np.mean(values):.3f}")
+
+# %% tags=["figure"]
+figure, ax = plt.subplots(figsize=(5.5, 2.6))
+for row, values in enumerate(accuracy.values()):
+    ax.barh(row, np.mean(values), color="#56B4E9")
+    ax.plot(values, [row] * len(values), "k.")
+ax.set(xlim=(0, 1), xlabel="accuracy on held-out frames (dots: three folds)")
+ax.set_yticks(range(len(accuracy)), list(accuracy))
+ax.invert_yaxis()
+figure.tight_layout()
+
+# %% [markdown]
+# The split by frame looks best and is misleading: the model recognises the *offsets of each trial*.
+# On new trials the same model on the same raw readings fails. With the rest subtracted it works on
+# new trials as well.
+
+# %%
+frame_split, trial_split, with_tare = (np.mean(values) for values in accuracy.values())
+assert frame_split > trial_split + 0.2  # the split by frame promises too much
+assert with_tare > trial_split + 0.2  # the tare brings it back
+
+# %% [markdown]
+# Which grasps are confused? Each trial is judged by the model that was not trained on it.
+
+# %% tags=["figure"]
+from torch_geometric_tactile import analysis
+from torch_geometric_tactile.visualization import plot_confusion
+
+counts, wrong = 0, []
+for classifier, module, _ in runs["tared, by trial"]:
+    test = module.part("test")
+    held_out = test.batch(range(len(test)))
+    with torch.no_grad():
+        found = classifier.eval()(module.transform(held_out)).argmax(-1)
+    counts = counts + analysis.class_confusion(held_out.y, found, raw.num_classes)
+    wrong.append(held_out.time[found != held_out.y])
+plot_confusion(counts, raw.class_names, f"Held-out trials, {len(raw)} frames")
+
+# %%
+wrong = torch.cat(wrong)
+print(f"{len(wrong)} frames are wrong; {int((wrong < 0.45).sum())} of them are before 0.45 s")
+assert (wrong < 0.45).float().mean() > 0.5
+
+# %% [markdown]
+# The hand begins to close at 0.3 s, and `grasp` says so at once, though the fingers hardly press
+# yet. So most wrong frames are at the start of a grasp. Labels that a person types while recording
+# are early or late in the same way.
+#
+# ## 6. One file for later
+#
+# A predictor keeps layout, tare, scaling, weights and class names in one file, and takes readings
+# as they come from the glove. Because this one subtracts the rest, it must measure the rest of each
+# new trial once: `adapt`.
+
+# %%
+from torch_geometric_tactile import Predictor
+
+Predictor.from_dataset(classifier.model, raw, module.transform).save(folder / "glove.predictor")
+
+predictor = Predictor.load(folder / "glove.predictor")
+name = sorted(path.name for path in grasps.glob("*.csv"))[held_out.trial[0]]  # a held-out trial
+recording = read_recording(grasps / name, **columns)
+predictor.adapt(recording.tactile, time=recording.time)  # takes the first 0.3 s
+labels = [label for (label,) in predictor.labels(predictor(recording.tactile))]
+print(name, *labels)
+
+same_trial = found[held_out.trial == held_out.trial[0]]
+assert labels == [raw.class_names[i] for i in same_trial]  # as in training and test above
+
+# %% [markdown]
+# ## 7. Windows, and other questions
+#
+# One frame says what is touched now. `Windows` cuts consecutive frames of a trial, never across two
+# trials. A taxel of a window has the frames of all its channels as features, so a `TaxelNet` of
+# these windows has `in_channels=5`.
+
+# %%
+from torch_geometric_tactile.data import Windows
+
+windows = Windows(raw, length=5, hop=1)
+print(windows, "of", raw, "with readings of shape", tuple(windows[0].x.shape))
+
+# %% [markdown]
+# A split by trial still has every object in the training part. A `Protocol` says what is held out;
+# with `"group"` it is the object. `TactileDataModule(dataset, split=protocol, fold=0)` takes it.
+
+# %%
+protocol = Protocol("group", leave_one_out=True)
+for fold in range(3):
+    split = protocol.split(raw, fold=fold)
+    (held,) = raw.data.group[split.test].unique()
+    print(f"fold {fold}: test on {raw.group_names[held]}, train on {len(split.train)} frames")
+    assert not (raw.data.group[split.train] == held).any()
+
+# %% [markdown]
+# ## 8. Common mistakes, and what they say
+#
+# **A column too many.** Without `tactile=...` every column that is nothing else is a reading, here
+# the bend sensors as well.
+
+# %%
+try:
+    read_recording(grasps / "mug_1.csv", label="grasp").check(layout)
+except ValueError as error:
+    print(error)
+
+# %% [markdown]
+# **A missing label.** Give the frame a label, or remove the row.
+
+# %%
+broken = folder / "mug_9.csv"
+rows = (grasps / "mug_1.csv").read_text().splitlines()
+broken.write_text("\n".join([*rows[:5], rows[5].rpartition(",")[0] + ",", *rows[6:]]) + "\n")
+try:
+    read_recording(broken, **columns)
+except ValueError as error:
+    print(str(error).replace(f"{folder}/", ""))
+
+# %% [markdown]
+# **Another unit of time.** The column is called `time_ms`; whoever says seconds is asked.
+
+# %%
+try:
+    read_recording(grasps / "mug_1.csv", **columns, time_unit="s")
+except ValueError as error:
+    print(error)
+
+# %% [markdown]
+# **Another number of channels than the model has.** A glove has one, most models begin with three.
+
+# %%
+try:
+    TaxelNet(layout, 4)(raw.batch([0, 1]).x)
+except ValueError as error:
+    print(error)
+
+# %% [markdown]
+# ## 9. The same from the command line
+#
+# `tactile convert` names the columns once; every other command reads the HDF5 file.
+
+# %%
+from torch_geometric_tactile.cli import main
+
+pattern = columns["tactile"]
+source, target = str(grasps / "mug_1.csv"), str(folder / "mug_1.h5")
+main(["convert", source, target, "--tactile", pattern, "--joint", "bend_.*", "--label", "grasp"])
+main(["inspect", target, "--no-picture"])
+main(
+    ["predict", str(folder / "glove.predictor"), target, "--adapt", "--out", str(folder / "p.csv")]
+)
+
+# %% [markdown]
+# In a terminal (`tactile compare` tries several models on your data, with their settings chosen
+# without the test part):
+#
+# ```sh
+# tactile convert mug_1.csv mug_1.h5 --tactile '(palm|thumb|index|middle|ring|little)_\d+' \
+#   --joint 'bend_.*' --label grasp
+# tactile inspect mug_1.h5
+# tactile predict glove.predictor mug_1.h5 --adapt
+# tactile compare recordings --layout glove.json --init target=grasp
+# ```
+#
+# ## What to take from this
+#
+# - Three things describe a glove: the names of the columns, a layout in metres, and what a trial
+#   is.
+# - A data set of recordings is a PyG data set: loaders, transforms and layers of PyG work on it.
+# - Split by what will be new. Here a split by frame gave 0.97 and new trials gave 0.57, with the
+#   same model.
+# - Subtract the rest of each trial. Here that raised the accuracy on new trials from 0.57 to 0.97.
+# - The numbers are of a simulated glove. Run the same three lines on yours before you believe any
+#   of them.
+#
+# ## Next
+#
+# - [To a live robot](03_live_robot.py): the predictor on a serial port
+# - [Your own data](../docs/your_own_data.md): the same as a page, and [your own
+#   classes](../docs/your_own_classes.md)
+# - [Time](../docs/time.md): windows and whole trials, and [scaling](../docs/scaling.md): tare,
+#   common mode, one scale per channel
