@@ -7,7 +7,7 @@
 # and is it because of the graph or because of the training?
 #
 # **Simulated** presses, small arrays and few seeds: read the differences with the noise in mind.
-# It takes about 35 s.
+# It takes about 40 s.
 
 # %% [markdown]
 # ## Press letters on three arrays
