@@ -6,8 +6,8 @@
 # taxels, and trains a CNN and a graph network on each. Then taxels break: which network survives,
 # and is it because of the graph or because of the training?
 #
-# **Simulated** presses, small arrays and few seeds: read the differences with the noise in mind.
-# It takes about 40 s.
+# **Simulated** presses, small arrays and one training each: read the differences with the noise
+# in mind. It takes about 40 s.
 
 # %% [markdown]
 # ## Press letters on three arrays

@@ -239,7 +239,8 @@ def nearest_elsewhere(rows):
     return float((y[distance.argmin(dim=1)] == y).double().mean())
 
 
-rows = {**described, **{f"untrained twin {i}": features(twin) for i, twin in enumerate(twins)}}
+rows = {"trained": described["trained"], "readings": described["readings"]}
+rows |= {f"untrained twin {i}": features(twin) for i, twin in enumerate(twins)}
 print("frames by                same grasp nearby  same shape nearby  same shape, other grasp")
 for name, one in rows.items():
     grasp = segment_clustering(one, samples.trial, num_neighbors=5).neighbor_share
