@@ -67,7 +67,7 @@ def test_pyg_asks_for_its_extension_and_our_graph_does_not():
     from torch_geometric_tactile.transforms import KNNGraph
 
     data = Data(pos=torch.rand(5, 3))
-    assert KNNGraph(k=2)(data).edge_index.size(1) == 10
+    assert KNNGraph(k=2)(data).edge_index.size(1) >= 10
     with pytest.raises(ImportError, match=r"requires '(pyg-lib|torch-cluster)"):
         OfPyG(k=2)(data)
 
