@@ -110,7 +110,7 @@ def analyze(
     if frames < 2:
         raise ValueError(f"'frames' must be at least 2 (got {frames})")
     if predictor.task == "regression":
-        raise ValueError("'predictor' must tell classes or labels (got task='regression')")
+        raise ValueError("'predictor' must predict classes or labels (got task='regression')")
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     index = torch.linspace(0, len(samples) - 1, min(frames, len(samples))).round().long()
