@@ -27,6 +27,9 @@ def to_mathml(latex: str, block: bool = False) -> str:
         text = convert(latex, display="block" if block else "inline")
     except Exception as error:  # the converter raises classes of many kinds
         raise ValueError(f"the formula '{latex}' cannot be converted ({error!r})") from error
+    plain = latex.replace(r"\{", "").replace(r"\}", "")
+    if plain.count("{") != plain.count("}"):
+        raise ValueError(f"the formula '{latex}' must close all its braces")
     if "\\" in text:  # commands that the converter does not know are left as they are
         raise ValueError(f"the formula '{latex}' has a command that is not known")
     return text

@@ -1,0 +1,127 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("sphinx")
+pytest.importorskip("latex2mathml")
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "docs" / "_ext")]
+
+import check_site  # noqa: E402
+from api_pages import all_public_names, inherited_members, own_members, public_names  # noqa: E402
+from inventories import inventory  # noqa: E402
+from mathml import to_mathml  # noqa: E402
+from repository_links import rewrite_links  # noqa: E402
+from tutorial_pages import first_picture, gallery, shorten, site_notebook  # noqa: E402
+
+REPOSITORY = "https://github.com/owner/name"
+
+
+def rewrite(text: str, folder: str = "docs", page_folder: str = "") -> str:
+    return rewrite_links(text, folder, page_folder, REPOSITORY, ROOT)
+
+
+def test_mathml_block():
+    text = to_mathml(r"a &= b \\ c &= d", block=True)
+    assert text.startswith("<math")
+    assert "mtable" in text
+
+
+@pytest.mark.parametrize("latex", [r"\nosuchcommand x", r"\frac{a", r"\left( x"])
+def test_mathml_refuses(latex):
+    with pytest.raises(ValueError, match="formula"):
+        to_mathml(latex)
+
+
+@pytest.mark.parametrize(
+    ("link", "target"),
+    [
+        ("../CONTRIBUTING.md#a-new-layer", "generated/contributing.md#a-new-layer"),
+        ("../pyproject.toml", f"{REPOSITORY}/blob/main/pyproject.toml"),
+        ("../benchmarks", f"{REPOSITORY}/tree/main/benchmarks"),
+        ("live.md#rest", "live.md#rest"),
+        ("images/roc.png", "images/roc.png"),
+        ("https://pyg.org", "https://pyg.org"),
+        ("#sources", "#sources"),
+    ],
+)
+def test_links_outside_docs(link, target):
+    assert rewrite(f"see [it]({link}) there") == f"see [it]({target}) there"
+
+
+def test_links_of_copied_pages():
+    text = rewrite("[a](docs/layers.md) [b](LICENSE)", "", "generated")
+    assert text == f"[a](../layers.md) [b]({REPOSITORY}/blob/main/LICENSE)"
+
+
+def test_links_in_code_stay():
+    text = "```text\n[a](../LICENSE)\n```\n"
+    assert rewrite(text) == text
+
+
+def test_inventory_is_read_by_sphinx():
+    from sphinx.util.inventory import InventoryFile
+
+    content = inventory("torch", "# home\ntorch.nn.LSTM class generated/$.html#$\n")
+    found = InventoryFile.loads(content, uri="https://docs")
+    uri = found["py:class", "torch.nn.LSTM"].uri
+    assert uri == "https://docs/generated/torch.nn.LSTM.html#torch.nn.LSTM"
+
+
+def test_inventory_bad_line():
+    with pytest.raises(ValueError, match=r"a name, a kind, a page \(got 'torch.nn.LSTM class'\)"):
+        inventory("torch", "torch.nn.LSTM class\n")
+
+
+def test_public_names_are_described_once():
+    names = [one.full for one in all_public_names()]
+    assert len(names) == len(set(names))
+    splits = [one.name for one in public_names("data.splits")]
+    assert "Fold" in splits
+    assert "Protocol" not in splits
+
+
+def test_members_without_those_of_other_libraries():
+    full = "torch_geometric_tactile.nn.models.TaxelNet"
+    assert "forward" in own_members(full)
+    assert "parameters" not in own_members(full) + inherited_members(full)
+
+
+def notebook(*cells: dict) -> dict:
+    return {"cells": list(cells), "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+
+
+def test_site_notebook():
+    badge = "[![Colab](https://host/badge.svg)](https://host)\n"
+    text = site_notebook(
+        notebook(
+            {"cell_type": "markdown", "source": f"# T: why?\n\n{badge}First.", "id": "a"},
+            {"cell_type": "code", "source": "!pip", "outputs": [], "id": "install"},
+        ),
+        "01_t",
+        REPOSITORY,
+        ROOT,
+    )
+    assert "badge.svg" not in text
+    assert "!pip" not in text
+    assert "Open in Colab" in text
+
+
+def test_gallery():
+    assert first_picture(notebook({"cell_type": "code", "outputs": [], "source": ""})) is None
+    assert "toctree" not in gallery([])
+    assert shorten("One is long. Two.", size=8) == "One is long."
+
+
+def test_check_site_finds_foreign_and_broken(tmp_path):
+    (tmp_path / "index.html").write_text(
+        '<a href="no.html">a</a><script src="https://cdn.example/x.js"></script>'
+        '<a href="#here">b</a><p id="here"></p>'
+    )
+    problems = check_site.check_pages(tmp_path)
+    assert problems == [
+        "index.html loads https://cdn.example/x.js",
+        "index.html links to no.html, which does not exist",
+    ]
