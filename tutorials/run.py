@@ -169,18 +169,28 @@ def link_data(data: Path, folder: Path) -> None:
     os.environ["TACTILE_DATA"] = str(folder.resolve())
 
 
-def table(results: list[Result]) -> str:
-    r"""Returns one line for each tutorial, and one for all."""
-    lines = [f"{'tutorial':<20} {'':<8} {'CPU s':>6} {'wall s':>7} {'MB':>6} {'figures':>8}"]
-    lines += [
-        f"{r.name:<20} {r.status:<8} {r.processor:6.1f} {r.wall:7.1f} {r.memory / 1e6:6.0f} "
-        f"{r.figures:8}"
-        for r in results
-    ]
-    processor, wall = (sum(getattr(r, name) for r in results) for name in ("processor", "wall"))
-    figures = sum(r.figures for r in results)
-    lines.append(f"{'together':<20} {'':<8} {processor:6.1f} {wall:7.1f} {'':>6} {figures:8}")
-    return "\n".join(lines)
+def header() -> str:
+    r"""Returns the names of the columns of :func:`row`."""
+    return f"{'tutorial':<20} {'':<8} {'CPU s':>6} {'wall s':>7} {'MB':>6} {'figures':>8}"
+
+
+def row(result: Result) -> str:
+    r"""Returns one line of the table of times."""
+    return (
+        f"{result.name:<20} {result.status:<8} {result.processor:6.1f} {result.wall:7.1f} "
+        f"{result.memory / 1e6:6.0f} {result.figures:8}"
+    )
+
+
+def together(results: list[Result]) -> Result:
+    r"""Returns the problems of all, and the sums of their times and figures."""
+    return Result(
+        "together",
+        problems=[f"{result.name}: {problem}" for result in results for problem in result.problems],
+        wall=sum(result.wall for result in results),
+        processor=sum(result.processor for result in results),
+        figures=sum(result.figures for result in results),
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -189,6 +199,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", help="names or numbers, such as 04; all if left out")
     parser.add_argument("--jobs", type=int, default=1, help="tutorials that run at once")
     parser.add_argument("--limit", type=float, default=45, help="processor time of each in seconds")
+    parser.add_argument("--total", type=float, default=420, help="processor time of all in seconds")
     parser.add_argument("--memory", type=float, default=2, help="memory of each in GB")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "tutorials", help="results")
     parser.add_argument("--scripts", type=Path, default=FOLDER, help="folder of the scripts")
@@ -213,14 +224,20 @@ def main(arguments: list[str] | None = None) -> int:
         args.jobs, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=1
     ) as pool:
         futures = [pool.submit(run_tutorial, path, args.out, limits) for path in scripts]
-        results = [future.result() for future in futures]
+        print(header(), flush=True)
+        results = []
+        for future in futures:
+            results.append(future.result())
+            print(row(results[-1]), flush=True)
+    every = together(results)
+    every.problems += [f"together: {p}" for p in _limit_problems(every, Limits(args.total))]
+    print(row(every))
+    for problem in every.problems:
+        print(f"\n{problem}", file=sys.stderr)
     for result in results:
-        for problem in result.problems:
-            print(f"{result.name}: {problem}\n", file=sys.stderr)
         if result.skipped:
-            print(f"{result.name} skipped: {result.skipped}\n")
-    print(table(results))
-    return int(any(result.problems for result in results))
+            print(f"\n{result.name} skipped: {result.skipped}")
+    return int(bool(every.problems))
 
 
 if __name__ == "__main__":
