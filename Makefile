@@ -4,7 +4,8 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test lint clean
+.PHONY: demo test tutorials lint docs linkcheck dist clean
+SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/installed
 	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
@@ -12,11 +13,32 @@ demo: $(VENV)/installed
 test: $(VENV)/installed
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
 
+tutorials: $(VENV)/installed
+	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python tutorials/run.py --jobs 2 \
+	  $(if $(DATA),--data "$(DATA)")
+
 lint: $(VENV)/installed
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/codespell
+
+# docs/build/html is the site, complete in this folder. Tutorials come from `make tutorials` where it
+# has run; without them: TACTILE_DOCS_TUTORIALS=0. Links into the documentation of other projects come
+# from docs/inventories; from their sites: TACTILE_DOCS_ONLINE=1.
+docs: $(VENV)/installed
+	$(SPHINX) -q -b html docs docs/build/html
+	$(VENV)/bin/python docs/check_site.py docs/build/html
+
+linkcheck: $(VENV)/installed
+	$(SPHINX) -b linkcheck docs docs/build/linkcheck
+
+dist: $(VENV)/installed
+	rm -rf dist
+	$(VENV)/bin/python -m build
+	$(VENV)/bin/twine check --strict dist/*
+	$(VENV)/bin/python .ci/check_dist.py dist
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -27,4 +49,4 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build dist docs/build docs/generated docs/tutorials *.egg-info

@@ -4,30 +4,29 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+from torch_geometric_tactile.visualization.style import open_plot, title_axes
 
+# The colours of all pictures, paler for variants of a model.
 _COLORS = {
-    "posed": "#c1272d",
-    "open": "#e8a09c",
-    "taxel_net": "#5b8fd0",
-    "taxel_net_dropped": "#1f5fa8",
-    "taxel_net_joint": "#a5c8ea",
-    "fnn": "#3f3f3f",
-    "fnn_dropped": "#6a4c93",
-    "fnn_touch": "#8f8f8f",
-    "flat_forest": "#2e7d32",
-    "flat_forest_touch": "#9ccc9c",
-    "posed_forest": "#b8860b",
-    "posed_ridge": "#e2c878",
+    "posed": "#d55e00",
+    "open": "#eba678",
+    "taxel_net": "#56b4e9",
+    "taxel_net_dropped": "#0072b2",
+    "taxel_net_joint": "#b1dcf5",
+    "fnn": "#1b1f24",
+    "fnn_dropped": "#cc79a7",
+    "fnn_touch": "#9aa3ad",
+    "flat_forest": "#009e73",
+    "flat_forest_touch": "#86cfba",
+    "posed_forest": "#e69f00",
+    "posed_ridge": "#f4d592",
 }
 _MARKS = dict(zip(_COLORS, "osDphdxX^v*P", strict=True))
 _DARK = (
     "posed",
-    "taxel_net",
     "taxel_net_dropped",
     "fnn",
-    "fnn_dropped",
     "flat_forest",
-    "posed_forest",
 )
 _CURVES = (
     "posed",
@@ -38,6 +37,9 @@ _CURVES = (
     "flat_forest",
     "posed_forest",
 )
+
+
+_PATCH = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
 
 
 def draw(found: dict[str, Any], titles: dict[str, str], folder: Path) -> None:
@@ -51,7 +53,8 @@ def draw(found: dict[str, Any], titles: dict[str, str], folder: Path) -> None:
 
 
 def bars(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: Path) -> None:
-    figure = new_figure(5.2 * len(tasks), 5.6)
+    figure = new_figure(4.0 * len(tasks), 5.8)
+    is_hatched = False
     for i, task in enumerate(tasks):
         axes = figure.add_subplot(1, len(tasks), i + 1)
         scores = found["scores"][task]
@@ -60,15 +63,19 @@ def bars(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: P
         for j, by in enumerate(both):
             there = [(place, name) for place, name in enumerate(shown) if name in scores[by]]
             values = [scores[by][name] for _, name in there]
-            axes.barh(
+            drawn = axes.barh(
                 [place + (j - (len(both) - 1) / 2) * 0.4 for place, _ in there],
                 [value["mean"] for value in values],
                 0.38,
                 xerr=[value["sd"] or 0.0 for value in values],
                 color=[_COLORS[name] for _, name in there],
-                alpha=1.0 if by == "trial" else 0.55,
-                error_kw={"lw": 1.0, "ecolor": "black"},
+                alpha=1.0 if by == "trial" else 0.5,
+                error_kw={"lw": 1.0, "ecolor": "#1b1f24"},
             )
+            for bar, (_, name), value in zip(drawn, there, values, strict=True):
+                if value["sd"] is None:  # of one split
+                    bar.set(facecolor="white", edgecolor=_COLORS[name], hatch="////")
+                    is_hatched = True
             for place, name in there:
                 digits = 1 if task == "shape" else 2
                 axes.annotate(
@@ -78,19 +85,23 @@ def bars(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: P
                     textcoords="offset points",
                     va="center",
                     fontsize=7,
-                    color="white" if by == "trial" and name in _DARK else "black",
+                    color="white" if by == "trial" and name in _DARK else "#1b1f24",
+                    bbox=_PATCH if scores[by][name]["sd"] is None else None,
                 )
-        axes.set_yticks(range(len(shown)), [names[name] for name in shown], fontsize=8)
+        axes.set_yticks(range(len(shown)), [names[name] for name in shown])
+        axes.tick_params(axis="y", length=0, labelcolor="#1b1f24")
         axes.invert_yaxis()
         axes.set_xlabel("accuracy in %, higher is better" if task == "shape" else
                         "mean error in mm, lower is better")  # fmt: skip
-        axes.set_title(f"{task}: by trial (dark) and unseen placements (pale)", fontsize=9)
-        axes.spines[["top", "right"]].set_visible(False)
+        title_axes(axes, task)
+        open_plot(axes, "x")
+    note = "; hatched: one split, no spread known" if is_hatched else ""
+    figure.suptitle(f"Dark: by trial; pale: unseen placements{note}")
     save_figure(figure, file)
 
 
 def curves(found: dict[str, Any], names: dict[str, str], tasks: list[str], file: Path) -> None:
-    figure = new_figure(5.2 * len(tasks), 4.0)
+    figure = new_figure(4.0 * len(tasks), 3.9)
     for i, task in enumerate(tasks):
         axes = figure.add_subplot(1, len(tasks), i + 1)
         tested = found["tests"][task]
@@ -99,13 +110,14 @@ def curves(found: dict[str, Any], names: dict[str, str], tasks: list[str], file:
             line(axes, [int(level) for level in levels], list(levels.values()), name, names)
         axes.set_xlabel("dead taxels at the test, %")
         axes.set_ylabel("accuracy, %" if task == "shape" else "mean error, mm")
-        axes.set_title(f"{task}, by trial", fontsize=9)
-        axes.legend(fontsize=7)
+        title_axes(axes, f"{task}, by trial")
+        handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
     save_figure(figure, file)
 
 
 def trials(found: dict[str, Any], names: dict[str, str], file: Path) -> None:
-    figure = new_figure(5.6, 4.0)
+    figure = new_figure(6.0, 4.4)
     axes = figure.add_subplot(1, 1, 1)
     fewer, full = found["trials"]["shape"], found["scores"]["shape"]["trial"]
     for name in (name for name in _CURVES if any(name in part for part in fewer.values())):
@@ -121,8 +133,8 @@ def trials(found: dict[str, Any], names: dict[str, str], file: Path) -> None:
     axes.minorticks_off()
     axes.set_xlabel("training trials")
     axes.set_ylabel("accuracy, %")
-    axes.set_title("shape, by trial", fontsize=9)
-    axes.legend(fontsize=7)
+    title_axes(axes, "shape, by trial")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     save_figure(figure, file)
 
 
@@ -141,5 +153,4 @@ def line(
         capsize=2,
         label=names[name],
     )
-    axes.grid(alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
+    open_plot(axes)

@@ -179,7 +179,7 @@ def difference_table(found: dict[str, Any], task: str, digits: int) -> str:
         for pair in found["differences"]:
             if pair["task"] == task:
                 yield [
-                    f"{TITLES[pair['a']]} less {TITLES[pair['b']]}",
+                    f"{TITLES[pair['a']]} minus {TITLES[pair['b']]}",
                     _SPLITS[task, pair["by"]],
                     f"{pair['mean']:+.{digits}f}",
                     "" if pair["over_splits"] is None else f"{pair['over_splits']:.{digits}f}",

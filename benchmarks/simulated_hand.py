@@ -35,6 +35,7 @@ _INPUTS = ("joints", "tactile", "both")
 _MODELS = ("FNN", "random forest")
 _FRACTIONS = (0.7, 0.0, 0.3)
 _EPOCHS = 30
+_BY_HAND = "<!-- below: written by hand, kept by benchmarks/simulated_hand.py -->"
 
 
 def parse(argv: list[str] | None = None) -> argparse.Namespace:
@@ -185,22 +186,25 @@ def main(argv: list[str] | None = None) -> int:
     lines = [
         "# Plain models on the simulated hand",
         "",
-        "**Simulated**, never a real hand's result: `tactile simulate`, preset "
+        "This page shows how well plain models recognise objects and their properties on the "
+        "simulated hand, and how much a split by random frames leaks.",
+        "",
+        "**All results are simulated**; none is from a real hand: `tactile simulate`, preset "
         f"`full`, seed {simulations['paper8']['seed']}; "
         + "; ".join(
             f"{name}: {s['successes']} trials in {s['attempts']} attempts"
             for name, s in simulations.items()
         )
-        + ". Accuracy in % on left-out frames, mean ± standard deviation over the seeds "
-        f"{seeds} (of split and training). *By trial* leaves out whole trials (3 of 10 of each "
-        "object), *by frame* random frames of the same trials. A frame at a time, every "
-        f"{arguments.stride}th frame, readings scaled by the training part. The FNN has two hidden "
-        f"layers (256, 64) and {_EPOCHS} epochs, the forest 100 trees; neither was tuned. "
+        + ". Accuracy in % on held-out frames, mean ± standard deviation over the seeds "
+        f"{seeds} (of split and training). *By trial* holds out whole trials (3 of 10 of each "
+        "object), *by frame* random frames of the same trials. Each sample is one frame, every "
+        f"{arguments.stride}th frame, with readings scaled by the training part. The FNN has two "
+        f"hidden layers (256, 64) and {_EPOCHS} epochs, the forest 100 trees; neither was tuned. "
         f"Written by `benchmarks/simulated_hand.py` ({machine}).",
         "",
         "## Which of eight objects (chance 12.5)",
         "",
-        f"Squeezed, lifted or held; {counts['object', 'trial'][0]} frames to train and "
+        f"Phases squeeze, lift and hold; {counts['object', 'trial'][0]} frames to train and "
         f"{counts['object', 'trial'][1]} to test by trial.",
         "",
         *table(results, "object"),
@@ -217,8 +221,8 @@ def main(argv: list[str] | None = None) -> int:
         "",
         "## The leak: which object, before anything is touched (chance 12.5)",
         "",
-        "Hovering only. Nothing can be known about the object: what a split by frame finds here is "
-        "the trial (its joint angles, its sensor offsets), not the object.",
+        "Only the phase hover. Nothing can be known about the object yet: a split by frame "
+        "recognises the trial (its joint angles, its sensor offsets), not the object.",
         "",
         *table(results, "object, before contact"),
         "",
@@ -227,10 +231,11 @@ def main(argv: list[str] | None = None) -> int:
     content = {"machine": machine, "simulations": simulations, "results": results}
     with atomic_path(out / "simulated_hand.json") as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    notes = out / "simulated_hand_notes.md"
-    tail = notes.read_text(encoding="utf-8") if notes.is_file() else ""
-    with atomic_path(out / "simulated_hand.md") as temporary:
-        temporary.write_text("\n".join(lines) + tail, encoding="utf-8")
+    page = out / "simulated_hand.md"
+    old = page.read_text(encoding="utf-8") if page.is_file() else ""
+    by_hand = old.partition(_BY_HAND)[2] or "\n"
+    with atomic_path(page) as temporary:
+        temporary.write_text("\n".join([*lines, _BY_HAND]) + by_hand, encoding="utf-8")
     print("\n".join(lines))
     print(f"{time.perf_counter() - start:.0f} s")
     return 0

@@ -29,8 +29,11 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
     return [
         "# Throughput",
         "",
-        f"Random readings in the form of the hand (384 taxels, 1401 edges); {where}. The other "
-        "side is the same model in plain PyG, measured in turn in the same run. Written by "
+        "This page shows the measured speed and memory of training and inference against plain PyG "
+        "([the fast path](../models.md#the-fast-path)).",
+        "",
+        f"Random readings in the shape of the hand (384 taxels, 1401 edges); {where}. *Plain* is "
+        "the same model in plain PyG, measured alternately in the same run. Written by "
         "`benchmarks/throughput.py`.",
         *(line for text in kept for line in ("", text)),
         "",
@@ -39,8 +42,8 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
 
 
 ROUNDED = (
-    " bfloat16 here: what goes into linear layers and comes out, forward and backward, is rounded "
-    "to it, and sums are in float32, as instructions for bfloat16 do."
+    " bfloat16 here: inputs and outputs of linear layers, forward and backward, are rounded to it, "
+    "and sums are in float32, as in instructions for bfloat16."
 )
 
 
@@ -95,8 +98,8 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
             f"* list of `Data`, edge features stored, edges shared: {listed['private']:.0f} MiB "
             f"(from {listed['measured_frames']:.0f} frames)",
             f"* `StaticDataset` after a pass over it, edge features on the fly: "
-            f"{static['private']:.0f} MiB of its own, and {static['mapped']:.0f} MiB of its file, "
-            "which the system may take back",
+            f"{static['private']:.0f} MiB of private memory, and {static['mapped']:.0f} MiB of its "
+            "file, which the system can reclaim",
             "",
         ]
     if "memory" in found:
@@ -126,7 +129,7 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
     lines = [
         f"## Optimizer and precision, batch {found['batch_size']}, {found['threads']} thread(s)",
         "",
-        "Ours, with Adam of PyTorch tensor by tensor (*loop*), fused, and under autocast to "
+        "Our models, with PyTorch's Adam tensor by tensor (*loop*), fused, and under autocast to "
         "bfloat16 (the fully connected part; graph convolutions stay in full precision). Load "
         f"average of the machine before: {found['load']:.1f}.",
         "",
@@ -140,7 +143,7 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
     if not found["has_bfloat16"]:
         lines += [
             "",
-            "This processor has no instructions for bfloat16: it would be far slower.",
+            "This processor has no instructions for bfloat16, which would be far slower.",
         ]
     if "accuracy" in found:
         lines += _accuracy_lines(found["accuracy"])
@@ -149,14 +152,15 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
 
 def _accuracy_lines(found: dict[str, Any]) -> list[str]:
     seeds = len(next(iter(found["models"]["X"].values())))
+    rounded = ROUNDED * (found["bfloat16"] == "rounded")
     lines = [
         "",
         f"Accuracy of objects by trial in %, on {found['num_trials']} simulated trials of eight "
         f"objects, every {found['stride']}th frame of squeeze, lift and hold, tared by hover, one "
         f"scale for a channel: {found['num_train']} frames to train and {found['num_test']} of "
         f"other trials to test, {found['epochs']} epochs, seeds 0 to {seeds - 1} (of splits, "
-        "weights and batches). Mean ± standard deviation; difference to the first way on the same "
-        "seed, with its standard error." + ROUNDED * (found["bfloat16"] == "rounded"),
+        "weights and batches). Mean ± standard deviation; difference to the first row of the "
+        f"model on the same seed, with its standard error.{rounded}",
         "",
         "| model | optimizer, precision | accuracy | difference |",
         "|---|---|---|---|",

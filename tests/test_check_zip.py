@@ -37,7 +37,7 @@ def test_every_flipped_bit_is_noticed_or_harmless(tmp_path):
 def test_cut_file(tmp_path, kept):
     torch.save(torch.zeros(3), tmp_path / "a.pt")
     (tmp_path / "a.pt").write_bytes((tmp_path / "a.pt").read_bytes()[:kept])
-    with pytest.raises(ValueError, match=r"a\.pt' is damaged or was cut off"):
+    with pytest.raises(ValueError, match=r"a\.pt' is damaged or truncated"):
         check_zip(tmp_path / "a.pt")
 
 

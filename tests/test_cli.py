@@ -113,6 +113,84 @@ def test_missing_extra_is_named(monkeypatch, capsys):
     assert 'pip install "torch-geometric-tactile[train]"' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["demo", "compare touches.npz", "table bts3"])
+def test_missing_extras_of_a_verb_are_named(verb, monkeypatch, capsys):
+    for name in ("training", "experiments", "reports"):
+        for module in [m for m in sys.modules if m.startswith(f"torch_geometric_tactile.{name}")]:
+            monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    assert main(verb.split()) == 1
+    error = capsys.readouterr().err
+    assert f"'tactile {verb.split()[0]}' needs the package 'yaml'" in error
+    assert 'pip install "torch-geometric-tactile[train,viz]"' in error
+
+
+@pytest.mark.parametrize("verb", ["fit", "validate", "test"])
+def test_help_of_lightning_verbs_fits_on_two_screens(verb, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "lightning", None)  # it needs no extra
+    assert main([verb, "--config", "grasp_gcn_df", "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert len(shown.splitlines()) < 48
+    for option in ("--config", "--model.model", "--data.dataset.init_args.root", "--help-all"):
+        assert f"\n  {option} " in shown
+    for option in ("--data.batch_size", "--seed_everything", "--ckpt_path", "--trainer.devices"):
+        assert f"\n  {option} " in shown
+    assert "\n  --out DIR " in shown
+    assert ("--trainer.max_epochs" in shown) == (verb == "fit")
+    assert shown.count(f"\n  tactile {verb} ") == 3
+
+
+@pytest.mark.parametrize("flag", ["--help-all", "--help=all"])
+def test_full_help_has_every_option(flag, capsys):
+    pytest.importorskip("lightning", reason="needs the extra 'train'")
+    with pytest.raises(SystemExit, match="0"):
+        main(["fit", flag])
+    shown = capsys.readouterr().out
+    for option in ("--trainer.max_epochs", "--model.label_smoothing", "--data.train_transform"):
+        assert option in shown
+
+
+def test_fit_without_arguments_asks_for_a_configuration(capsys):
+    assert main(["fit"]) == 1
+    assert "'--config' must name a configuration" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--nonsense"], "unrecognized arguments: --nonsense"),
+        (["--data.batch_size", "x"], "data.batch_size"),
+        (["--out"], "'--out' must be a folder (got '')"),
+        (["--out", "--config"], "'--out' must be a folder (got '--config')"),
+    ],
+)
+def test_fit_explains_wrong_arguments_on_one_line(arguments, message, config, capsys):
+    assert main(["fit", "--config", str(config), *arguments]) == 1
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.splitlines()) == 2  # and how to see the traceback
+
+
+def test_out_is_the_folder_of_the_runs_and_no_adverts_are_shown(config, tmp_path):
+    once = ["--trainer.max_epochs", "1", "--out", "elsewhere"]
+    done = tactile("fit", "--config", config, *once, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    run = tmp_path / "elsewhere/grasp/version_0"
+    assert (run / "checkpoints/last.ckpt").is_file()
+    assert not (tmp_path / "runs").exists()
+    assert "Seed set to 0" in done.stderr  # what Lightning reports of the run is kept
+    assert "Tip" not in done.stderr
+
+    checkpoint = ["--ckpt_path", run / "checkpoints/last.ckpt"]
+    done = tactile(
+        "test", "--config", run / "config.yaml", *checkpoint, "--out", "tests", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "tests/grasp").is_dir()
+    assert "Warn" not in done.stderr
+    assert "dirpath" not in done.stderr
+
+
 def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path):
     command = [sys.executable, "-m", "torch_geometric_tactile", "fit", "--config", str(config)]
     process = subprocess.Popen(

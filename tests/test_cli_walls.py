@@ -38,7 +38,7 @@ def folder(tmp_path, monkeypatch):
 def is_explained(status, capsys):
     """One line for the error and one for how to learn more; nothing that a terminal obeys."""
     error = capsys.readouterr().err
-    lines = [line for line in error.splitlines() if not line.startswith("(TACTILE_TRACEBACK=1")]
+    lines = [line for line in error.splitlines() if not line.startswith("(set TACTILE_TRACEBACK=1")]
     return status == 1 and len(lines) == 1 and re.fullmatch("tactile: error: [ -~]+", lines[0])
 
 
@@ -128,7 +128,7 @@ def test_error_is_one_line_whatever_a_name_is(folder, capsys):
     assert cli.main(["inspect", "tactile: fine\n\x1b[2K\x9b\u2067.npz"]) == 1
     first, second, end = capsys.readouterr().err.split("\n")
     assert first.startswith(r"tactile: error: 'tactile: fine \x1b[2K\x9b\u2067.npz' does not exist")
-    assert second == "(TACTILE_TRACEBACK=1 shows where it came from)"
+    assert second == "(set TACTILE_TRACEBACK=1 for the traceback)"
     assert end == ""
 
 

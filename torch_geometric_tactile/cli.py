@@ -18,31 +18,19 @@ from torch_geometric_tactile.texts import printable
 
 _EXAMPLES = """\
 examples:
-  tactile demo                                   from data to a judged model and a report
-  tactile fit --config grasp_gcn_df              train GCN-DF on the BioTac SP stability set
-  tactile fit --config grasp_gcn_df --ckpt_path runs/grasp_gcn_df/version_0/checkpoints/last.ckpt
-                                                 go on where that training was stopped
-  tactile test --config grasp_gcn_df --ckpt_path CHECKPOINT
-  tactile fit --help                             every option of fit
-  tactile predict CHECKPOINT recording.h5        probabilities of each frame, as a CSV table
-  tactile export CHECKPOINT model.onnx           one graph from readings to label, for a robot
-  tactile analyze CHECKPOINT --out analysis      what a checkpoint has learnt, in pictures
-  tactile inspect recording.h5                   the facts of a recording, and a picture of it
-  tactile convert messages.jsonl recording.h5    another format, by the suffix
-  tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set, see its own --help
-  tactile simulate --out grasps --trials 2 --preview
-                                                 grasps of a simulated Allegro hand, with pictures
-  tactile ports                                  the serial ports that there are
+  tactile demo                                   train and compare models on real grasps
+  tactile inspect recording.h5                   summarise and plot a recording
+  tactile compare touches.npz --grid 28x50       find the best model for your data
+  tactile fit --config grasp_gcn_df              train one model
+  tactile predict CHECKPOINT recording.h5        write predictions to a CSV table
+  tactile export CHECKPOINT model.onnx           one file for a robot, without PyTorch
   tactile live ws://127.0.0.1:5000 --model model.onnx --view
-                                                 a sensor: judged, shown, and recorded if wanted
-  tactile view grasp.h5                          a recording or a sensor, in the browser
-  tactile record ws://127.0.0.1:5000 grasp.mcap  what a sensor sends, until Ctrl-C
-  tactile replay grasp.mcap --serve ws           a double of XELA's server, of a recording
-  tactile compare touches.npz --grid 28x50       which model to take for data of your own
-  tactile table p1-table2 --root grasps          the models of a paper, beside its published numbers
+                                                 run it on a live sensor
 
-Data sets are read from $TACTILE_DATA (a folder with one folder for each data set), or
-from a folder in the user's cache, where they are downloaded if missing.
+'tactile COMMAND --help' has the options and more examples.
+
+Data sets are read from $TACTILE_DATA (with one folder per data set), or else from a folder in
+the user's cache, where missing ones are downloaded.
 """
 
 
@@ -100,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         int: The exit status: 0, 1 for an error that was explained, 130 for Ctrl-C.
     """
     if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # for names of files that are no text
+        sys.stdout.reconfigure(errors="backslashreplace")  # for file names that are not valid text
     if logging.lastResort is not None:  # prints our warnings
         logging.lastResort.setFormatter(_OneLine())
     try:
@@ -110,15 +98,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         return status
     except (ImportError, MemoryError, OSError, ValueError) as error:
         if isinstance(error, BrokenPipeError) and _is_unread():
-            return 0  # the reader of the output, such as `head`, has what it wanted
+            return 0  # the reader of the output, such as `head`, has closed it
         if os.environ.get("TACTILE_TRACEBACK"):
             raise
         text = "not enough memory" if isinstance(error, MemoryError) else str(error)
+        if isinstance(error, ModuleNotFoundError):
+            text = _with_pip_line(error, sys.argv[1:] if argv is None else argv)
         _tell(f"error: {text or type(error).__name__}")
         return 1
     except KeyboardInterrupt as stop:
         _tell(str(stop) or "stopped")
         return 130
+
+
+def _with_pip_line(error: ModuleNotFoundError, argv: Sequence[str]) -> str:
+    extras = getattr(_verb(argv[0]), "EXTRAS", None) if argv and argv[0] in VERBS else None
+    if extras is None or "pip install" in str(error):
+        return str(error)
+    return (
+        f"'tactile {argv[0]}' needs the package '{error.name}': "
+        f'pip install "torch-geometric-tactile[{extras}]"'
+    )
 
 
 class _OneLine(logging.Formatter):
@@ -128,13 +128,13 @@ class _OneLine(logging.Formatter):
 
 def _tell(text: str) -> None:
     # One line, whatever a file or a name put into it.
-    hint = "(TACTILE_TRACEBACK=1 shows where it came from)\n" if text.startswith("error:") else ""
-    with suppress(OSError, ValueError, AttributeError):  # nobody listens any more
+    hint = "(set TACTILE_TRACEBACK=1 for the traceback)\n" if text.startswith("error:") else ""
+    with suppress(OSError, ValueError, AttributeError):  # the error output is closed
         sys.stderr.write(f"tactile: {printable(' '.join(text.split()))}\n{hint}")
 
 
 def _is_unread() -> bool:
-    # Whether nobody reads the output any more. What is left of it would fail again at the exit.
+    # Whether the output is closed. Flushing the rest would fail again at exit.
     try:
         sys.stdout.flush()
         poll = select.poll()

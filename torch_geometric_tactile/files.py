@@ -1,4 +1,4 @@
-r"""Files that are either whole or absent."""
+r"""Files that are either complete or absent."""
 
 import hashlib
 import itertools
@@ -245,5 +245,5 @@ def check_zip(path: PathLike) -> None:
         problem = str(error)
     if problem:
         raise ValueError(
-            f"'{path}' is damaged or was cut off ({problem}): copy or write it again"
+            f"'{path}' is damaged or truncated ({problem}): copy or write it again"
         ) from None

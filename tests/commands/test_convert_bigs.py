@@ -138,7 +138,7 @@ def test_grasps_that_do_not_tell_when_pick_up_begins_are_counted(source, tmp_pat
         write_npz(source / f"g{i}.npz", {**content, "trial": i})
     assert run(source, tmp_path / "out", "--npz") == 0
     said = capsys.readouterr().err
-    assert "warning: 2 grasps do not tell when pick-up begins" in said
+    assert "warning: 2 grasps have no pick-up time" in said
     assert "--field pickup_time=NAME or --ends-after-pickup SECONDS" in said
     assert run(source, tmp_path / "out", "--npz", "--ends-after-pickup", "2") == 0
     assert not capsys.readouterr().err

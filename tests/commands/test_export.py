@@ -29,7 +29,7 @@ def test_export_writes_a_graph(tmp_path, capsys):
 
 def test_export_asks_for_its_suffix(tmp_path, capsys):
     assert main(["export", "a.predictor", str(tmp_path / "a.bin")]) == 1
-    assert "'MODEL.onnx' must be a name that ends in .onnx" in capsys.readouterr().err
+    assert "'FILE.onnx' must end in .onnx" in capsys.readouterr().err
 
 
 def test_export_needs_its_extra(tmp_path, capsys, monkeypatch):

@@ -28,6 +28,6 @@ def test_ports_as_json(ports, capsys):
 def test_no_ports(ports, capsys):
     ports.clear()
     assert main(["ports"]) == 0
-    assert capsys.readouterr().out == "there is no serial port on this machine\n"
+    assert capsys.readouterr().out == "no serial ports found\n"
     assert main(["ports", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == []

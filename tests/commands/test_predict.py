@@ -93,8 +93,11 @@ def test_mistakes_are_one_line(folder, capsys):
         (["a.predictor", "notes.txt.zip"], "must end in one of"),
         (["a.predictor", "three.npz"], "'three.npz': a recording on layout .* 4 taxels"),
         (["a.predictor"], "give '--config'"),
-        (["a.predictor", "trial_0.npz", "--root", "b"], "'--root' is for the test part"),
-        (["a.predictor", "--adapt"], "'--adapt' is for recordings"),
+        (
+            ["a.predictor", "trial_0.npz", "--root", "b"],
+            "'--root' must be left out with recordings",
+        ),
+        (["a.predictor", "--adapt"], "'--adapt' must be left out for the test part"),
     ):
         assert main(["predict", *arguments]) == 1
         error = capsys.readouterr().err

@@ -83,8 +83,8 @@ def test_wrong_arguments_are_explained(command, capsys, flags, message):
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
-        ([], "their mean in the phase hover is subtracted."),
-        (["--tare", "0.02"], "their mean in its first 0.02 s is subtracted."),
+        ([], "readings in the phase hover is subtracted."),
+        (["--tare", "0.02"], "readings in its first 0.02 s is subtracted."),
         (["--tare", "none"], None),
     ],
 )
@@ -94,7 +94,7 @@ def test_rest_readings_are_those_of_the_table_or_chosen(command, tmp_path, flags
     assert (
         ("subtracted" not in page)
         if said is None
-        else (f" From the readings of each trial {said}" in page)
+        else (f" The mean of each trial's {said}" in page)
     )
 
 

@@ -32,7 +32,7 @@ def test_recording_is_served_until_it_is_interrupted(recording):
     )
     try:
         line = process.stdout.readline()
-        url = re.match(r"(http://127\.0\.0\.1:[0-9]+/)  \(Ctrl-C ends\)", line)[1]
+        url = re.match(r"(http://127\.0\.0\.1:[0-9]+/)  \(Ctrl-C quits\)", line)[1]
         with urllib.request.urlopen(url, timeout=20) as page:
             assert b"<title>tactile view</title>" in page.read()
         process.send_signal(signal.SIGINT)

@@ -189,7 +189,7 @@ def test_what_was_written_is_checked(toy, tmp_path, monkeypatch):
         file.write(kept.getvalue().replace(torch.ones(1).numpy().tobytes(), b"\0\0\0\0", 1))
 
     monkeypatch.setattr(torch, "save", broken)
-    with pytest.raises(ValueError, match="is damaged or was cut off"):
+    with pytest.raises(ValueError, match="is damaged or truncated"):
         toy(tmp_path)
     assert files(tmp_path) == []
 

@@ -267,10 +267,10 @@ def test_what_cannot_be_used_is_left_out(few, caplog):
     (record,) = caplog.records
     assert "10 files or matrices are left out" in record.getMessage()
     reasons = [
-        r"'A/cut.npy' must have 5248 bytes .* \(got 5247\): is it cut",
+        r"'A/cut.npy' must have 5248 bytes .* \(got 5247\): is it truncated",
         r"'A/notes.txt' must have one of the suffixes .csv, .mat, .npy, .png",
         r"'A/text.csv', line 1 must have 32 cells \(got 1\)",
-        r"'B/small.csv' must have 32 lines \(got 31\): is the file cut",
+        r"'B/small.csv' must have 32 lines \(got 31\): is the file truncated",
         r"'B/stack.npy', matrix 1: row 3, column 4 has no reading \(NaN\)",
         r"'B/stack.npy', matrix 2: row 0, column 31 has a negative pressure \(-0.25\)",
         r"'B/stack.npy', matrix 3: row 31, column 0 is above the full scale of 100 \(got 100.5\)",

@@ -68,7 +68,7 @@ def test_caption_of_simulated_recordings(grasps, tmp_path):
     source, _ = DataSource(ALLEGRO, {"root": str(grasps), "split": None}).resolve()
     assert source.kind == "simulated"
     assert source.caption == (
-        "**Simulated**, never a real hand's result: 12 trials of `tactile simulate` (objects "
+        "**Simulated**, not a result of a real hand: 12 trials of `tactile simulate` (objects "
         "`paper8`, seed 7, 0.08 s at 100 Hz, MuJoCo 3.3.0)."
     )
     shutil.copytree(grasps / "raw", tmp_path / "raw")

@@ -41,7 +41,7 @@ def test_root_reaches_the_data_set_that_a_view_shows(root, tmp_path):
     resolved, facts = source.resolve()
     assert (facts.num_samples, facts.num_trials, facts.num_groups) == (24, 24, 3)
     assert (resolved.kind, facts.class_names) == ("simulated", ("failure", "success"))
-    assert resolved.caption.startswith("**Simulated**, never a real sensor's result: 24 trials")
+    assert resolved.caption.startswith("**Simulated**, not a result of a real sensor: 24 trials")
     dataset = resolved.load()
     assert isinstance(dataset, Trials)
     assert (dataset.column("num_frames"), dataset.column("x").shape) == (60, (24, 19, 180))
@@ -112,7 +112,7 @@ def test_page_of_the_table(root, tmp_path):
     run = run_plan(plan, tmp_path)
     assert not run.failed
     page = markdown(run)
-    assert "positive class, *success* (class 1). Of the samples tested on, " in page
+    assert "positive class, *success* (class 1). Its share of the test samples: " in page
     for heading in ("Precision of success in %", "Recall of success in %", "F1 score of success"):
         assert f"## {heading}" in page
     assert "90.08" in page.partition("## F1 score of success")[2].partition("## Area")[0]

@@ -171,7 +171,7 @@ def test_table_is_trained_goes_on_and_tells_of_draws(squeezes, tmp_path, capsys)
     # 0.8 s of squeezes have 24 ticks of 30 Hz, fewer than 25.
     drawn = "25 of each trial, drawn from every frame at 30 Hz of the phases squeeze: 288 in all"
     assert f"{drawn}; 240 to train and 48 to test" in page
-    assert "Of 29 of 48 samples it is p(1 - p)/29 · 19/47 on average" in page
+    assert "Of 29 of 48 samples the variance is p(1 - p)/29 · 19/47 on average" in page
     assert "The published variances are 0.78 to 9.87: " in page
     rows = list(csv.DictReader((tmp_path / "p4.csv").read_text().splitlines()))
     mine = {(r["source"], r["metric"]): float(r["mean"]) for r in rows if r["experiment"] == "fnn"}
@@ -183,7 +183,7 @@ def test_table_is_trained_goes_on_and_tells_of_draws(squeezes, tmp_path, capsys)
     assert mine["by trial", "draws_variance"] == pytest.approx(1e4 * expected["draws_variance"])
     printed = next(r for r in rows if r["experiment"] == "one_i" and r["source"] == "published")
     assert (printed["metric"], printed["mean"]) == ("accuracy", "86.47")
-    costs = page.split("## What a model costs")[1]
+    costs = page.split("## Cost of the models")[1]
     assert costs.count("`p4_tables/one_i`") == 1
     assert "one_i_8300" not in costs
 

@@ -104,7 +104,7 @@ def test_read_header_only(write):
 def test_read_cut_line(write, cells):
     with pytest.raises(
         ValueError,
-        match=rf"grasps\.csv', line 3 must have 74 cells \(got {cells}\): is the file cut",
+        match=rf"grasps\.csv', line 3 must have 74 cells \(got {cells}\): is the file truncated",
     ):
         read_biotac_sp_csv(write(HEADER, ROW, [*ROW, "1"][:cells], last=False))
 

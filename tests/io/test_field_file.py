@@ -102,7 +102,7 @@ def named_type(file, tmp_path):
             huge,
             r"must hold arrays of at most 1073741824 bytes in memory \(got 80000000000 in 'bad'",
         ),
-        (unwritten, r"must hold all of 'bad', of shape \(1000,\).*is the file cut"),
+        (unwritten, r"must hold all of 'bad', of shape \(1000,\).*is the file truncated"),
     ],
 )
 def test_hostile_hdf5(change, message, file, tmp_path):

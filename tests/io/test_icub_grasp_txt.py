@@ -75,7 +75,9 @@ def test_read_empty_file(write):
 @pytest.mark.parametrize("lines", range(7))
 def test_read_frame_that_is_not_whole(write, lines):
     kept = [*frame(), *frame()[:lines]] if lines else []
-    with pytest.raises(ValueError, match=r"must hold 7 lines for each frame, .*: is the file cut"):
+    with pytest.raises(
+        ValueError, match=r"must hold 7 lines for each frame, .*: is the file truncated"
+    ):
         read_icub_grasp_txt(write("-10000", *kept))
 
 
@@ -117,7 +119,9 @@ def test_read_swapped_fingers_are_noticed(write):
 
 
 def test_read_refuses_a_last_line_without_end(write):
-    with pytest.raises(ValueError, match=r"line 8 must end with a line break, .*: is the file cut"):
+    with pytest.raises(
+        ValueError, match=r"line 8 must end with a line break, .*: is the file truncated"
+    ):
         read_icub_grasp_txt(write("-10000", *frame(), last=False))
 
 

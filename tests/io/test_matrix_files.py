@@ -52,9 +52,9 @@ def test_csv(tmp_path):
     ("text", "match"),
     [
         ("", "must hold at least one frame .got an empty file"),
-        ("1,2\n", r"must have 2 lines \(got 1\): is the file cut"),
+        ("1,2\n", r"must have 2 lines \(got 1\): is the file truncated"),
         ("1,2\n3,4\n5,6\n", r"must have 2 lines \(got more\)"),
-        ("1,2\n3,4", "line 2 must end with a line break: is the file cut"),
+        ("1,2\n3,4", "line 2 must end with a line break: is the file truncated"),
         ("1,2\n3\n", r"line 2 must have 2 cells \(got 1\)"),
         ("1,2\n3,4,5\n", r"line 2 must have 2 cells \(got 3\)"),
         ("1,2\n3,x\n", r"line 2, column 2: 'column 2' must be a number \(got 'x'\)"),
@@ -126,7 +126,7 @@ def test_sizes_of_npy_are_known_before_memory_is_taken(tmp_path):
     head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3, 4), }\n"
     path = tmp_path / "a.npy"
     path.write_bytes(b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(96))
-    with pytest.raises(ValueError, match=r"must have 96000000000085 bytes .*is it cut"):
+    with pytest.raises(ValueError, match=r"must have 96000000000085 bytes .*is it truncated"):
         read_matrix_npy(path, SIZE)
 
 
@@ -283,7 +283,7 @@ def test_bad_mat(tmp_path, variables, match):
 
 def test_other_versions_of_mat(tmp_path):
     path = mat(tmp_path / "a.mat", {"a": MATRIX}, format="4")
-    with pytest.raises(ValueError, match=r"no MAT file of version 5 to 7, or cut: try save"):
+    with pytest.raises(ValueError, match=r"no MAT file of version 5 to 7, or truncated: try save"):
         read_matrix_mat(path, SIZE)
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(9))
     with pytest.raises(ValueError, match=r"of version 7.3 \(HDF5\): write it by save.*'-v7'"):

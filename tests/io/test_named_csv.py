@@ -67,7 +67,7 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
     ("lines", "options", "message"),
     [
         ([HEADER], {}, r"at least one frame \(got a header only\)"),
-        ([HEADER, "0,1,2,3"], {}, r"line 2 must have 5 cells \(got 4\): is the file cut"),
+        ([HEADER, "0,1,2,3"], {}, r"line 2 must have 5 cells \(got 4\): is the file truncated"),
         ([HEADER, "0,1,2,3,mug"], {}, r"line 2, column 5: 'grasp' must be a number \(got 'mug'\)"),
         ([HEADER, "0,x,2,3,4"], {}, r"'thumb' must be a number \(got 'x'\)"),
         ([HEADER, ",1,2,3,4"], {}, r"glove.csv': 'time' must be finite \(got nan in frame 0\)"),
@@ -198,7 +198,9 @@ def test_many_columns_are_quick_to_name(write):
 def test_cut_file(write):
     path = write(HEADER, "0,1,2,3,4")
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(ValueError, match=r"line 2 must end with a line break: is the file cut"):
+    with pytest.raises(
+        ValueError, match=r"line 2 must end with a line break: is the file truncated"
+    ):
         read_named_csv(path)
 
 

@@ -261,7 +261,7 @@ def test_hdf5_cut(full, share, tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
     for call in (lambda: read_hdf5(path), lambda: append_hdf5(full, path)):
-        with pytest.raises(ValueError, match=r"a.h5' cannot be read as HDF5, is it cut"):
+        with pytest.raises(ValueError, match=r"a.h5' cannot be read as HDF5, is it truncated"):
             call()
 
 

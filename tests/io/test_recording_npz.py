@@ -56,7 +56,7 @@ def test_npz_cut(full, share, tmp_path):
     write_npz(full, path)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(ValueError, match=r"a.npz' is no whole npz file \(is it cut\?\)"):
+    with pytest.raises(ValueError, match=r"a.npz' is no whole npz file \(is it truncated\?\)"):
         read_npz(path)
 
 

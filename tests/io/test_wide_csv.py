@@ -145,7 +145,7 @@ def test_read_header_only(write):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ([ROW, "1,2,3"], r"line 2 must have 7 cells \(got 3\): is the file cut"),
+        ([ROW, "1,2,3"], r"line 2 must have 7 cells \(got 3\): is the file truncated"),
         ([ROW, ROW, f"{ROW},1"], r"line 3 must have 7 cells \(got 8\)"),
         (["1,2,3"], r"line 1 must have 7 cells for 2 taxels of 3 channels and 1 joints, or 8 with"),
         ([ROW.replace(",", ";")], r"line 1 must have cells .* separated by commas \(got '1;2;3"),
@@ -171,7 +171,7 @@ def test_read_bad_lines(write, lines, message):
 def test_read_cut_anywhere_in_the_last_line(write, cut):
     path = write(HEADER, f"0,{ROW}", f"1,{ROW}")
     path.write_bytes(path.read_bytes()[:-cut])
-    with pytest.raises(ValueError, match=r"hand.csv', line 3 must .*is the file cut"):
+    with pytest.raises(ValueError, match=r"hand.csv', line 3 must .*is the file truncated"):
         read_wide_csv(path)
 
 

@@ -91,8 +91,16 @@ def test_read_missing_file(tmp_path):
         (f"{HEADER},3X,3Y,3Z\n", False, r"the column '2X', as it has taxel 3 \(got 6 of 9"),
         (f"{HEADER}\n0,1,1,1,2,3\n", True, r"'Force 1X' for forces .* \(got counts only\)"),
         (f"{HEADER},Force 1X\n", False, r"must have the column 'Force 1Y'"),
-        (f"{HEADER}\n0,1,1,1,2\n", False, r"line 2 must have 6 cells \(got 5\): is the file cut"),
-        (f"{HEADER}\n0,1,1,1,2,3", False, r"line 2 must end with a line break: is the file cut\?"),
+        (
+            f"{HEADER}\n0,1,1,1,2\n",
+            False,
+            r"line 2 must have 6 cells \(got 5\): is the file truncated",
+        ),
+        (
+            f"{HEADER}\n0,1,1,1,2,3",
+            False,
+            r"line 2 must end with a line break: is the file truncated\?",
+        ),
         (f"{HEADER}\n0,1,1,1,y,3\n", False, r"line 2, column 5: '1Y' must be a number \(got 'y'\)"),
         (f"{HEADER}\n0,1,1,1,inf,3\n", False, r"column 5: '1Y' must be finite"),
         (f"{HEADER}\n0,,1,1,2,3\n", False, r"line 2: 'Send time' must be a number \(got ''\)"),
@@ -111,7 +119,7 @@ def test_read_refuses(write, text, forces, message):
 
 @pytest.mark.parametrize("cut", [1, 5, 40, 85])
 def test_read_real_log_cut_in_the_last_line(write, cut):
-    with pytest.raises(ValueError, match=r"log.csv', line 4 must .*is the file cut"):
+    with pytest.raises(ValueError, match=r"log.csv', line 4 must .*is the file truncated"):
         read_xela_log_csv(write(REAL[:-cut]))
 
 

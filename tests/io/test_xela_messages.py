@@ -161,7 +161,7 @@ def test_read_file_cut_in_the_middle(write, share, indent):
     path = write(message(1), message(2), indent=indent)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(ValueError, match=r"cannot be read as JSON .*: is the file cut\?"):
+    with pytest.raises(ValueError, match=r"cannot be read as JSON .*: is the file truncated\?"):
         read_xela_messages(path)
 
 

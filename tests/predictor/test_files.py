@@ -212,7 +212,7 @@ HOSTILE = {
         lambda h, p: first(h).update(shape=[0, 2**62, 2**62], data_offsets=[0, 0]),
         "is no predictor that can be read here",
     ),
-    "offsets": (lambda h, p: shift(first(h)), "damaged or was cut off|must fill it"),
+    "offsets": (lambda h, p: shift(first(h)), "damaged or truncated|must fill it"),
     "the same bytes twice": (
         lambda h, p: h.update({f"more{i}": dict(first(h)) for i in range(3)}),
         "its tensors must fill it",

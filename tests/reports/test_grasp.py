@@ -46,6 +46,22 @@ def test_demo_says_first_that_the_data_is_generated(report):
     assert first.strip().startswith("Data: GENERATED, not measured")
 
 
+def test_demo_says_what_to_conclude(report):
+    out, content = report
+    page = (out / "report.html").read_text()
+    (verdict,) = re.findall(r'<p class="verdict">([^<]*)</p>', page)
+    scores = [
+        record["accuracy"]
+        for record in content["results"]
+        if (record["model"], record["protocol"], record["readings"])
+        == ("TaxelNet", "unseen objects", "common mode, middle + thumb")
+    ]
+    assert verdict.startswith("The data is generated: the numbers show that everything runs")
+    assert f"in {100 * sum(scores) / len(scores):.1f} % of the grasps" in verdict
+    assert "600 grasps of" in page
+    assert "unseen objects&#39;" not in page
+
+
 def test_demo_page_needs_no_other_file(report):
     out, _ = report
     page = (out / "report.html").read_text()

@@ -33,6 +33,23 @@ def test_report_begins_with_the_notice(tmp_path):
     assert {"Seed", "0"} <= set(lines)
 
 
+def body_lines(page):
+    text = re.sub(r"<[^>]*>", "\n", page[page.index("<body") :])
+    return [line.strip() for line in text.splitlines() if line.strip()]
+
+
+def test_report_of_real_data_begins_with_what_to_conclude(tmp_path):
+    page = write(tmp_path / "r.html", verdict="Take the SVM.", is_warning=False)
+    assert body_lines(page)[:3] == ["T", "Take the SVM.", "Data: real."]
+    assert 'class="warning"' not in page
+
+
+def test_report_warns_before_it_concludes(tmp_path):
+    page = write(tmp_path / "r.html", verdict="Take the SVM.", notice="Data: GENERATED.")
+    assert body_lines(page)[:3] == ["Data: GENERATED.", "T", "Take the SVM."]
+    assert 'class="warning"' in page
+
+
 def test_report_holds_its_pictures_and_loads_nothing(tmp_path, picture):
     page = write(tmp_path / "r.html", pictures=[ReportPicture(picture, "Taxels", "two")])
     (data,) = re.findall(r'src="data:image/png;base64,([^"]*)"', page)

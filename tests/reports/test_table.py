@@ -17,8 +17,8 @@ from torch_geometric_tactile.reports.table import csv_text, markdown, write_tabl
 from torch_geometric_tactile.reports.table_caption import NOTHING
 
 CAPTION = (
-    "**Simulated**, never a real hand's result: 80 trials of `tactile simulate` (objects `paper8`, "
-    "seed 1, 17 s at 100 Hz, MuJoCo 3)."
+    "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate` (objects "
+    "`paper8`, seed 1, 17 s at 100 Hz, MuJoCo 3)."
 )
 
 
@@ -113,7 +113,7 @@ def test_markdown_by_hand(objects):
     assert auc[10][2:] == [NOTHING] * 3  # it was not a number
     f1 = rows_of(markdown(objects), "F1 score in %, with joint angles")
     assert [row[1] for row in f1[2:4]] == ["simulated, by trial", "simulated, by frame"]
-    costs = rows_of(markdown(objects), "What a model costs")
+    costs = rows_of(markdown(objects), "Cost of the models")
     assert ["`p2_table2/ii_tac_joint`", "4,488,808", "1,000", "62 ± 2", "12.0"] in costs
 
 
@@ -122,13 +122,13 @@ def test_caption_tells_what_the_numbers_are(objects):
     for fact in (
         "Published: Tables II and III of *Multifingered Object Recognition",
         "its recordings are private",
-        "**Simulated**, never a real hand's result: 80 trials of `tactile simulate`",
+        "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate`",
         "objects `paper8`, seed 1, 17 s at 100 Hz, MuJoCo 3",
         "Seeds 0 to 1 of split and training",
         "60 % to train, 10 % unused (for validation), 30 % to test, once, after 3 epochs",
         "Adam, learning rate 0.001, batches of 32",
         "Every 20th frame: 7,000 in all; 600 to train and 300 to test by trial;",
-        ". From the readings of each trial their mean in the phase hover is subtracted.",
+        ". The mean of each trial's readings in the phase hover is subtracted.",
         "Hardware: a machine, 2 cores.",
         "**68 of 72 runs are missing**",
     ):
@@ -176,7 +176,7 @@ def test_memory_table_has_ratios():
     assert memory[2][2:] == ["1,531", "1,537", "1,488"]
     assert memory[3][1:] == ["simulated, resident memory of the process", "124", NOTHING, NOTHING]
     assert memory[7][2] == "62 ± 3"
-    ratio = rows_of(page, "Memory as a part of that of X, with joint angles")
+    ratio = rows_of(page, "Memory relative to X, with joint angles")
     assert [row[2] for row in ratio[2:]] == ["1.00", "1.00", "0.49", NOTHING, "0.46", "0.50"]
 
 

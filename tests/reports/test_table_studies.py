@@ -1,4 +1,4 @@
-r"""The part of a table's page on what else was looked at."""
+r"""The part of a table's page on studies."""
 
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ def test_page_shows_what_was_found(run: PlanRun) -> None:
     assert "| model | 0 dead | 4 dead |" in text
     time = next(line for line in text.split("\n") if line.startswith("| net |") and "0.47" in line)
     assert "100.0 ± 0.0" in time
-    assert "* net, percent right of a class: best " in text
+    assert "* net, accuracy of a class in %: best " in text
     assert "again" not in text  # one configuration is shown once
     assert "`bars-training.png`" in text
     assert text in markdown(run)

@@ -184,7 +184,7 @@ def test_damaged_checkpoint_on_the_command_line(tmp_path, monkeypatch, capsys):
         ["analyze", "cut.ckpt", "--out", "out"],
     ):
         assert main(verb) == 1
-        assert "cut.ckpt' is damaged or was cut off" in capsys.readouterr().err
+        assert "cut.ckpt' is damaged or truncated" in capsys.readouterr().err
     torch.save({"state_dict": {}, "hyper_parameters": {}}, "other.ckpt")
     assert main(["test", "--config", "a.yaml", "--ckpt_path", "other.ckpt"]) == 1
     assert "checkpoint 'other.ckpt' cannot be used here" in capsys.readouterr().err

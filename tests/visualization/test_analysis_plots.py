@@ -96,7 +96,7 @@ def test_roc_of_long_names_keeps_its_label():
     figure = plot_roc(curves, "t", bold="potato chip can 8")
     figure.canvas.draw()
     assert figure.axes[0].yaxis.label.get_window_extent().x0 >= 0
-    assert figure.axes[0].get_lines()[8].get_color() == "black"
+    assert figure.axes[0].get_lines()[8].get_linewidth() == 3.0
 
 
 def test_bad_input_is_named():

@@ -31,7 +31,18 @@ def test_points_stand_where_the_numbers_are():
         [58.0, 62.0]
     ]
     assert ax.get_ylim() == (2.5, -0.5)  # the first row above
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["published", "ours"]
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["published", "ours", "hollow: no spread known"]
+
+
+def test_points_without_spread_are_hollow():
+    (ax,) = plot_comparison([ComparisonPanel("", "%", ROWS)], ["published", "ours"], "A").axes
+    points = [line for line in ax.lines if line.get_marker() in ("D", "o")]
+    hollow = [line.get_markerfacecolor() == "#ffffff" for line in points]
+    assert hollow == [True, False, True, True, True]
+    known = {"a": {"ours": (1.0, 0.1)}}
+    figure = plot_comparison([ComparisonPanel("", "%", known)], ["ours"], "A")
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["ours"]
 
 
 def test_points_of_rows_with_one_kind_each_stand_in_the_middle():
@@ -73,6 +84,18 @@ def test_no_texts_overlap():
         assert page.x0 <= box.x0 < box.x1 <= page.x1
         assert page.y0 <= box.y0 < box.y1 <= page.y1
         assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_panels_of_long_names_stand_below_one_another():
+    other = {
+        f"{'a very long name of a row of the table ' * 2}{i}": row
+        for i, row in enumerate(ROWS.values())
+    }
+    panels = [ComparisonPanel("a", "%", ROWS), ComparisonPanel("b", "MB", other)]
+    figure = plot_comparison(panels, ["published", "ours"], "A")
+    assert figure.axes[0].get_subplotspec().rowspan.start == 0
+    assert figure.axes[1].get_subplotspec().rowspan.start == 1
+    assert figure.get_figwidth() <= 8
 
 
 def test_rejects():

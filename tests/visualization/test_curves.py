@@ -20,6 +20,8 @@ def test_a_line_and_a_band_for_each_series():
     low, high = band.get_datalim(ax.transData).intervaly
     assert (low, high) == (78.0, 91.0)
     assert ax.get_xticks().tolist() == [1, 2, 3]
+    assert [line.get_markerfacecolor() == "#ffffff" for line in ax.lines] == [False, True]
+    assert figure.legends[0].get_texts()[-1].get_text() == "hollow: no spread known"
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("k", "Accuracy in %")
 
 

@@ -23,7 +23,13 @@ def test_plot_early_slip_draws_means_with_the_onset_at_the_right() -> None:
     np.testing.assert_allclose(first.get_ydata(), [0.8, 0.4])
     np.testing.assert_allclose(right.lines[0].get_ydata(), [0.1, 0.06, 0.03])
     assert len(left.collections) == 1  # one training has no spread
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["LSTM", r"force \$"]
+    colors = [line.get_markerfacecolor() for line in left.lines]
+    assert colors[0] != "#ffffff" == colors[1]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "LSTM",
+        r"force \$",
+        "hollow: no spread known",
+    ]
 
 
 def test_plot_early_slip_without_any_count_draws_no_line() -> None:

@@ -10,6 +10,7 @@ from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
 from torch_geometric_tactile.sim import PHASES, paper8
 from torch_geometric_tactile.visualization import open_hand
 from torch_geometric_tactile.visualization.grasp_film import plot_grasp_film, plot_grasp_forces
+from torch_geometric_tactile.visualization.style import colormap
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()
 TUBE = paper8()[0]
@@ -44,6 +45,10 @@ def trial(item=TUBE, meta=None, drop=(), num_frames=NUM_FRAMES, **kwargs):
     )
 
 
+def panels(figure):
+    return [ax for ax in figure.axes if ax.get_title()]
+
+
 def polygons(ax):
     (drawn,) = ax.collections
     return [path.vertices for path in drawn.get_paths()], drawn.get_facecolors()
@@ -51,25 +56,26 @@ def polygons(ax):
 
 def test_film_has_a_picture_of_every_phase():
     figure = plot_grasp_film(trial(), LAYOUT, HAND, frames=6)
-    titles = [ax.get_title() for ax in figure.axes]
+    titles = [ax.get_title() for ax in panels(figure)]
     assert [title.split(", ")[1].split(":")[0] for title in titles] == list(PHASES)
     assert titles[0] == "0.4 s, hover: 0 N on the skin"
     assert titles[-1].endswith(" s, hold: 2 N on the skin")
-    assert figure.get_suptitle().startswith(r"Simulated grasp of \$5 tube; a taxel at 1.0 N")
+    assert figure.get_suptitle() == r"Simulated grasp of \$5 tube"
+    assert figure.axes[-1].get_xlabel().startswith("normal force on a taxel (N)")
 
 
 def test_film_gives_a_short_phase_its_picture():
     recording = trial()
     recording.privileged["phase"] = np.repeat([0, 1, 2, 3, 4, 5], [20, 20, 2, 2, 2, 14])
     figure = plot_grasp_film(recording, LAYOUT, HAND, frames=6)
-    assert [ax.get_title().split(", ")[1].split(":")[0] for ax in figure.axes] == list(PHASES)
+    assert [ax.get_title().split(", ")[1].split(":")[0] for ax in panels(figure)] == list(PHASES)
 
 
 @pytest.mark.parametrize(("frames", "rows"), [(1, 1), (3, 1), (8, 2), (9, 3)])
 def test_film_has_as_many_pictures_as_asked(frames, rows):
     figure = plot_grasp_film(trial(), LAYOUT, HAND, frames=frames)
-    assert len(figure.axes) == frames
-    assert len({ax.get_subplotspec().rowspan.start for ax in figure.axes}) == rows
+    assert len(panels(figure)) == frames
+    assert len({ax.get_subplotspec().rowspan.start for ax in panels(figure)}) == rows
 
 
 # Faces: 54 of each box, 288 of each ellipsoid or tip, 240 of a cylinder, and 384 taxels.
@@ -104,23 +110,42 @@ def test_film_paints_far_faces_first():
     assert stand.max() < orange.min()
 
 
-def test_film_colours_a_pressed_taxel_red():
+def test_film_shows_a_pressed_taxel_last_large_and_in_the_colour_of_its_force():
     figure = plot_grasp_film(trial(), LAYOUT, HAND, frames=6)
-    red = [int((polygons(ax)[1][:, 0] > 0.99).sum()) for ax in figure.axes]
-    assert red == [0, 0, 0, 1, 1, 1]
+    end = colormap("sequential")(1.0)  # of 1 N and more
+    for ax, is_pressed in zip(panels(figure), [False] * 3 + [True] * 3, strict=True):
+        drawn, colors = polygons(ax)
+        assert np.isclose(colors, end).all(axis=1).sum() == is_pressed
+        assert np.allclose(colors[-1], end) == is_pressed
+        if is_pressed:
+            plain = [p for p, c in zip(drawn, colors, strict=True) if len(p) == len(drawn[-1])]
+            sizes = sorted(float(np.ptp(polygon, axis=0).max()) for polygon in plain)
+            assert sizes[-1] == pytest.approx(float(np.ptp(drawn[-1], axis=0).max()))
+
+
+def test_film_follows_hand_and_object():
+    figure = plot_grasp_film(trial(), LAYOUT, HAND, frames=2)
+    for ax in panels(figure):
+        drawn, _ = polygons(ax)
+        low, high = ax.get_xlim()
+        assert high - low < 0.36
+        taxels = np.concatenate([polygon for polygon in drawn if len(polygon) > 5])
+        assert low < taxels[:, 0].min() < taxels[:, 0].max() < high
 
 
 def test_forces_have_a_hand_for_each_phase():
     figure = plot_grasp_forces(trial(), LAYOUT, HAND)
-    hands = [ax for ax in figure.axes if ax.get_title()]
+    hands = panels(figure)
     assert [ax.get_title() for ax in hands] == [
         *(f"{name}: 0.0 N" for name in PHASES[:3]),
         *(f"{name}: 2.0 N" for name in PHASES[3:]),
     ]
-    assert len(figure.axes) == 12  # with a colour bar each
-    bars = [ax for ax in figure.axes if not ax.get_title()]
-    assert {ax.get_ylim() for ax in bars} == {(0.0, 2.0)}
-    assert figure.get_suptitle() == r"Simulated grasp of \$5 tube: pressure on the skin by phase"
+    (bar,) = (ax for ax in figure.axes if not ax.get_title())  # one scale for all
+    assert bar.get_ylim() == (0.0, 2.0)
+    assert bar.get_ylabel() == "normal force on a taxel (N)"
+    assert figure.get_suptitle() == (
+        r"Simulated grasp of \$5 tube: normal force on the skin by phase"
+    )
 
 
 def test_forces_without_contact_and_names_of_phases():

@@ -44,7 +44,7 @@ def test_missing_pixels_are_no_readings():
 
 def test_layout_without_image_map_is_drawn_as_circles_from_the_top():
     layout = TaxelLayout("plain", torch.tensor([[0.0, 0.0], [0.001, 0.003]]))
-    figure = plot_presses(np.array([[0.0, 5.0]]), "A", layout, limits=(0, 10))
+    figure = plot_presses(np.array([[0.0, 5.0]]), "A", layout, limits=(0, 10), cmap="gray")
     (ax,) = panels(figure)
     assert not ax.images
     (circles,) = ax.collections

@@ -2,6 +2,7 @@ r"""The statistical features of tactile time series."""
 
 import numpy as np
 
+#: Names of the statistics of :func:`statistical_features`, in their order.
 FEATURE_NAMES = (
     "maximum",
     "minimum",

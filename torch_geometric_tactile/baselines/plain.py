@@ -96,8 +96,8 @@ def linear_svm(
     class_weight: Weight = None,
 ) -> Pipeline:
     r"""Returns a linear support vector machine on all readings side by side, which should be scaled
-    before (see :class:`~torch_geometric_tactile.transforms.ZScore`); numbers to be predicted are
-    scaled here.
+    before (see :class:`~torch_geometric_tactile.transforms.ZScore`); regression targets are scaled
+    here.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
@@ -120,7 +120,7 @@ def rbf_svm(
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on all readings side by side, which
-    should be scaled before; numbers to be predicted are scaled here.
+    should be scaled before; regression targets are scaled here.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
@@ -165,7 +165,7 @@ def signal_svm(
 
 
 def constant(task: Task = "multiclass") -> Pipeline:
-    r"""Returns what anything must beat: the most frequent class, or the mean.
+    r"""Returns the baseline that every model must beat: the most frequent class, or the mean.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.

@@ -1,9 +1,10 @@
 r"""The verbs of the command line, one file each.
 
 A verb is a module with :obj:`HELP`, :obj:`DESCRIPTION`, :obj:`EXAMPLES`, :obj:`add_arguments` and
-:obj:`run`; one whose arguments another parser reads has :obj:`HELP` and :obj:`run_raw`. One with
-other arguments after a certain first word names the module of them in :obj:`KINDS`. Modules are
-imported to print the help of all verbs, so that heavy packages are imported in functions only.
+:obj:`run`. A verb with a parser of its own has :obj:`HELP` and :obj:`run_raw` instead.
+:obj:`EXTRAS` names the extras that a verb needs, and :obj:`KINDS` maps a first argument to another
+module with its own arguments. All modules are imported to print the help, so they import heavy
+packages in functions only.
 """
 
 VERBS = (

@@ -4,12 +4,13 @@ import argparse
 
 from torch_geometric_tactile.commands.arguments import add_allow, not_negative, positive
 
-HELP = "draw what a model has learnt: encoder map, embeddings, attribution, errors"
+HELP = "Show what a model has learnt: errors, embeddings, attribution"
+EXTRAS = "train,viz"
 DESCRIPTION = """\
-Analyses a checkpoint of 'tactile fit', or a predictor that 'tactile predict --save' wrote,
-on the test part of its data, and writes DIR/analysis.md with its pictures: confusion and
-ROC, the map of the edge encoder, node features by t-SNE and UMAP, and which taxels and
-patches count, each with numbers and beside untrained models.
+Analyses a checkpoint or predictor on the test part of its data and writes DIR/analysis.md
+with figures: confusion matrix and ROC, the map of the edge encoder, node features in t-SNE
+and UMAP, and the taxels and patches that matter most. Each figure comes with numbers and
+with the same for untrained models. Needs the extras 'train' and 'viz'.
 """
 EXAMPLES = """\
 examples:
@@ -27,17 +28,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "model",
         metavar="MODEL",
-        help="a checkpoint of 'tactile fit', or a file of 'tactile predict --save'",
+        help="a checkpoint of 'tactile fit', or a predictor of 'tactile predict --save'",
     )
-    parser.add_argument("--out", metavar="DIR", required=True, help="folder of page and pictures")
+    parser.add_argument(
+        "--out", metavar="DIR", required=True, help="folder for the page and its figures"
+    )
     parser.add_argument(
         "--config",
         metavar="CONFIG",
-        help="the configuration of its data, a file or a shipped one; by default the config.yaml "
-        "that the run has beside its checkpoints",
+        help="configuration of the data: a file, or the name of a shipped one (default: the "
+        "config.yaml of the run)",
     )
     parser.add_argument(
-        "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
+        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
     )
     add_allow(parser)
     parser.add_argument(
@@ -45,13 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=positive,
         default=200,
-        help="frames of the test part that are embedded and explained (default: 200)",
+        help="test frames to embed and explain (default: 200)",
     )
     parser.add_argument(
         "--seed",
+        metavar="N",
         type=not_negative,
         default=0,
-        help="of embeddings and untrained models (default: 0)",
+        help="seed of embeddings and untrained models (default: 0)",
     )
 
 

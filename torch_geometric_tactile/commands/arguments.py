@@ -1,11 +1,21 @@
 r"""Types of arguments that several verbs share."""
 
 import argparse
+import math
 from collections.abc import Callable
 
 from torch_geometric_tactile.parallel import BACKENDS
 
 _MOST = 1_000_000
+
+READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
+SOURCE = """\
+SOURCE is one of:
+  serial:/dev/ttyACM0?protocol=anyskin   a serial port; 'tactile ports' lists them
+  ws://HOST:5000                         XELA's server
+  grasp.h5                               a recording, replayed at its own speed
+  sim:                                   the simulated hand (extra 'sim')
+"""
 
 
 def _whole(least: int, most: int, too_small: str) -> Callable[[str], int]:
@@ -28,33 +38,62 @@ def _whole(least: int, most: int, too_small: str) -> Callable[[str], int]:
 #: Reads an integer from one to a million.
 positive = _whole(1, _MOST, "must be at least 1")
 
-#: Reads the number of things of which each takes memory or a process: from one to ten thousand.
+#: Reads a number of runs, processes or samples that each cost memory: from one to ten thousand.
 few = _whole(1, 10_000, "must be at least 1")
 
-#: Reads a seed: an integer from zero to the largest that all of our libraries take.
+#: Reads a seed: an integer from zero to the largest that all our dependencies accept.
 not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
 
 
 def seconds(text: str) -> float:
-    r"""Reads a length of a trial in seconds, from one second to an hour.
+    r"""Reads a duration in seconds: a positive number.
 
     Args:
         text (str): The argument.
     """
-    try:
-        number = float(text) if text.isascii() and "_" not in text else None
-    except ValueError:
-        number = None
-    if number is None or not 1 <= number <= 3600:
+    number = _plain_number(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(
+            f"must be a positive number of seconds (got {text[:40]!r})"
+        )
+    return number
+
+
+def trial_seconds(text: str) -> float:
+    r"""Reads the length of a simulated trial in seconds, from one second to an hour.
+
+    Args:
+        text (str): The argument.
+    """
+    number = _plain_number(text)
+    if not 1 <= number <= 3600:
         raise argparse.ArgumentTypeError(
             f"must be a number of seconds from 1 to 3600 (got {text[:40]!r})"
         )
     return number
 
 
+def port(text: str) -> int:
+    r"""Reads the number of a network port, from 0 (any free one) to 65535.
+
+    Args:
+        text (str): The argument.
+    """
+    if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text[:40]!r})")
+    return int(text)
+
+
+def _plain_number(text: str) -> float:
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
 def rest(text: str) -> str | float | None:
-    r"""Reads which frames of a trial are at rest: the name of a phase, seconds at its beginning, or
-    :obj:`"none"`.
+    r"""Reads which frames of a trial are recorded at rest: the name of a phase, a number of seconds
+    at the start of the trial, or :obj:`"none"`.
 
     Args:
         text (str): The argument.
@@ -73,7 +112,7 @@ def rest(text: str) -> str | float | None:
 
 
 def add_allow(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the option for classes of one's own in the configuration beside a checkpoint.
+    r"""Adds the option that allows classes of the user in the configuration of a checkpoint.
 
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
@@ -83,35 +122,37 @@ def add_allow(parser: argparse.ArgumentParser) -> None:
         metavar="PACKAGE",
         action="append",
         default=[],
-        help="a package, module or class of your own that the config.yaml beside the checkpoint "
-        "may name; may be given again",
+        help="allow classes of your own package, module or class in the checkpoint and its "
+        "config.yaml; can be repeated",
     )
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options that say where runs are made.
+    r"""Adds the options for processes, threads and machines.
 
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument(
-        "--jobs", metavar="N", type=few, default=1, help="runs at a time (default: 1)"
+    workers = parser.add_argument_group("processes and machines")
+    workers.add_argument(
+        "--jobs", metavar="N", type=few, default=1, help="runs in parallel (default: 1)"
     )
-    parser.add_argument(
-        "--threads", metavar="N", type=few, default=1, help="threads of a run (default: 1)"
+    workers.add_argument(
+        "--threads", metavar="N", type=few, default=1, help="threads per run (default: 1)"
     )
-    parser.add_argument(
+    workers.add_argument(
         "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
     )
-    parser.add_argument(
+    workers.add_argument(
         "--backend",
         choices=BACKENDS,
         default="loky",
-        help="what starts the runs: processes of this machine (loky, the default), or Dask or Ray, "
-        "which know many machines; they are extras of the same names",
+        help="how runs are distributed: processes on this machine (loky, the default), or Dask or "
+        "Ray for several machines (extras 'dask' and 'ray')",
     )
-    parser.add_argument(
+    workers.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="a running cluster of Dask or Ray; by default one of --jobs processes is started here",
+        help="address of a running Dask or Ray cluster (default: start one here with --jobs "
+        "processes)",
     )

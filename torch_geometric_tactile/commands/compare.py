@@ -17,41 +17,42 @@ if TYPE_CHECKING:
 # The names in `experiments`, which is too heavy to import for them.
 MODELS = {
     "taxel_net": "TaxelNet, the default graph model",
-    "posed_taxel_net": "PosedTaxelNet, where joint angles place the taxels of an Allegro hand",
+    "posed_taxel_net": "PosedTaxelNet, for an Allegro hand with joint angles",
     "temporal": "TemporalTaxelNet, the default for windows of frames *",
-    "gcn": "TactileGCN, a plain GCN",
-    "grasp_gcn": "GraspGCN, a graph convolution on all frames of a taxel *",
+    "gcn": "TactileGCN, plain GCN",
+    "grasp_gcn": "GraspGCN, graph convolution on all frames of each taxel *",
     "fnn": "TactileFNN, fully connected",
-    "cnn": "SmallCNN, where the layout has an image map (as a grid has)",
-    "bmf_cnn": "BMFCNN, where that map has at least 20 x 20 cells",
+    "cnn": "SmallCNN, for layouts with an image map, such as a grid",
+    "bmf_cnn": "BMFCNN, for image maps of at least 20 x 20 cells",
     "lstm": "GraspLSTM, recurrent, on the readings of each frame *",
     "svm_rbf": "support vector machine, radial kernel",
     "svm_linear": "support vector machine, linear",
     "svm_signal": "support vector machine on 12 statistical features of each signal *",
     "forest": "random forest on the readings",
-    "posed_forest": "random forest on force, centre, normal and count of each patch",
-    "posed_ridge": "ridge on the same",
+    "posed_forest": "random forest on force, centre, normal and count per patch",
+    "posed_ridge": "ridge regression on the same",
     "constant": "the most frequent class, or the mean",
 }
 
-HELP = "compare graph models with plain ones on your data, and say which to take"
+HELP = "Compare graph models and baselines on your data, and recommend one"
+EXTRAS = "train,viz"
 DESCRIPTION = f"""\
-Trains graph models and plain ones on a data set, each with settings chosen on a part of
-its training samples, tests each split once, and writes DIR/NAME.md, .csv, .json and .png. It ends
-with a sentence: which model to take, and whether it is better by more than the noise. Needs the
-extras 'train' and 'viz'.
+Trains graph models and baselines on a data set, each with settings chosen on a part of its
+training samples, tests each split once, and writes DIR/NAME.md, .csv, .json and .png. The last
+line recommends a model and says whether it is better by more than the noise. Needs the extras
+'train' and 'viz'.
 
 data:
-  FILE.npz     arrays x (S, N), (S, N, channels) or, with --grid, (S, rows, cols); y (names or
-               whole numbers for classes, else numbers); if known, trial, group, session, joint,
-               time (S, ...); and pos (N, 3) in metres, without --layout or --grid
-  FOLDER       recordings, as RecordingFrames reads them
-  CLASS        import path of a StaticDataset; of ours, the name alone
+  FILE.npz     arrays x (S, N), (S, N, channels) or, with --grid, (S, rows, cols), and y (names or
+               whole numbers for classes, other numbers for regression); optionally trial, group,
+               session, joint, time (S, ...); and pos (N, 3) in metres without --layout or --grid
+  FOLDER       a folder of recordings for the data set RecordingFrames
+  CLASS        import path of a StaticDataset class; of this package, its name is enough
 
 models:
 {chr(10).join(f"  {name:16} {title}" for name, title in MODELS.items())}
-  * for samples of several frames only (--window, --trials); the three 'posed' ones are for single
-    frames only
+  * only for samples of several frames (--window, --trials); the three 'posed' models are only
+    for single frames
 """
 EXAMPLES = """\
 examples:
@@ -60,17 +61,17 @@ examples:
   tactile compare touches.npz --layout biotac --by group --metric balanced_accuracy
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
   tactile compare my_glove.Gloves --init root=DIR --json > comparison.json
-  tactile compare touches.npz --grid 8x8 --rest 10       each trial begins with 10 frames of rest
-  tactile compare slips.npz --layout biotac --window 50  windows of 50 frames, never in two trials
+  tactile compare touches.npz --grid 8x8 --rest 10       each trial starts with 10 frames at rest
+  tactile compare slips.npz --layout biotac --window 50  windows of 50 frames
   tactile compare slips.npz --layout biotac --window 50 --hop 10 --horizon 20
-                                                         what will be 20 frames after the window
+                                                         forecast 20 frames after the window
   tactile compare BiGS --init root=DIR --trials 60       each grasp, resampled to 60 frames
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
-Each run (a model on a split) is a file in DIR/runs when it is finished. The same command goes on
-where it was stopped or killed. What is chosen where, and what the sentence means, is on the page
-docs/compare.md of the documentation.
+Each finished run (a model on a split) is a file in DIR/runs: the same command resumes an
+interrupted one. docs/compare.md explains what is selected on which part of the data, and what the
+recommendation means.
 """
 
 
@@ -80,101 +81,109 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("data", metavar="DATA", help="an npz file, a folder, or a class")
+    parser.add_argument("data", metavar="DATA", help="an npz file, a folder or a class; see above")
     parser.add_argument(
-        "--layout", metavar="NAME|FILE", help="the taxels of a file or folder of recordings"
+        "--layout",
+        metavar="LAYOUT",
+        help="positions of the taxels: a stock layout or a layout file",
     )
     parser.add_argument(
-        "--grid", metavar="ROWSxCOLS", help="the taxels are a planar array, such as 28x50"
+        "--grid", metavar="ROWSxCOLS", help="the taxels form a planar array, such as 28x50"
     )
     parser.add_argument(
         "--task",
         choices=("multiclass", "regression"),
-        help="what y of a file is (default: names and whole numbers are classes)",
+        help="kind of y (default: multiclass for names and whole numbers)",
     )
     parser.add_argument(
         "--init",
         metavar="KEY=VALUE",
         nargs="+",
         default=[],
-        help="further arguments of the data set, such as root=DIR or target=label",
+        help="arguments of the data set, such as root=DIR or target=label",
     )
-    parser.add_argument(
-        "--models", metavar="NAME,NAME", help="only these (default: all that fit the data)"
+    training = parser.add_argument_group("models and splits")
+    training.add_argument(
+        "--models", metavar="NAME,NAME", help="models to compare (default: all that fit the data)"
     )
-    parser.add_argument(
+    training.add_argument(
         "--by",
         choices=("trial", "group", "frame", "given"),
-        help="what stays together in a split (default: trial, or frame where there are no trials); "
-        "given: the parts that the data set brings",
+        help="what a split keeps together (default: trial, or frame without trials); given: the "
+        "parts of the data set",
     )
-    parser.add_argument(
-        "--folds", metavar="N", type=few, default=5, help="parts tested on in turn (default: 5)"
+    training.add_argument(
+        "--folds", metavar="N", type=few, default=5, help="number of folds (default: 5)"
     )
-    parser.add_argument(
-        "--seeds", metavar="N", type=few, default=1, help="how often folds are drawn (default: 1)"
+    training.add_argument(
+        "--seeds", metavar="N", type=few, default=1, help="random draws of the folds (default: 1)"
     )
-    parser.add_argument(
+    training.add_argument(
         "--metric",
         choices=("accuracy", "balanced_accuracy", "mae"),
-        help="what models are chosen and compared by (default: accuracy, or mae of numbers)",
+        help="metric for selection and comparison (default: accuracy, or mae for regression)",
     )
-    parser.add_argument(
-        "--epochs", metavar="N", type=positive, help="epochs of a network (default: 15 to 60)"
+    training.add_argument(
+        "--epochs", metavar="N", type=positive, help="epochs per network (default: 15 to 60)"
     )
-    parser.add_argument(
+    training.add_argument(
         "--members",
         metavar="N",
         type=positive,
         default=3,
-        help="networks of a kind that are averaged (default: 3)",
+        help="networks in each averaged ensemble (default: 3)",
     )
-    parser.add_argument(
+    cut = parser.add_argument_group("windows and rest")
+    cut.add_argument(
         "--window",
-        metavar="LENGTH",
+        metavar="N",
         type=positive,
-        help="cut windows of LENGTH frames, which follow each other in a trial; the label is that "
-        "of the last frame",
+        help="cut windows of N frames, each within one trial; their label is that of the last "
+        "frame",
     )
-    parser.add_argument(
+    cut.add_argument(
         "--hop",
         metavar="N",
         type=positive,
-        help="frames from the start of a window to that of the next (default: LENGTH, no overlap)",
+        help="frames between the starts of two windows (default: no overlap)",
     )
-    parser.add_argument(
+    cut.add_argument(
         "--horizon",
         metavar="N",
         type=positive,
-        help="the label of a window is that of the frame N frames after its last",
+        help="label each window with the frame N frames after its last (forecasting)",
     )
-    parser.add_argument(
+    cut.add_argument(
         "--trials",
-        metavar="NUM",
+        metavar="N",
         type=positive,
-        help="in place of windows: each trial is one sample, resampled to NUM frames",
+        help="instead of windows: each trial is one sample, resampled to N frames",
     )
-    parser.add_argument(
+    cut.add_argument(
         "--stride",
         metavar="N",
         type=positive,
-        help="every N-th frame of a folder of recordings (windows are cut from these)",
+        help="use every N-th frame of recordings (before windows are cut)",
     )
-    parser.add_argument(
+    cut.add_argument(
         "--rest",
         metavar="N",
         type=positive,
-        help="how many frames each trial begins at rest: their mean is subtracted from its frames",
+        help="subtract the mean of the first N frames of each trial, which are at rest",
     )
-    parser.add_argument(
-        "--out", metavar="DIR", default="comparison", help="folder (default: comparison)"
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "--out",
+        metavar="DIR",
+        default="comparison",
+        help="folder for the results (default: comparison)",
     )
-    parser.add_argument(
-        "--no-train", action="store_true", help="train nothing: the table of the finished runs"
+    output.add_argument(
+        "--no-train",
+        action="store_true",
+        help="train nothing; write the table of the finished runs",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print the results as JSON in place of a table"
-    )
+    output.add_argument("--json", action="store_true", help="print the results as JSON")
     add_workers(parser)
 
 
@@ -195,7 +204,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports.compare import write_comparison
     from torch_geometric_tactile.visualization.figure import new_figure
 
-    new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
+    new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     settings = ComparisonSettings(
         models=None if arguments.models is None else _names(arguments.models),
         by=arguments.by,
@@ -278,7 +287,7 @@ def _intention(plan: "Plan", arguments: argparse.Namespace) -> str:
     longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
     parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
     whole = _duration(sum(seconds.values()) / jobs)
-    return f"{text}; about {whole} ({parts}); Ctrl-C keeps what is finished"
+    return f"{text}; about {whole} ({parts}); Ctrl-C keeps finished runs"
 
 
 def _duration(seconds: float) -> str:

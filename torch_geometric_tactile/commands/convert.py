@@ -2,27 +2,28 @@ r"""``tactile convert``: a recording in another format."""
 
 import argparse
 
-_READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
+from torch_geometric_tactile.commands.arguments import READABLE, not_negative, positive
+
 _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl or .ndjson"
-HELP = "write a recording in another format"
+HELP = "Convert a recording to another format"
 DESCRIPTION = """\
-Reads a recording and writes it in the format of the other suffix. What that format cannot
-hold is named in a warning. `tactile convert bigs IN... OUT_DIR` brings in grasps of the
-BiGS data set and has options of its own: `tactile convert bigs --help`.
+Reads a recording and writes it in another format; the suffixes select the formats. A
+warning names anything that the new format cannot hold. `tactile convert bigs IN... OUT_DIR`
+imports grasps of the BiGS data set and has its own options: `tactile convert bigs --help`.
 """
 EXAMPLES = """\
 examples:
-  tactile convert messages.jsonl recording.h5    messages of XELA's server as HDF5
+  tactile convert messages.jsonl recording.h5    messages of XELA's server to HDF5
   tactile convert log.csv recording.npz --forces
   tactile convert glove.csv recording.h5 --tactile 'pad_.*' --joint bend_1 --joint bend_2 \\
-      --label grasp --unit count                 a CSV file with names of its own
+      --label grasp --unit count                 a CSV file with your own column names
   tactile convert numbers.csv recording.h5 --num-taxels 24 --num-joints 0
-                                                 a CSV file without names
+                                                 a CSV file without column names
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
-# What stands in the place of a file that has a suffix, with the module of its own arguments.
+# Words in place of IN that select another parser, with its module.
 KINDS = {"bigs": "convert_bigs"}
-# The arguments that are options of the readers of these names.
+# Arguments that are passed on to the reader of the format, by the same names.
 _OPTIONS = (
     "forces",
     "tactile",
@@ -47,48 +48,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("source", metavar="IN", help=f"the recording ({_READABLE})")
+    parser.add_argument("source", metavar="IN", help=f"the recording ({READABLE})")
     parser.add_argument("target", metavar="OUT", help=f"the file to write ({_WRITABLE})")
     parser.add_argument(
         "--forces",
         action="store_true",
         default=None,
-        help="forces in newtons instead of counts, from XELA files",
+        help="read forces in newtons instead of counts from XELA files",
     )
     parser.add_argument(
         "--allow-large",
         action="store_true",
         default=None,
-        help="read an npz file whose arrays are absurdly large for the size of the file",
+        help="read an npz file whose arrays unpack to far more than the size of the file",
     )
-    names = parser.add_argument_group("CSV files with names of their own")
+    names = parser.add_argument_group("CSV files with other column names")
     names.add_argument(
         "--tactile",
         action="append",
         metavar="NAME",
-        help="a column of readings, once for each in the order of the layout; or once, a regular "
-        "expression (default: all columns that are nothing else)",
+        help="a column of readings; repeat it in the order of the layout, or give one regular "
+        "expression (default: all columns without another role)",
     )
     names.add_argument(
-        "--joint", action="append", metavar="NAME", help="a column of angles, as --tactile"
+        "--joint", action="append", metavar="NAME", help="a column of joint angles; like --tactile"
     )
-    names.add_argument("--time", metavar="NAME", help="the column of the time (default: time)")
-    names.add_argument("--time-unit", metavar="UNIT", help="s, ms, us or ns")
-    names.add_argument("--label", metavar="NAME", help="the column of the label")
-    names.add_argument("--ignore", action="append", metavar="NAME", help="a column to leave out")
-    names.add_argument("--unit", metavar="UNIT", help="unit of the readings, count or newton")
-    sizes = parser.add_argument_group("CSV files without names, or whose names tell no sizes")
-    sizes.add_argument("--num-taxels", type=int, metavar="N", help="number of taxels")
-    sizes.add_argument("--num-channels", type=int, metavar="C", help="channels of a taxel")
-    sizes.add_argument("--num-joints", type=int, metavar="J", help="number of joints")
+    names.add_argument("--time", metavar="NAME", help="the time column (default: time)")
+    names.add_argument(
+        "--time-unit", metavar="UNIT", help="unit of the time column: s, ms, us or ns"
+    )
+    names.add_argument("--label", metavar="NAME", help="the label column")
+    names.add_argument("--ignore", action="append", metavar="NAME", help="a column to skip")
+    names.add_argument("--unit", metavar="UNIT", help="unit of the readings: count or newton")
+    sizes = parser.add_argument_group("CSV files without column names")
+    sizes.add_argument("--num-taxels", type=positive, metavar="N", help="number of taxels")
+    sizes.add_argument("--num-channels", type=positive, metavar="C", help="channels per taxel")
+    sizes.add_argument("--num-joints", type=not_negative, metavar="J", help="number of joints")
     sizes.add_argument(
         "--no-header",
         action="store_false",
         dest="header",
         default=None,
-        help="the first line is a frame, whatever is in it",
+        help="treat the first line as data",
     )
-    sizes.add_argument("--rate", type=float, help="frames per second, for files without time")
+    sizes.add_argument(
+        "--rate", metavar="HZ", type=float, help="frames per second, for files without time"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,33 +10,32 @@ from torch_geometric_tactile.texts import printable
 
 _SUFFIXES = (".h5", ".hdf5", ".npz")
 _UNTIMED = (
-    "tactile: warning: {} grasps do not tell when pick-up begins, and BiGS will only read them "
-    "with until=None, shake and all: state --field pickup_time=NAME or --ends-after-pickup SECONDS"
+    "tactile: warning: {} grasps have no pick-up time, and BiGS can only read them whole "
+    "(until=None): give --field pickup_time=NAME or --ends-after-pickup SECONDS"
 )
-HELP = "write grasps of the BiGS data set in the form that datasets.BiGS reads"
+HELP = "Convert grasps of the BiGS data set for datasets.BiGS"
 DESCRIPTION = """\
-Reads grasps of the BiGS data set from the files of their holder, one HDF5 or npz file a
-grasp, and writes them in the form that datasets.BiGS reads: 19 electrodes of three
-BioTac fingertips, left, middle and right, and what else there is. The original is not
-public and its format not known; so you state names, orders, units and rates, and nothing
-is guessed. docs/bigs.md goes through it step by step.
+Converts grasps of the BiGS data set, one HDF5 or npz file per grasp, to the form that
+datasets.BiGS reads: 19 electrodes on each of three BioTac fingertips (left, middle, right)
+and any other signals. The original data is not public and its format is not known, so you
+give names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
 
-Every file is tried. What was written is kept, and the exit status is 1 if one failed.
+Every file is tried. Converted files are kept, and the exit status is 1 if any file failed.
 """
 EXAMPLES = """\
-fields: electrodes, time, pressure, pac, robot_joint, finger_joint, object_pose, phase and
-slip; of one value: success, object, trial, session and pickup_time. Without --field a
-field has our name, and only electrodes, success and object must be there.
+Fields: electrodes, time, pressure, pac, robot_joint, finger_joint, object_pose, phase and
+slip; single values: success, object, trial, session and pickup_time. Only electrodes,
+success and object are required. Without --field a field is read by this name.
 
-An array in another order has it behind its name, in brackets. Axes of one dimension stand
-in brackets, the fastest last. Ours are
+Give the axis order of an array in brackets after its name; parentheses join axes that
+share one dimension, the fastest last. The default orders are
   electrodes    frame electrode finger     robot_joint   frame step joint
   pressure      frame finger               finger_joint  frame step joint
   pac           frame finger step          object_pose   frame value
-with 22 steps of PAC and 3 of joints a frame. LEFT | MIDDLE | RIGHT are three arrays.
+with 22 PAC and 3 joint steps per frame. LEFT | MIDDLE | RIGHT joins three arrays.
 
 examples:
-  tactile convert bigs grasps/ bigs/                files that have our names and orders
+  tactile convert bigs grasps/ bigs/                files with these names and orders
   tactile convert bigs grasps/*.h5 bigs/ \\
     --field 'electrodes=biotac/elec [frame (finger electrode)]' \\
     --field 'pac=biotac/pac [(frame step) finger]' \\
@@ -58,54 +57,61 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "sources", metavar="IN", nargs="+", help="files, or folders with files (.h5, .hdf5, .npz)"
     )
-    parser.add_argument("out", metavar="OUT_DIR", help="folder to write to, made if missing")
+    parser.add_argument("out", metavar="OUT_DIR", help="folder to write to")
     parser.add_argument(
-        "--npz", action="store_true", help="write npz files, which need no h5py, in place of HDF5"
+        "--npz", action="store_true", help="write npz files (no h5py needed) instead of HDF5"
     )
-    names = parser.add_argument_group("names and orders")
+    names = parser.add_argument_group("names and axis orders")
     names.add_argument(
         "--field",
         action="append",
         default=[],
         metavar="OURS=THEIRS",
-        help="the name of a field in the files, as 'electrodes=NAME' or 'electrodes=NAME [ORDER]'; "
-        "GROUP@NAME is an attribute in HDF5 files",
+        help="the name of a field in your files: 'electrodes=NAME' or 'electrodes=NAME [ORDER]'; "
+        "GROUP@NAME is an HDF5 attribute",
     )
     names.add_argument(
         "--value",
         action="append",
         default=[],
         metavar="OURS=VALUE",
-        help="a value that is the same for all files, as 'session=may'",
+        help="a value for all files, such as 'session=may'",
     )
     names.add_argument(
         "--pattern",
-        help="regular expression for the name of a file without its suffix, whose groups object, "
-        "trial, session and success are known of the grasp (default: <object>_<trial>)",
+        metavar="REGEX",
+        help="regular expression for file names without suffix, with the groups object, trial, "
+        "session or success (default: <object>_<trial>)",
     )
     names.add_argument(
         "--fingers",
         metavar="ORDER",
-        help="order of the fingers in arrays that have all three (default: 'left middle right')",
+        help="order of the fingers in arrays of all three (default: 'left middle right')",
     )
     units = parser.add_argument_group("units and rates")
-    units.add_argument("--rate", type=float, help="frames of electrodes a second (default: 100)")
+    units.add_argument(
+        "--rate", metavar="HZ", type=float, help="electrode frames per second (default: 100)"
+    )
     units.add_argument(
         "--rate-of",
         action="append",
         default=[],
-        metavar="OURS=RATE",
-        help="values a second of pac (default: 2200), robot_joint or finger_joint (300)",
+        metavar="OURS=HZ",
+        help="values per second of pac (default: 2200), robot_joint or finger_joint (300)",
     )
-    units.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="of time, pickup_time")
-    units.add_argument("--angle-unit", choices=("rad", "deg"), help="of joints (default: rad)")
-    units.add_argument("--length-unit", choices=("m", "mm"), help="of positions (default: m)")
-    units.add_argument("--quaternion", choices=("wxyz", "xyzw"), help="its order (default: wxyz)")
+    units.add_argument(
+        "--time-unit", choices=("s", "ms", "us", "ns"), help="unit of time and pickup_time"
+    )
+    units.add_argument("--angle-unit", choices=("rad", "deg"), help="unit of joints (default: rad)")
+    units.add_argument("--length-unit", choices=("m", "mm"), help="unit of positions (default: m)")
+    units.add_argument(
+        "--quaternion", choices=("wxyz", "xyzw"), help="order of quaternions (default: wxyz)"
+    )
     units.add_argument(
         "--ends-after-pickup",
         type=float,
         metavar="SECONDS",
-        help="when all files end, after pick-up begins, where they do not tell its time",
+        help="time from pick-up to the end of each file, if files have no pick-up time",
     )
 
 

@@ -6,22 +6,24 @@ import sys
 
 from torch_geometric_tactile.commands.arguments import few, positive
 
-HELP = "train and judge grasp stability models on real grasps, and write a report"
+HELP = "Train and compare grasp stability models on real grasps, and write a report"
+EXTRAS = "train,viz"
 DESCRIPTION = """\
-Trains TaxelNet with and without edges, GCN-DF, an LSTM, an SVM and a majority baseline on the
-BioTac SP stability set, on readings less the common mode of each finger, scaled by session,
-and raw. Judges each with random folds, with objects left out, with objects and a recording
-session left out, and on the official test of unseen objects (also by palm pose). Writes
-report.html, its pictures, metrics.json and the checkpoint of TaxelNet on the common mode's
-readings.
+Trains TaxelNet with and without edges, GCN-DF, an LSTM, an SVM and a majority baseline on
+the BioTac SP grasp stability set, with three preprocessings: common mode removed, scaled
+by session, and raw. Tests each with random folds, with unseen objects, with unseen objects
+of an unseen session, and on the official test set of unseen objects. Writes report.html
+with figures, metrics.json and a checkpoint of TaxelNet. Needs the extras 'train' and 'viz'.
 """
 EXAMPLES = """\
 examples:
-  tactile demo                           downloads the data, or generates some with no network
+  tactile demo                                   real data; generated data without a network
+  tactile demo --generated --seeds 1 --folds 2 --epochs 1
+                                                 a quick check of an installation
   tactile demo --root recordings --seeds 1 --epochs 3
 
-Each run (of a model, a protocol, a seed, a fold) is a file in DIR/runs when it is finished:
-the same command goes on where it was stopped. The same runs as a plain table: tactile table bts3
+Each finished run (a model, a protocol, a seed, a fold) is a file in DIR/runs: the same
+command resumes an interrupted one. The same runs as a table: tactile table bts3
 """
 
 
@@ -33,29 +35,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.add_argument(
         "--root",
+        metavar="DIR",
         default=os.environ.get("TACTILE_DATA"),
-        help="folder with the six CSV files of the set, or with a folder 'BioTacSP' or 'biotacsp' "
-        "that has them; by default $TACTILE_DATA, else they are downloaded, and with no network "
-        "the data is generated",
+        help="folder with the six CSV files of the data set, or its parent folder (default: "
+        "$TACTILE_DATA, else a download; without a network, generated data)",
     )
     parser.add_argument(
-        "--out", metavar="DIR", default="report", help="folder of the report (default: report)"
+        "--out", metavar="DIR", default="report", help="folder for the report (default: report)"
     )
     parser.add_argument(
-        "--seeds", type=few, default=3, help="trainings of every model (default: 3)"
+        "--seeds", metavar="N", type=few, default=3, help="seeds per model (default: 3)"
     )
-    parser.add_argument("--folds", type=few, default=5, help="folds, at least 2 (default: 5)")
     parser.add_argument(
-        "--epochs", type=positive, help="epochs, instead of the configurations' own"
+        "--folds", metavar="N", type=few, default=5, help="number of folds, at least 2 (default: 5)"
+    )
+    parser.add_argument(
+        "--epochs", metavar="N", type=positive, help="epochs (default: the configurations')"
     )
     parser.add_argument(
         "--jobs",
+        metavar="N",
         type=few,
         default=os.cpu_count() or 1,
-        help="processes (default: one for each core)",
+        help="runs in parallel (default: one per core)",
     )
     parser.add_argument(
-        "--generated", action="store_true", help="use generated data, whatever there is"
+        "--generated", action="store_true", help="use generated data even if the real data is there"
     )
 
 
@@ -77,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.texts import printable
     from torch_geometric_tactile.visualization.figure import new_figure
 
-    new_figure(1.0, 1.0)  # tells before a long run whether its pictures can be drawn
+    new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     start = time.perf_counter()
     settings = Settings(seeds=arguments.seeds, epochs=arguments.epochs, folds=arguments.folds)
     table = grasp_table(arguments.root, arguments.generated)

@@ -2,21 +2,19 @@ r"""``tactile export``: a predictor as one ONNX graph."""
 
 import argparse
 
-HELP = "write a checkpoint or predictor as one ONNX graph, from raw readings to probabilities"
+HELP = "Export a model with its preprocessing to one ONNX file"
 DESCRIPTION = """\
-Writes a predictor as one file in ONNX: scaling, kinematics, edge features and network in one
-graph, which runs without PyTorch. Raw readings go in, with the rest of the session and joint
-angles where they are needed; probabilities come out. The graph is compared with PyTorch
-first: if they differ by more than 1e-5, nothing is written. PREDICTOR is a checkpoint of
-'tactile fit' or a file of 'tactile predict --save'.
+Writes a model as one ONNX graph that includes scaling, kinematics, edge features and the
+network, and runs without PyTorch. Its inputs are raw readings, and, where needed, the
+reading at rest and joint angles; its outputs are probabilities. The graph is first compared
+with PyTorch: nothing is written if they differ by more than 1e-5. Needs the extra 'export'.
 """
 EXAMPLES = """\
 examples:
   tactile export grasp.predictor grasp.onnx
   tactile export last.ckpt grasp.onnx --unit count
                                                  with the unit of the readings in its metadata
-  tactile export own.predictor own.onnx --channels 3
-                                                 for a predictor that does not say its channels
+  tactile export last.ckpt grasp.onnx --tare     subtracts the reading at rest in the graph
 """
 
 
@@ -29,31 +27,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from torch_geometric_tactile.commands.arguments import add_allow, few
 
     parser.add_argument(
-        "predictor", metavar="PREDICTOR", help="a checkpoint, or a file of 'tactile predict --save'"
+        "predictor",
+        metavar="MODEL",
+        help="a checkpoint, or a predictor of 'tactile predict --save'",
     )
-    parser.add_argument("model", metavar="MODEL.onnx", help="the file to write")
+    parser.add_argument("model", metavar="FILE.onnx", help="the file to write")
     parser.add_argument(
         "--unit",
         choices=("count", "newton"),
-        help="the unit of the readings, for the metadata of the file",
+        help="unit of the readings, written to the metadata of the file",
     )
     parser.add_argument(
         "--tare",
         action="store_true",
-        help="of a predictor that was trained on readings relative to rest: the file takes raw "
-        "readings, and the rest beside them",
+        help="for a model trained on tared readings: the exported graph takes raw readings and "
+        "the reading at rest, and subtracts it",
     )
     parser.add_argument(
         "--channels",
         metavar="N",
         type=few,
-        help="channels of a taxel, for a predictor that does not say",
+        help="channels per taxel, if the predictor does not contain them",
     )
     parser.add_argument(
         "--config",
         metavar="CONFIG",
-        help="the configuration of models and transforms of your own; by default the config.yaml "
-        "that the run has beside its checkpoints",
+        help="configuration with models and transforms of your own (default: the config.yaml of "
+        "the run)",
     )
     add_allow(parser)
 
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     if not arguments.model.endswith(".onnx"):
-        raise ValueError(f"'MODEL.onnx' must be a name that ends in .onnx (got {arguments.model})")
+        raise ValueError(f"'FILE.onnx' must end in .onnx (got '{arguments.model}')")
     from torch_geometric_tactile.live.onnx_judge import OnnxModel
     from torch_geometric_tactile.predictor.export_onnx import export_onnx, require_export
     from torch_geometric_tactile.reports import run_data

@@ -3,17 +3,19 @@ r"""``tactile inspect``: a recording as text and as a picture."""
 import argparse
 from pathlib import PurePath
 
-_READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
-HELP = "describe and draw a recording"
+from torch_geometric_tactile.commands.arguments import READABLE
+
+HELP = "Summarise and plot a recording"
 DESCRIPTION = """\
-Reads an HDF5, npz, MCAP or CSV file of a recording, a log of xela_log or messages of
-XELA's server, prints frames, rate, taxels, readings, joints, dead taxels and metadata, and draws
-readings, contact and joints over time.
+Prints the number of frames, rate, taxels, range of the readings, joints, dead taxels and
+metadata of a recording, and plots readings, contact and joints over time. Reads HDF5, npz,
+MCAP and CSV files, logs of xela_log and messages of XELA's server. The plot needs the
+extra 'viz'.
 """
 EXAMPLES = """\
 examples:
-  tactile inspect grasp.h5                       the facts, and grasp_inspect.png
-  tactile inspect messages.jsonl --no-picture    only the facts
+  tactile inspect grasp.h5                       summary, and the plot grasp_inspect.png
+  tactile inspect messages.jsonl --no-picture    summary only
   tactile inspect glove.csv --out glove.png
 """
 
@@ -24,15 +26,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("file", metavar="FILE", help=f"the recording ({_READABLE})")
+    parser.add_argument("file", metavar="FILE", help=f"the recording ({READABLE})")
     picture = parser.add_mutually_exclusive_group()
     picture.add_argument(
         "--out",
-        metavar="PICTURE",
-        help="PNG file to draw; by default the name of the file with '_inspect.png', in the "
-        "current folder",
+        metavar="PNG",
+        help="file of the plot (default: NAME_inspect.png in the current folder)",
     )
-    picture.add_argument("--no-picture", action="store_true", help="print only")
+    picture.add_argument("--no-picture", action="store_true", help="print the summary only")
 
 
 def run(arguments: argparse.Namespace) -> int:

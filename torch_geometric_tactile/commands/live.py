@@ -5,31 +5,30 @@ import webbrowser
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands.arguments import seconds
+from torch_geometric_tactile.commands.arguments import SOURCE, port, seconds
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Judge, LiveSession, Status
     from torch_geometric_tactile.sensors import TaxelLayout
 
-HELP = "judge, record and show what a sensor sends now"
+HELP = "Run a model on a live sensor, and record and show it"
 DESCRIPTION = """\
-Opens a source, and tells on one quiet line how it is doing: frames a second, losses, what
-the model says and how long it took. The recorder gets every frame; the model and the viewer
-get the newest, so that they never lag. A model whose readings are tared waits until the
-sensor has been still for a second. A port or socket that is lost is opened again.
+Reads a sensor, runs a model on its frames, and shows the state on one line: frames per
+second, lost frames, the prediction and its latency. All frames are recorded; the model and
+the viewer always get the newest frame, so they never lag. A model trained on tared readings
+waits until the sensor has been still for a second (--rest). A lost port or connection is
+reopened. What was recorded is kept, however the command ends.
 
-SOURCE is serial:/dev/ttyACM0?protocol=anyskin ('tactile ports' lists them), the address of
-XELA's server (ws://host:5000), a recording (grasp.h5, replayed at its own speed) or sim: (the
-simulated hand). Keys on the terminal: t measures the rest anew, r starts and stops
-recording, q ends; Ctrl-C ends as well. What was recorded is kept, whatever ends it.
+Keys: t measures the reading at rest again, r starts and stops recording, q or Ctrl-C quits.
 """
-EXAMPLES = """\
+EXAMPLES = f"""\
+{SOURCE}
 examples:
   tactile live serial:/dev/ttyACM0?protocol=anyskin --view
   tactile live ws://127.0.0.1:5000 --model slip.onnx --record grasp.mcap
-                                                 a file of 'tactile export': needs no PyTorch
-  tactile live grasp.h5 --model grasp.predictor  a recording, as if it came now
-  tactile live sim: --view                       the simulated hand (extra 'sim')
+                                                 an exported model: needs no PyTorch
+  tactile live grasp.h5 --model grasp.predictor  a recording, replayed as if live
+  tactile live sim: --view                       the simulated hand
 """
 
 
@@ -39,50 +38,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("source", metavar="SOURCE", help="where the frames come from")
-    parser.add_argument(
+    parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
+    model = parser.add_argument_group("model")
+    model.add_argument(
         "--model",
-        metavar="PREDICTOR",
-        help="a file of 'tactile predict --save', or one of 'tactile export' (.onnx)",
+        metavar="FILE",
+        help="a predictor of 'tactile predict --save', or an .onnx file of 'tactile export'",
     )
-    parser.add_argument("--record", metavar="FILE", help="record to .mcap or .h5 from the start")
-    parser.add_argument("--label", metavar="LABEL", help="what the recording is an example of")
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace the file of --record, if there is one"
-    )
-    parser.add_argument("--view", action="store_true", help="show it on a page in the browser")
-    parser.add_argument("--port", type=int, default=0, help="of the page (default: any free one)")
-    parser.add_argument(
-        "--no-browser", action="store_true", help="tell the address of the page only"
+    recording = parser.add_argument_group("recording")
+    recording.add_argument("--record", metavar="FILE", help="record to this .mcap or .h5 file")
+    recording.add_argument("--label", metavar="LABEL", help="label of the recording")
+    recording.add_argument("--overwrite", action="store_true", help="replace an existing file")
+    page = parser.add_argument_group("page in the browser")
+    page.add_argument("--view", action="store_true", help="show the readings in the browser")
+    page.add_argument("--port", metavar="N", type=port, default=0, help="its port (default: any)")
+    page.add_argument(
+        "--no-browser", action="store_true", help="only print the address of the page"
     )
     parser.add_argument(
         "--layout",
-        metavar="NAME",
-        help="taxels of the source: a stock layout or its file (default: the source's or model's)",
+        metavar="LAYOUT",
+        help="positions of the taxels: a stock layout or a layout file (default: that of the "
+        "source or the model)",
     )
     parser.add_argument(
         "--map",
-        metavar="NAME",
-        help="from the order of the source to that of the layout: a stock map or a JSON file",
+        metavar="MAP",
+        help="reorders the taxels of the source to the layout: a stock map or a JSON file",
     )
-    parser.add_argument(
+    model.add_argument(
         "--tare",
         action="store_true",
-        help="subtract the rest from what the model gets, if it was trained on tared recordings",
+        help="subtract the reading at rest, for a model trained on tared recordings",
     )
-    parser.add_argument(
+    model.add_argument(
         "--rest",
         metavar="SECONDS",
         type=seconds,
         default=1.0,
-        help="how long the sensor must be still for its rest (default: 1)",
+        help="how long the sensor must be still to measure its reading at rest (default: 1)",
     )
-    parser.add_argument(
+    model.add_argument(
         "--policy",
         choices=("newest", "all"),
-        help="which frames are judged (default: the newest; a model of windows sees those between)",
+        help="frames that the model gets (default: newest, and all for models of windows)",
     )
-    parser.add_argument("--seconds", metavar="S", type=seconds, help="end after so long")
+    parser.add_argument("--seconds", metavar="S", type=seconds, help="stop after this time")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -95,9 +96,9 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands.status_line import StatusLine
 
     if arguments.label is not None and arguments.record is None:
-        raise ValueError("'--label' is for a recording: give '--record FILE' as well")
+        raise ValueError("'--label' must come with '--record FILE' (got no file)")
     if arguments.tare and arguments.model is None:
-        raise ValueError("'--tare' is for what the model gets: give '--model PREDICTOR' as well")
+        raise ValueError("'--tare' must come with '--model FILE' (got no model)")
     session = _session(arguments)
     with StatusLine() as line:
 
@@ -113,13 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
         with keys_heeded(keys) as heed, closing(session):
             url = session.view(port=arguments.port) if arguments.view else None
             if url is not None:
-                line.tell(f"the page is at {url}")
+                line.tell(f"page: {url}")
             if arguments.record is not None:
                 session.record(arguments.record, arguments.label, arguments.overwrite)
             session.open()
             if url is not None and not arguments.no_browser:
                 webbrowser.open(url)
-            with suppress(KeyboardInterrupt):  # the usual end of a live source
+            with suppress(KeyboardInterrupt):  # the usual way to end
                 session.run(arguments.seconds, show)
             frames = session.stream.health().frames
             path = session.stop_recording()
@@ -153,7 +154,7 @@ def _session(arguments: argparse.Namespace) -> "LiveSession":
 
 
 def _layout_of(judge: "Judge | None", arguments: argparse.Namespace) -> "TaxelLayout | None":
-    # Of the model, for what shows taxels in space; a robot without PyTorch goes without.
+    # The model's, to show taxels in space; None on a robot without PyTorch.
     if judge is None or not (arguments.view or arguments.record):
         return None
     with suppress(ImportError, OSError, ValueError):

@@ -3,14 +3,14 @@ r"""``tactile ports``: the serial ports of this machine."""
 import argparse
 import json
 
-HELP = "list the serial ports of this machine"
+HELP = "List the serial ports of this machine"
 DESCRIPTION = """\
 Lists the serial ports of this machine: path, USB vendor and product (VID:PID), serial number
-and description. A tactile sensor is read as serial:PATH?protocol=NAME.
+and description. Read a tactile sensor at one of them as serial:PATH?protocol=NAME.
 """
 EXAMPLES = """\
 examples:
-  tactile ports                                  a line a port
+  tactile ports                                  one line per port
   tactile ports --json                           for programs
 """
 
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("--json", action="store_true", help="print a JSON list")
+    parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps([asdict(port) for port in ports], indent=1))
     elif not ports:
-        print("there is no serial port on this machine")
+        print("no serial ports found")
     else:
         for port in ports:
             print(printable(port))

@@ -4,13 +4,12 @@ import argparse
 
 from torch_geometric_tactile.commands.arguments import add_allow
 
-HELP = "write the predictions of a checkpoint or predictor for recordings or a test part"
+HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
-Predicts each frame of some recordings (.h5, .hdf5, .npz, .mcap, .csv, XELA logs and messages), or,
-without recordings, each sample of the test part of the data that a checkpoint was trained
-with, and writes a CSV table: a row for each frame with the predicted class or labels and
-all probabilities; a model of windows or whole trials has a row for each of these, with its
-last frame. MODEL is a checkpoint of 'tactile fit' or a file that --save wrote.
+Predicts each frame of recordings (HDF5, npz, MCAP, CSV, XELA logs and messages) or, without
+recordings, each sample of the test part of the model's data. Writes a CSV table with one
+row per frame: the predicted class or labels and all probabilities. Models of windows or
+whole trials give one row per window or trial, with its last frame.
 """
 EXAMPLES = """\
 examples:
@@ -31,40 +30,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
     parser.add_argument(
-        "model", metavar="MODEL", help="a checkpoint of 'tactile fit', or a file of --save"
+        "model", metavar="MODEL", help="a checkpoint of 'tactile fit', or a predictor of --save"
     )
     parser.add_argument(
         "recordings",
         metavar="RECORDING",
         nargs="*",
-        help="recordings; without any, the test part of the data is predicted",
+        help="recordings (default: the test part of the data)",
     )
     parser.add_argument(
         "--out",
         metavar="CSV",
         default="predictions.csv",
-        help="the table to write (default: predictions.csv)",
+        help="table to write (default: predictions.csv)",
     )
     parser.add_argument(
         "--save",
         metavar="FILE",
-        help="write the predictor to one file that needs neither configuration nor Lightning; "
-        "predict only if there are recordings",
+        help="save the model with its preprocessing as a predictor: one file that needs neither "
+        "configuration nor Lightning; without recordings, predict nothing",
     )
     parser.add_argument(
         "--adapt",
         action="store_true",
-        help="measure each recording as a session of its own first, without labels, for models "
-        "whose readings are scaled session by session",
+        help="for models with session scaling: measure the scaling of each recording as a session "
+        "of its own, without labels",
     )
     parser.add_argument(
         "--config",
         metavar="CONFIG",
-        help="the configuration of the data, a file or a shipped one; by default the config.yaml "
-        "that the run has beside its checkpoints",
+        help="configuration of the data: a file, or the name of a shipped one (default: the "
+        "config.yaml of the run)",
     )
     parser.add_argument(
-        "--root", metavar="DIR", help="folder of the data, instead of the configuration's"
+        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
     )
     add_allow(parser)
 
@@ -79,9 +78,14 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.texts import printable
 
     if arguments.recordings and arguments.root is not None:
-        raise ValueError("'--root' is for the test part of the data: leave out the recordings")
+        raise ValueError(
+            "'--root' must be left out where recordings are given: it is for the test part"
+        )
     if arguments.adapt and not arguments.recordings:
-        raise ValueError("'--adapt' is for recordings: the sessions of a test part are measured")
+        raise ValueError(
+            "'--adapt' must be left out without recordings: the sessions of a test part are always "
+            "measured"
+        )
     predictor = run_data.open_predictor(arguments.model, arguments.config, arguments.allow)
     if arguments.save is not None:
         predictor.save(arguments.save)

@@ -1,29 +1,27 @@
 r"""``tactile record``: what a source sends, into a file."""
 
 import argparse
-import math
 from typing import TYPE_CHECKING
+
+from torch_geometric_tactile.commands.arguments import SOURCE, seconds
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Recorder
 
 _SHOWN_EVERY = 0.1
-HELP = "record what a sensor sends"
+HELP = "Record a sensor to a file"
 DESCRIPTION = """\
-Opens a source and writes every frame that it sends into FILE, until Ctrl-C, or for a number
-of seconds. .mcap is handed to the disk every quarter of a second: whatever ends the
-recording, that much is lost at most, and 'tactile replay FILE --repair OUT' makes a whole
-file of what is left. .h5 and .hdf5 keep frames only, each second.
-
-SOURCE is serial:/dev/ttyACM0?protocol=anyskin ('tactile ports' lists them), the address of
-XELA's server (ws://host:5000), a recording (grasp.h5, replayed at its own speed) or sim: (the
-simulated hand).
+Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap file is saved
+every quarter of a second, so a crash or a power cut loses at most that much; repair such a
+file with 'tactile replay FILE --repair OUT'. An .h5 file is saved every second and holds
+frames only.
 """
-EXAMPLES = """\
+EXAMPLES = f"""\
+{SOURCE}
 examples:
   tactile record serial:/dev/ttyACM0?protocol=anyskin mug.mcap --label mug
   tactile record ws://127.0.0.1:5000 grasp.mcap --layout allegro_uskin_368 --seconds 30
-                                                 with the taxels in space, for Foxglove
+                                                 with taxel positions, for Foxglove
   tactile record sim: grasp.h5
 """
 
@@ -34,36 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("source", metavar="SOURCE", help="where the frames come from")
+    parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
     parser.add_argument("file", metavar="FILE", help="the file to write (.mcap, .h5 or .hdf5)")
-    parser.add_argument("--label", metavar="LABEL", help="what the recording is an example of")
+    parser.add_argument("--label", metavar="LABEL", help="label of the recording")
     parser.add_argument(
-        "--seconds", metavar="S", type=_seconds, help="end so long after the first frame"
+        "--seconds", metavar="S", type=seconds, help="stop this long after the first frame"
     )
     parser.add_argument(
         "--layout",
-        metavar="NAME",
-        help="taxels of the source, for viewers that show them in space: a stock layout or its "
-        "file",
+        metavar="LAYOUT",
+        help="positions of the taxels, for viewers: a stock layout or a layout file",
     )
     parser.add_argument(
         "--map",
-        metavar="NAME",
-        help="from the order of the source to that of the layout: a stock map or a JSON file",
+        metavar="MAP",
+        help="reorders the taxels of the source to the layout: a stock map or a JSON file",
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace FILE, if there is one")
-
-
-def _seconds(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(
-            f"must be a positive number of seconds (got {text[:40]!r})"
-        )
-    return number
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -94,11 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
         stream.close()
         recorder.close()
     if not recorder.frames:
-        raise OSError(f"'{arguments.source}' sent no frame, and '{arguments.file}' was not made")
+        raise OSError(f"'{arguments.source}' sent no frames, so '{arguments.file}' was not written")
     counts = stream.source.counts
     print(
         f"{printable(arguments.file)}: {recorder.frames} frames in {recorder.seconds:.2f} s, "
-        f"{counts.lost} lost and {counts.corrupt} corrupt on their way"
+        f"{counts.lost} lost and {counts.corrupt} corrupt in transmission"
     )
     return 0
 

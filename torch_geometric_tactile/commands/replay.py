@@ -7,18 +7,18 @@ from typing import Any
 
 _SHOWN_EVERY = 0.1
 _PORT = 5000
-HELP = "replay a recording, repair it, or serve it as XELA's server does"
+HELP = "Replay a recording, serve it like XELA's server, or repair it"
 DESCRIPTION = """\
-Plays a recording at its own speed and tells how the stream is doing. With --serve it sends
-the frames over a WebSocket, in the messages of XELA's server, to any number of clients: a
-double of the real one for tests without a hand. With --repair it writes a whole file of what
-is left of an MCAP file that was cut or damaged, and plays nothing.
+Replays a recording at its own speed and shows the state of the stream. With --serve it sends
+the frames over a WebSocket, in the messages of XELA's server, to any number of clients, to
+test a program without a hand. With --repair it recovers the frames of a truncated or damaged
+MCAP file.
 """
 EXAMPLES = """\
 examples:
   tactile replay grasp.mcap --speed 4
   tactile replay grasp.mcap --serve ws --loop    clients connect to ws://127.0.0.1:5000
-  tactile replay grasp.h5 --serve ws:0           at any free port, which is told
+  tactile replay grasp.h5 --serve ws:0           at any free port, which is printed
   tactile replay cut.mcap --repair whole.mcap
 """
 
@@ -29,22 +29,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("file", metavar="FILE", help="the recording, of any format")
+    parser.add_argument("file", metavar="FILE", help="the recording, in any format")
     parser.add_argument(
         "--speed",
         metavar="X",
         type=_speed,
         default=1.0,
-        help="how many times as fast as it was recorded (default: 1)",
+        help="speed factor (default: 1)",
     )
-    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    parser.add_argument("--loop", action="store_true", help="start again at the end")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--repair", metavar="OUT", help="write a whole MCAP file, and play nothing")
+    what.add_argument("--repair", metavar="OUT", help="write a repaired MCAP file; replay nothing")
     what.add_argument(
         "--serve",
         metavar="ws[:PORT]",
         type=_port,
-        help=f"send it as XELA's server does, at this port of 127.0.0.1 (default: {_PORT})",
+        help=f"act as XELA's server at this port of 127.0.0.1 (default: {_PORT})",
     )
 
 
@@ -54,7 +54,7 @@ def _speed(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0 < number <= 1000:
-        raise argparse.ArgumentTypeError(f"must be a number up to 1000 (got {text[:40]!r})")
+        raise argparse.ArgumentTypeError(f"must be above 0 and up to 1000 (got {text[:40]!r})")
     return number
 
 
@@ -95,7 +95,7 @@ def _play(arguments: argparse.Namespace) -> str:
             with stream:
                 _show_until(lambda: stream.state == "ended", lambda: line.show(_state(stream)))
         except KeyboardInterrupt:
-            pass  # how a loop is ended
+            pass  # the usual end of a loop
     if stream.error is not None:
         raise stream.error
     return f"replayed {stream.health().frames} frames"
@@ -107,8 +107,8 @@ def _serve(arguments: argparse.Namespace) -> str:
 
     server = ReplayServer(arguments.file, arguments.serve, arguments.speed, arguments.loop)
     with StatusLine() as line, server:
-        line.tell(f"serving {server.url}, from the first client on; Ctrl-C ends it")
-        with suppress(KeyboardInterrupt):  # how a server is ended
+        line.tell(f"serving {server.url}; starts with the first client, Ctrl-C quits")
+        with suppress(KeyboardInterrupt):  # the usual end of a server
             _show_until(
                 lambda: server.wait(0),
                 lambda: line.show(f"{server.clients} clients, {server.sent} messages sent"),

@@ -3,7 +3,7 @@ r"""``tactile simulate``: grasps of a simulated hand, and presses of letters."""
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import few, not_negative, seconds
+from torch_geometric_tactile.commands.arguments import few, not_negative, trial_seconds
 
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
@@ -14,7 +14,7 @@ _PRESETS = ("full", "ci")
 _SPREADS = ("careful", "wide")
 _MOTIONS = ("lift", "squeeze")
 
-# What only the Allegro hand has, and with other --objects has to stay as it is.
+# Options of the Allegro hand only, with their defaults.
 _OF_THE_HAND = {
     "num_objects": None,
     "hand": None,
@@ -26,22 +26,25 @@ _OF_THE_HAND = {
     "max_attempts": 10,
 }
 
-# What the number of other objects is called.
+# The option that counts the samples of the other simulations.
 _NUMBERS = {_BIGS: "grasps", _LETTERS: "presses"}
 
-HELP = (
-    "simulate grasps with an Allegro hand of 384 taxels or three fingertips, or letters pressed on "
-    "an array"
-)
+HELP = "Simulate grasps of a tactile hand, or letters pressed on an array"
 DESCRIPTION = """\
-Simulates an Allegro hand covered with 384 magnetic taxels that grasps, lifts and holds
-(or, with --motion squeeze, squeezes) objects of different mass, softness and friction, and
-writes one HDF5 recording a trial: readings, joint angles, the object's properties and, apart,
-the true forces and poses.
-With --objects bigs, three BioTac-like fingertips grasp, lift and shake a cylinder, a box or
-a ball instead, and failed grasps are kept, as in the BiGS set. Both need the extra 'sim'.
-With --objects letters, stamps of the letters A to Z are pressed on an array of 32 x 32 pixels,
-and each letter gets a folder of .npy files in kPa, which the data set LetterShape reads.
+Simulates an Allegro hand with 384 magnetic taxels that grasps, lifts and holds objects of
+different mass, stiffness and friction. Writes one HDF5 recording per trial: readings, joint
+angles, properties of the object and, separately, the true forces and poses. All objects but
+letters need the extra 'sim'.
+
+objects:
+  paper8     eight shapes: all combinations of light or heavy, hard or soft, slippery or not
+  control8   the same combinations in one shape and size
+  twenty     five shapes in four sizes
+  shapes     spheres, cylinders, boxes and ellipsoids of random size, mass and friction
+  bigs       a cylinder, a box and a ball, lifted and shaken by three BioTac-like fingertips;
+             failed grasps are kept, as in the BiGS data set
+  letters    stamps of A to Z pressed on an array of 32 x 32 pixels; a folder of .npy files
+             in kPa per letter, which the data set LetterShape reads
 """
 EXAMPLES = """\
 examples:
@@ -49,26 +52,26 @@ examples:
   tactile simulate --out small --preset ci --preview     24 short and coarse trials in a minute
   tactile simulate --out control --objects control8      objects of one shape and size
   tactile simulate --out wide --objects shapes --num-objects 40 --trials 10 \\
-    --spread wide --seconds 5                            400 short trials that differ widely
+    --spread wide --seconds 5                            400 short, varied trials
   tactile simulate --out twenty --objects twenty --motion squeeze --trials 30 \\
     --spread wide --seconds 10                           600 trials of twenty objects, squeezed
-                                                         and not lifted
+                                                         in place
   tactile simulate --out bigs --objects bigs             2000 grasps that hold or slip, 6 s each:
                                                          375 MB, ten minutes on two cores
   tactile simulate --out few --objects bigs --grasps 40 --preview
-                                                         the first 40 of them, and a picture
+                                                         the first 40 of them, and a plot
   tactile simulate --out letters --objects letters --preview
                                                          13000 presses, 500 of each letter: 53 MB,
-                                                         a minute on two cores, and a picture
+                                                         a minute on two cores, and a plot
   tactile simulate --out some --objects letters --presses 20 --seed 1
                                                          520 others
   tactile simulate --out hexagonal --objects letters --layout hexagonal.json
-                                                         the same letters on another array, a file
-                                                         of TaxelLayout.save
+                                                         the same letters on another array
 
-Finished trials are kept: the same command goes on where a run was stopped, and with
---preview draws the pictures of a finished one. The same seed gives the same recordings,
-whatever --jobs is. Masses, frictions, the skin and the array are plausible, not measured.
+Finished trials are kept: the same command resumes an interrupted run, or adds --preview to a
+finished one. The same seed gives the same recordings for any --jobs. A larger number of grasps
+or presses starts with the same ones. Masses, frictions, skin and array are plausible, not
+measured.
 """
 
 
@@ -78,103 +81,100 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument(
-        "--out", metavar="DIR", required=True, help="folder of the recordings, made if missing"
-    )
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder for the recordings")
     parser.add_argument(
         "--objects",
         choices=(*_OBJECT_SETS, _BIGS, _LETTERS),
         default="paper8",
-        help="which objects: eight of different shapes, every combination of light or heavy, hard "
-        "or soft, slippery or not (paper8, the default); the same combinations in one shape and "
-        "size (control8); five shapes in four sizes (twenty); spheres, cylinders, boxes and "
-        "ellipsoids with drawn sizes, masses and frictions (shapes); a cylinder, a box and a ball "
-        "for three fingertips (bigs); letters pressed on an array (letters)",
+        help="what is grasped (default: paper8; see above)",
     )
-    parser.add_argument(
+    hand = parser.add_argument_group("Allegro hand")
+    hand.add_argument(
         "--num-objects",
         metavar="N",
         type=few,
-        help="how many objects of shapes are drawn (default: 40); --seed decides which",
+        help="objects drawn at random, with --objects shapes (default: 40)",
     )
-    parser.add_argument(
+    hand.add_argument(
         "--hand",
         choices=_HANDS,
-        help="384 taxels, or 240 with none on the palm (default: the second for the objects "
-        "twenty, else the first)",
+        help="a hand of 384 taxels, or of 240 with a bare palm (default: allegro_uskin_240 with "
+        "--objects twenty, else allegro_uskin)",
     )
-    parser.add_argument(
+    hand.add_argument(
         "--trials",
         metavar="N",
         type=few,
-        help="trials of each object (default: 10, or 3 with the preset ci)",
+        help="trials per object (default: 10, or 3 with --preset ci)",
     )
-    parser.add_argument(
+    other = parser.add_argument_group("three fingertips and letters")
+    other.add_argument(
         "--grasps",
         metavar="N",
         type=few,
-        help="grasps of bigs in all, half of them of the cylinder, a quarter each of box and ball "
-        "(default: 2000); more of them begin with the same",
+        help="with --objects bigs: number of grasps, half with the cylinder, a quarter each with "
+        "box and ball (default: 2000)",
     )
-    parser.add_argument(
+    other.add_argument(
         "--presses",
         metavar="N",
         type=few,
-        help="presses of each of the letters (default: 500); more of them begin with the same",
+        help="with --objects letters: presses per letter (default: 500)",
     )
-    parser.add_argument(
+    other.add_argument(
         "--layout",
         metavar="FILE",
-        help="the taxels that letters are pressed on: a layout file, such as that of "
-        "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32, 1.25 mm "
-        "apart)",
+        help="with --objects letters: layout file of the array, such as that of "
+        "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
+        "1.25 mm apart)",
     )
     parser.add_argument(
-        "--seed", type=not_negative, default=0, help="decides all randomness (default: 0)"
+        "--seed",
+        metavar="N",
+        type=not_negative,
+        default=0,
+        help="seed (default: 0)",
     )
     parser.add_argument("--jobs", metavar="N", type=few, default=2, help="processes (default: 2)")
-    parser.add_argument(
+    hand.add_argument(
         "--preset",
         choices=_PRESETS,
         default="full",
-        help="trials of 17 s with 100 frames a second (full, the default), or of 5 s with 50, "
-        "coarser and about ten times as fast (ci)",
+        help="full: trials of 17 s at 100 Hz; ci: 5 s at 50 Hz, coarser and about ten times faster "
+        "to simulate (default: full)",
     )
-    parser.add_argument(
+    hand.add_argument(
         "--seconds",
         metavar="S",
-        type=seconds,
-        help="length of a trial, from 1 on (default: the preset's)",
+        type=trial_seconds,
+        help="length of a trial, 1 to 3600 (default: the preset's)",
     )
-    parser.add_argument(
+    hand.add_argument(
         "--spread",
         choices=_SPREADS,
         default="careful",
-        help="how much the grasps differ in place, turn and posture: an operator who takes care "
-        "(careful, the default), or up to twice as much, and now and then a finger that hardly "
-        "closes (wide)",
+        help="variation of the grasps in position, rotation and posture; wide: up to twice that of "
+        "careful, and now and then a finger that hardly closes (default: careful)",
     )
-    parser.add_argument(
+    hand.add_argument(
         "--motion",
         choices=_MOTIONS,
         default="lift",
-        help="what the hand does: lift and hold the object (lift, the default), or squeeze it "
-        "three to five times where it is (squeeze)",
+        help="lift: lift and hold the object; squeeze: squeeze it three to five times in place "
+        "(default: lift)",
     )
-    parser.add_argument(
+    hand.add_argument(
         "--max-attempts",
         metavar="N",
         type=few,
         default=10,
-        help="grasps tried until the object is lifted and held, or squeezed, before a trial is "
-        "given up (default: 10)",
+        help="grasps to try before a trial is given up (default: 10)",
     )
     parser.add_argument(
         "--preview",
         action="store_true",
-        help="draw the first trial of the first object to DIR/preview: preview_film.png and "
-        "preview_forces.png; of bigs a success and a failure: preview_grasps.png; of letters the "
-        "first press of each, to DIR/preview_letters.png",
+        help="plot the first trial to DIR/preview; of bigs a success and a failure, of letters the "
+        "first press of each",
     )
 
 

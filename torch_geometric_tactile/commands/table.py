@@ -5,7 +5,7 @@ import sys
 
 from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
 
-# The names in `experiments`, which is too heavy to import for them.
+# As in `experiments`, which is too slow to import for its names.
 TABLES = (
     *("p1-table2", "p1-table3", "p2-table2", "p2-table4", "p3", "p3-k", "p4"),
     *("p5", "p5-digits", "p5-arrays", "bts3"),
@@ -19,56 +19,57 @@ _HEADERS = {
     "memory": "memory (MB)",
 }
 
-HELP = "train the models of a table, and write it beside the published numbers"
+HELP = "Reproduce a table of a paper, beside its published numbers"
+EXTRAS = "train,viz"
 DESCRIPTION = """\
-Trains and tests the models of a table and writes DIR/NAME.md, NAME.csv and NAME.png. The tables
-of P1 and P2 are on recordings of an Allegro hand with 384 taxels, held out by trial and by frame,
-those of P3 on grasps of three fingers with 19 electrodes each, that of P4 on an Allegro hand with
-240 taxels that squeezes, that of P5 on letters pressed on an array, beside the published numbers.
-Needs the extras 'train' and 'viz', and 'baselines' for p5.
+Trains and tests all models of a table and writes DIR/NAME.md, NAME.csv and NAME.png with the
+published numbers beside ours. P1 and P2 use recordings of an Allegro hand with 384 taxels, P3
+grasps of three fingers with 19 electrodes each, P4 an Allegro hand with 240 taxels that squeezes
+objects, and P5 letters pressed on an array. Needs the extras 'train' and 'viz', and 'baselines'
+for p5.
 
 tables:
-  p1-table2   object properties by inputs: 36 GCNs, CNNs and FNNs, with and without joint angles
-  p1-table3   object properties by adjacency: the best of them on four graphs
-  p2-table2   objects by segmentation of the hand: 18 GCNs (and their ROC values, Table III)
-  p2-table4   memory that training these 18 takes
-  p3          grasp stability over time: SVM, LSTM and GCN on one or three fingers, beside ours
-  p3-k        the GCNs of three fingers by the number of neighbours in their graph
-  p4          twenty objects by the MS-CNN's seven patterns, with one force or three, filters shared
-              or not, beside an FNN and ours
-  p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT and SURF, beside ours
-  p5-digits   the same on real images of that size: the handwritten digits of scikit-learn
-  p5-arrays   letters on arrays of any layout, such as hexagonal or thinned ones: graphs beside CNNs
-  bts3        grasp stability on real grasps: what 'tactile demo' reports
-  FILE.yaml   your own, on any data set (see the page on experiments in the documentation)
+  p1-table2   object properties: 36 GCNs, CNNs and FNNs, with and without joint angles
+  p1-table3   object properties: the best of these on four adjacency graphs
+  p2-table2   objects: 18 GCNs by segmentation of the hand (with their AUC, Table III)
+  p2-table4   training memory of these 18
+  p3          grasp stability over time: SVM, LSTM, GCN on one or three fingers, and our models
+  p3-k        the GCNs of three fingers by number of neighbours in the graph
+  p4          twenty objects: seven patterns of the MS-CNN, with one or three force components and
+              shared or separate filters, an FNN and our models
+  p5          letters pressed on an array: CNN, BMF-CNN, fused layers, SIFT, SURF and our models
+  p5-digits   the same on real images: the handwritten digits of scikit-learn
+  p5-arrays   letters on arrays of any layout, such as hexagonal or thinned: graph models and CNNs
+  bts3        grasp stability on real grasps: the runs of 'tactile demo'
+  FILE.yaml   your own table, on any data set (see docs/experiments.md)
 """
 EXAMPLES = """\
 examples:
-  tactile simulate --out sim --jobs 2                    recordings to train on, if you have none
+  tactile simulate --out sim --jobs 2                    makes recordings, if you have none
   tactile table p2-table2 --list                         the experiments and the published numbers
   tactile table p2-table2 --root sim --stride 200 --epochs 1 --seeds 1
                                                          a first look, in minutes
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --jobs 2
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
-                                                         only some models; the table has the rest
-                                                         where it was trained before
-  tactile table p1-table2 --root mine --tare 0.5         recordings without a phase 'hover', at rest
-                                                         in the first half second of each trial
-  tactile simulate --objects bigs --out bigs --jobs 2    grasps for P3, if you have none
+                                                         only some models; earlier runs
+                                                         of the others stay in the table
+  tactile table p1-table2 --root mine --tare 0.5         your recordings: the first half second
+                                                         of each trial is at rest
+  tactile simulate --objects bigs --out bigs --jobs 2    makes grasps for P3
   tactile table p3 --root bigs --seeds 1 --protocols random
                                                          the paper's protocol, once
   tactile simulate --objects twenty --motion squeeze --trials 30 --spread wide --seconds 10 \\
-    --preset ci --max-attempts 40 --out twenty --jobs 2  squeezes for P4, if you have none
+    --preset ci --max-attempts 40 --out twenty --jobs 2  makes squeezes for P4
   tactile table p4 --root twenty --seeds 1 --epochs 20   a first look at all seven patterns
   tactile simulate --objects letters --presses 100 --out letters --jobs 2
   tactile table p5 --root letters --epochs 20 --protocols press --jobs 2
-                                                         letters with whole presses held out
+                                                         tests on unseen presses
   tactile table p1-table2 --root sim --stride 20 --backend dask --scheduler tcp://host:8786
 
-Each run (a model, a seed, a protocol) is a file in DIR/runs when it is finished. The same command
-goes on where it was stopped or killed. Tables of one DIR share their runs. Nothing is chosen by
-the test part: the number of epochs is fixed, and the model is tested once, at the end.
-One experiment alone: tactile fit --config p1_table2/mt_gcn_te_joint
+Each finished run (a model, a seed, a protocol) is a file in DIR/runs: the same command resumes
+an interrupted one, and tables with the same DIR share their runs. Nothing is selected on the test
+part: the number of epochs is fixed, and each model is tested once, at the end.
+A single experiment: tactile fit --config p1_table2/mt_gcn_te_joint
 """
 
 
@@ -82,73 +83,79 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name",
         metavar="TABLE",
         type=_table_name,
-        help=f"{', '.join(TABLES)}, or a file of your own that ends with .yaml",
+        help=f"{', '.join(TABLES)}, or a .yaml file of your own",
     )
     parser.add_argument(
-        "--list", action="store_true", help="print the experiments with their published numbers"
+        "--list",
+        action="store_true",
+        help="print the experiments and their published numbers; train nothing",
     )
-    parser.add_argument(
+    data = parser.add_argument_group("data")
+    data.add_argument(
         "--root",
         metavar="DIR",
-        help="folder of the data; by default $TACTILE_DATA with the name of the data set, such as "
-        "AllegroUSkin, or a folder in the user's cache",
+        help="folder of the data (default: $TACTILE_DATA/NAME, such as AllegroUSkin, or a folder "
+        "in the user's cache)",
     )
     parser.add_argument(
-        "--out", metavar="DIR", default="tables", help="folder of table and runs (default: tables)"
+        "--out", metavar="DIR", default="tables", help="folder for table and runs (default: tables)"
     )
-    parser.add_argument(
+    training = parser.add_argument_group("runs")
+    training.add_argument(
         "--seeds",
         metavar="N",
         type=few,
-        help="runs of each experiment; a seed decides split and training (default: the table's, 5 "
-        "for those of P1, P2 and P4, 10 for those of P3, 1 for p5 and p5-digits, 2 for p5-arrays, "
-        "3 for bts3)",
+        help="seeds per experiment, each with its own split (default: 5 for P1, P2 and P4, 10 for "
+        "P3, 1 for p5 and p5-digits, 2 for p5-arrays, 3 for bts3)",
     )
-    parser.add_argument(
+    training.add_argument(
         "--epochs",
         metavar="N",
         type=positive,
-        help="epochs, instead of those of the configurations",
+        help="epochs (default: the configurations')",
     )
-    parser.add_argument(
+    data.add_argument(
         "--stride",
         metavar="N",
         type=positive,
         help="use every N-th frame of each trial (default: all)",
     )
-    parser.add_argument(
+    data.add_argument(
         "--phases",
         metavar="PHASE",
         nargs="+",
-        help="use only frames in these phases of the grasp, such as: squeeze lift hold",
+        help="use only these phases of the grasp, such as: squeeze lift hold",
     )
-    parser.add_argument(
+    data.add_argument(
         "--tare",
         metavar="REST",
         type=rest,
         default=_OF_TABLE,
-        help="the frames at rest of each trial, whose mean is subtracted from its readings: a "
-        "phase, seconds at the beginning of a trial, or none (default: the table's; those of the "
-        "papers: hover)",
+        help="frames at rest, whose mean is subtracted from each trial: a phase, the first seconds "
+        "of the trial, or none (default: the table's; hover for the papers')",
     )
-    parser.add_argument(
+    training.add_argument(
         "--protocols",
         "--split-by",
         metavar="PROTOCOL",
         nargs="+",
-        help="what is held out, of what the table names, as --list prints: for P1 and P2 whole "
-        "trials (trial) or random frames of all trials (frame); for P3 random grasps (random), "
-        "grasps of each object (grasp), an object (object) or sessions (session) (default: all, "
-        "one after the other, never mixed)",
+        help="how the test part is held out; --list prints the choices. P1 and P2: whole trials "
+        "(trial) or random frames (frame); P3: random grasps (random), grasps of each object "
+        "(grasp), an object (object) or sessions (session) (default: all, reported separately)",
     )
-    parser.add_argument(
-        "--folds", metavar="N", type=few, help="folds of protocols that have some, at least 2"
+    training.add_argument(
+        "--folds",
+        metavar="N",
+        type=few,
+        help="number of folds of cross-validation protocols, at least 2",
     )
-    parser.add_argument(
-        "--only", metavar="GLOB", nargs="+", help="train only experiments with such names"
+    training.add_argument(
+        "--only", metavar="GLOB", nargs="+", help="train only the experiments with matching names"
     )
-    parser.add_argument(
-        "--no-train", action="store_true", help="train nothing: the table of the finished runs"
+    training.add_argument(
+        "--no-train",
+        action="store_true",
+        help="train nothing; write the table of the finished runs",
     )
     add_workers(parser)
 
@@ -178,7 +185,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.texts import printable
     from torch_geometric_tactile.visualization.figure import new_figure
 
-    new_figure(1.0, 1.0)  # tells before a long run whether its picture can be drawn
+    new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     table = load_table(arguments.name)
     table.select(arguments.only)  # a wrong pattern is found before the data is read
     workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
@@ -211,7 +218,7 @@ def run(arguments: argparse.Namespace) -> int:
                 on_progress=show,
             )
     except KeyboardInterrupt as stop:
-        more = ", and with --no-train it writes the table of those" if str(stop) else ""
+        more = "; --no-train writes the table of those" if str(stop) else ""
         raise KeyboardInterrupt(f"{stop}{more}") from None
     paths = write_table(finished, arguments.out)
     print(printable(finished.describe()), flush=True)
@@ -245,5 +252,5 @@ def _listed(name: str) -> str:
     text = f"{table.title}\n{len(rows)} experiments{published}:\n\n{tabulate(rows, headers)}\n\n"
     text += f"Held out: {protocols}"
     alone = next((cell.config for cell in table.cells if cell.config is not None), None)
-    text = text if alone is None else f"{text}\nOne of them alone: tactile fit --config {alone}"
+    text = text if alone is None else f"{text}\nA single one: tactile fit --config {alone}"
     return "\n".join(map(printable, text.split("\n")))

@@ -5,26 +5,25 @@ import re
 import time
 from typing import TYPE_CHECKING, Any
 
+from torch_geometric_tactile.commands.arguments import SOURCE, port
+
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Source, Stream, Viewer
 
-HELP = "show a source or a recording on a page in the browser"
+HELP = "Show a sensor or a recording in the browser"
 DESCRIPTION = """\
-Shows what a sensor reads, relative to its rest: pressure as colour and shear as arrows, on the
-hand in the pose of its joints, or on a flat layout. A recording is played again and again at
-its own speed. Judging and recording are those of 'tactile live --view'.
-
-SOURCE is serial:/dev/ttyACM0?protocol=anyskin ('tactile ports' lists them), the address of
-XELA's server (ws://host:5000), a recording (grasp.h5, or file:grasp.h5?speed=0.5) or sim: (the
-simulated hand). The first second counts as rest; the button of the page, or its key T, measures
-it anew. Ctrl-C ends.
+Shows the readings of a sensor relative to its rest: pressure as colour and shear as arrows,
+on the posed hand or on a flat layout. A recording is repeated at its own speed. The first
+second counts as rest; the button of the page, or its key T, measures it again. To run a
+model or record as well, use 'tactile live --view'. Ctrl-C quits.
 """
-EXAMPLES = """\
+EXAMPLES = f"""\
+{SOURCE}
 examples:
   tactile view grasp.h5
   tactile view ws://127.0.0.1:5000 --layout allegro_uskin
   tactile view 'serial:/dev/ttyUSB0?protocol=text&shape=12x32' --layout 12x32
-  tactile view sim: --port 8000 --no-browser     on a robot; then, where the browser is,
+  tactile view sim: --port 8000 --no-browser     on a robot; on the machine with the browser:
                                                  ssh -L 8000:127.0.0.1:8000 ROBOT
 """
 
@@ -35,18 +34,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("source", metavar="SOURCE", help="a source, or the file of a recording")
+    parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
     parser.add_argument(
         "--layout",
         metavar="LAYOUT",
-        help="where the taxels are: a stock layout, a layout file, or the rows and columns of a "
-        "grid, such as 16x16 (default: the one that the source names, else a grid by number)",
+        help="positions of the taxels: a stock layout, a layout file, or the rows and columns of a "
+        "grid, such as 16x16 (default: that of the source, else a grid in order of the taxels)",
     )
     parser.add_argument(
-        "--port", type=_port, default=0, help="port of the page (default: any free one)"
+        "--port", metavar="N", type=port, default=0, help="port of the page (default: any free one)"
     )
     parser.add_argument(
-        "--no-browser", action="store_true", help="only tell the address of the page"
+        "--no-browser", action="store_true", help="only print the address of the page"
     )
 
 
@@ -62,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     stream = Stream(_source(arguments.source))
     try:
         with stream, Viewer(stream, layout, port=arguments.port) as viewer:
-            print(f"{viewer.url}  (Ctrl-C ends)", flush=True)
+            print(f"{viewer.url}  (Ctrl-C quits)", flush=True)
             if not arguments.no_browser:
                 import webbrowser
 
@@ -111,9 +110,3 @@ def _layout(text: str) -> Any:
     if size is None:
         return as_layout(text)
     return grid(int(size[1]), int(size[2]), pitch=0.005)
-
-
-def _port(text: str) -> int:
-    if not re.fullmatch(r"[0-9]{1,5}", text) or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text[:40]!r})")
-    return int(text)

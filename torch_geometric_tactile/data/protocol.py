@@ -16,6 +16,7 @@ from torch_geometric_tactile.data.sample_classes import Classes, Samples, column
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 from torch_geometric_tactile.data.unit_draws import Folds, Fractions
 
+#: What a split keeps together.
 Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
 _UNITS = ("frame", "trial", "group", "session", "placement", "size")
 _TRAIN, _VAL, _TEST, _NONE = range(4)

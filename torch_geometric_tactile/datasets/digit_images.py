@@ -40,7 +40,7 @@ _SHA256 = {
 class DigitImages(ImageDataset):
     r"""Handwritten digits as images of 32 x 32 pixels on the array of
     :class:`~torch_geometric_tactile.datasets.LetterShape`: real data of the same shape for the same
-    models. They are ink, no touch.
+    models. They are ink, not touch.
 
     * :obj:`"sklearn"`: the 1,797 images of 8 x 8 pixels that come with scikit-learn
       (:func:`sklearn.datasets.load_digits`, the test part of UCI's "Optical Recognition of

@@ -250,12 +250,12 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     root = Path(innermost(dataset).root)
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
-        return f"**Simulated**, never a real sensor's result: {held}."
+        return f"**Simulated**, not a result of a real sensor: {held}."
     try:
         simulation = read_json(found[0])
         made = _made(simulation)
         sensor = "array" if simulation.get("generator") == "letters" else "hand"
-        said = f"**Simulated**, never a real {sensor}'s result: {held}"
+        said = f"**Simulated**, not a result of a real {sensor}: {held}"
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "

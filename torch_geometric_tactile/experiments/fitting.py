@@ -1,7 +1,6 @@
 r"""Training a classifier quietly, and how long it takes."""
 
 import copy
-import logging
 import math
 import time
 import warnings
@@ -19,6 +18,7 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+from torch_geometric_tactile.training.quiet import quiet_lightning
 
 _NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
 _PLAIN = {"accelerator", "limit_val_batches"}
@@ -112,12 +112,6 @@ class Clock(L.Callback):
 @contextmanager
 def _quiet() -> Iterator[None]:
     # Lightning explains itself at every start: hundreds of trainings would drown in it.
-    logger = logging.getLogger("lightning.pytorch")
-    level = logger.level
-    with warnings.catch_warnings():
+    with quiet_lightning(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        logger.setLevel(logging.ERROR)
-        try:
-            yield
-        finally:
-            logger.setLevel(level)
+        yield

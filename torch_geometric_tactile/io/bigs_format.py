@@ -67,6 +67,15 @@ class BiGSFormat:
 
     Raises:
         ValueError: If a name, an order, a unit or a rate is unknown or impossible.
+
+    Examples:
+        >>> layout = BiGSFormat(
+        ...     {"electrodes": "biotac/elec [frame (finger electrode)]", "time": "stamp"},
+        ...     pattern=r"(?P<object>\w+)_(?P<trial>\d+)",
+        ...     time_unit="ms",
+        ... )
+        >>> layout.fields["time"]
+        'stamp'
     """
 
     fields: Mapping[str, str] = field(default_factory=dict)

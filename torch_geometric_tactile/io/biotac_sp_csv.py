@@ -43,6 +43,17 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         ValueError: If a column is missing or named twice, a line is empty or has no end (a file
             that was cut), or a cell is missing, not a number, not finite, or no 0/1 label. The
             message names file, line and column. Also if the file is no text.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> names = [f"{finger}_biotac_{i}" for finger in ("ff", "mf", "th") for i in range(1, 25)]
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasps.csv"
+        ...     _ = path.write_text(f"object,slipped,{','.join(names)}\ncup,1{',1000' * 72}\n")
+        ...     table = read_biotac_sp_csv(path)
+        >>> table.reading.shape, table.slipped.tolist(), table.object_names
+        ((1, 24, 3), [1], ['cup'])
     """
     path = Path(path)
     if not path.is_file():

@@ -34,6 +34,16 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
         ValueError: If a column is missing, unknown or named twice, a line is empty or has no end (a
             file that was cut), or a cell is missing, not a number or not finite. The message names
             file, line and column. Also if the file is no text.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> head = ",".join(f"ff_e{i}" for i in range(1, 25))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "task.csv"
+        ...     _ = path.write_text(f"{head}\n" + 2 * f"3000{',3001' * 23}\n")
+        ...     read_biotac_sp_dos_csv(path)
+        Recording(num_frames=2, num_taxels=24, num_channels=1, rate=100)
     """
     path = Path(path)
     if not path.is_file():

@@ -51,7 +51,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     Raises:
         ValueError: If the file is no text, has no line or a single column whose cells are separated
             by something else than commas, a line is empty, such that a frame may be missing, a
-            cell has a line break, or the last line has no end, as in a file that was cut.
+            cell has a line break, or the file has no final newline, as a truncated one.
     """
     with path.open("rb") as file:
         if file.seek(0, 2):
@@ -87,8 +87,8 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise ValueError(f"'{path}' must hold at least one frame (got no line)")
     if not whole:
         raise ValueError(
-            f"'{path}', line {last} must end with a line break: is the file cut? Delete the line, "
-            "or add the line break if you know that the line is whole"
+            f"'{path}', line {last} must end with a line break: is the file truncated? Delete the "
+            "line, or add the line break if you know that the line is complete"
         )
 
 
@@ -107,7 +107,7 @@ def check_width(path: Path, line: int, row: Sequence[str], width: int) -> None:
     if len(row) != width:
         raise ValueError(
             f"'{path}', line {line} must have {width} cells (got {len(row)}): is the file "
-            "cut, or are the cells not separated by commas?"
+            "truncated, or are the cells not separated by commas?"
         )
 
 

@@ -16,6 +16,13 @@ class DecoderCounts:
         corrupt (int): Packets that were found and failed their check.
         skipped (int): Bytes that belong to no frame.
         lost (int): Frames that the numbers or times of the others say are missing.
+
+    Examples:
+        >>> from torch_geometric_tactile.io import decoder_of
+        >>> decoder = decoder_of("text", shape="1x3")
+        >>> frames = decoder.feed(b"\r\n1 2 3 \r\n\r\n1 2 x \r\n\r\n", now=0)
+        >>> decoder.counts.good, decoder.counts.corrupt
+        (1, 1)
     """
 
     good: int = 0

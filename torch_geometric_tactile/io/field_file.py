@@ -50,8 +50,8 @@ def read_fields(path: Path, wanted: Iterable[str]) -> Fields:
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If h5py is missing for an HDF5 file.
-        ValueError: If the file is neither, cut or damaged, or an array refers to other files, is of
-            no numbers, truth values or texts, or larger than the file bears out. The message
+        ValueError: If the file is neither, truncated or damaged, or an array refers to other files,
+            is of no numbers, truth values or texts, or larger than the file bears out. The message
             names the file.
     """
     if not path.is_file():
@@ -130,7 +130,8 @@ def _dataset(path: Path, dataset: Any, name: str, left: int) -> np.ndarray:
     if not written and math.prod(dataset.shape):
         raise ValueError(
             f"'{path}' must hold all of '{name}', of shape {dataset.shape} (got "
-            f"{dataset.id.get_storage_size()} bytes): is the file cut? Copy or record it again"
+            f"{dataset.id.get_storage_size()} bytes): is the file truncated? Copy or record it "
+            "again"
         )
     if is_text and dataset.ndim:
         return read_rows(dataset, len(dataset), left)

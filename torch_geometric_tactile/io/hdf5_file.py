@@ -70,8 +70,8 @@ def _errors_of_reading(path: Path) -> Iterator[None]:
         if ours or isinstance(error, PermissionError):
             raise
         raise ValueError(
-            f"'{path}' cannot be read as HDF5, is it cut or damaged? {error}; copy or record it "
-            "again"
+            f"'{path}' cannot be read as HDF5, is it truncated or damaged? {error}; copy or record "
+            "it again"
         ) from error
 
 

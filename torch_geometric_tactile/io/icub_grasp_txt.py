@@ -30,6 +30,11 @@ class ICubGraspFrames(NamedTuple):
     and taxel by taxel, lower where pressed; :obj:`encoder` are joint angles in radians
     :math:`(T, 9)`, of iCub's joints 7 to 15; :obj:`maximum` is 255 less the lowest reading of each
     finger :math:`(T, 5)`, as the robot computed it, in counts.
+
+    Examples:
+        >>> frames = ICubGraspFrames(np.full((2, 60), 240), np.zeros((2, 9)), np.full((2, 5), 15))
+        >>> frames.reading.shape
+        (2, 60)
     """
 
     reading: np.ndarray
@@ -54,6 +59,18 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
             reading is no whole number from 0 to 255, a maximum is further from the readings of its
             finger, an encoder is beyond a full turn, the last frame is not whole, or there is none.
             The message names file and line.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> frame = " ".join(["90"] * 9) + "\n" + " ".join(["15"] * 5) + "\n"
+        >>> frame += (" ".join(["240"] * 12) + "\n") * 5
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "cup_1.txt"
+        ...     _ = path.write_text("-10000\n" + 2 * frame)
+        ...     frames = read_icub_grasp_txt(path)
+        >>> frames.reading.shape, round(frames.encoder[0, 0].item(), 4)
+        ((2, 60), 1.5708)
     """
     path = Path(path)
     if not path.is_file():
@@ -76,7 +93,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
     if not columns[0] or len(columns[0]) > len(columns[-1]):
         raise ValueError(
             f"'{path}' must hold {len(_LINES)} lines for each frame, and at least one frame (got "
-            f"{sum(map(len, columns))} lines): is the file cut?"
+            f"{sum(map(len, columns))} lines): is the file truncated?"
         )
     return ICubGraspFrames(
         reading=np.concatenate([np.array(column) for column in columns[2:]], axis=1).astype("f4"),
@@ -93,7 +110,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             if not line.endswith(b"\n"):
                 raise ValueError(
                     f"'{path}', line {number} must end with a line break, and be below "
-                    f"{_MOST_CHARACTERS} characters: is the file cut?"
+                    f"{_MOST_CHARACTERS} characters: is the file truncated?"
                 )
             text = line[:-1].removesuffix(b"\r").replace(b"\t", b" ")
             if not text.isascii() or not text.decode("ascii").isprintable():

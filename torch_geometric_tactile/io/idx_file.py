@@ -33,6 +33,15 @@ def read_idx(path: PathLike) -> np.ndarray:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is no IDX file of bytes, cut or damaged, has another number of bytes
             than its header says, or would take absurdly much memory. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "labels-idx1-ubyte"
+        ...     _ = path.write_bytes(bytes([0, 0, 8, 1, 0, 0, 0, 3, 5, 0, 4]))
+        ...     read_idx(path)
+        array([5, 0, 4], dtype=uint8)
     """
     path = Path(path)
     if not path.is_file():

@@ -87,6 +87,16 @@ def write_lerobot(
         OSError: If the disk is full.
         ValueError: If there is no recording, one has no frames or other shapes, or :obj:`fps` is no
             positive integer.
+
+    Examples:
+        >>> import tempfile
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.io import read_lerobot
+        >>> recording = Recording(time=np.arange(20) / 100, tactile=np.ones((20, 4, 3)), label=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_lerobot([recording], f"{folder}/cups", fps=10)
+        ...     read_lerobot(f"{folder}/cups")
+        [Recording(num_frames=2, num_taxels=4, num_channels=3, rate=10, label=1)]
     """
     pa = require_pyarrow()
     if isinstance(fps, bool) or not isinstance(fps, int) or fps < 1:

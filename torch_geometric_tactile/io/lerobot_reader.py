@@ -42,6 +42,17 @@ def read_lerobot(
         OSError: If a file cannot be read.
         ValueError: If the version is not 3, the features are missing or no numbers, or the files do
             not fit together. The message names the folder or file.
+
+    Examples:
+        >>> import tempfile
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.io import write_lerobot
+        >>> recording = Recording(time=np.arange(20) / 100, tactile=np.ones((20, 4, 3)))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_lerobot([recording, recording], f"{folder}/cups", fps=50, task="pick")
+        ...     episodes = read_lerobot(f"{folder}/cups")
+        >>> len(episodes), episodes[0].num_frames
+        (2, 10)
     """
     require_pyarrow()
     root = Path(root)

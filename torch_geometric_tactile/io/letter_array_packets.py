@@ -26,6 +26,11 @@ def encode_letter_array(sequence: int, counts: np.ndarray) -> bytes:
 
     Raises:
         ValueError: If a shape or a number does not fit.
+
+    Examples:
+        >>> packet = encode_letter_array(7, np.zeros((32, 32), int))
+        >>> len(packet), packet[:8].hex(" ")
+        (2060, 'a5 5a 4c 41 07 00 00 00')
     """
     counts = np.asarray(counts)
     if counts.shape not in ((_SIDE, _SIDE), (_SIDE**2, 1)):

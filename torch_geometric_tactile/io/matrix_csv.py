@@ -25,6 +25,14 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         ValueError: If the file has another number of lines or of cells in a line, a cell is no
             finite number, or the last line has no end, as in a file that was cut. The message names
             file, line and column.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.savetxt(f"{folder}/press.csv", [[1, 2], [3, 4]], delimiter=",")
+        ...     read_matrix_csv(f"{folder}/press.csv", size=(2, 2))
+        array([[[1., 2.],
+                [3., 4.]]])
     """
     path = Path(path)
     if not path.is_file():
@@ -37,5 +45,7 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
             raise ValueError(f"'{path}' must have {rows} lines (got more)")
         found.append(csv_numbers(path, line, row, names))
     if len(found) < rows:
-        raise ValueError(f"'{path}' must have {rows} lines (got {len(found)}): is the file cut?")
+        raise ValueError(
+            f"'{path}' must have {rows} lines (got {len(found)}): is the file truncated?"
+        )
     return np.stack(found)[None]

@@ -41,6 +41,13 @@ def read_matrices(
         ImportError: If it is a PNG image, and Pillow is missing.
         ValueError: If the suffix is of no known format, or the file cannot be read. The message
             names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.save(f"{folder}/presses.npy", np.ones((5, 32, 32)))
+        ...     read_matrices(f"{folder}/presses.npy").shape
+        (5, 32, 32)
     """
     suffix = Path(path).suffix.lower()
     known = MATRIX_SUFFIXES if len(size) == 2 else _ROW_SUFFIXES

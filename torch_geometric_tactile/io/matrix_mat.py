@@ -67,6 +67,14 @@ def read_matrix_mat(
         ValueError: If the file is of another format or version, cut or damaged, would take absurdly
             much memory, does not have the variable, has several numeric ones and none is named, or
             an array of another size or kind. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> import scipy.io
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     scipy.io.savemat(f"{folder}/presses.mat", {"presses": np.ones((5, 2, 3))})
+        ...     read_matrix_mat(f"{folder}/presses.mat", size=(2, 3)).shape
+        (5, 2, 3)
     """
     path = Path(path)
     if not path.is_file():
@@ -84,10 +92,10 @@ def _byte_order(data: bytes) -> str:
     if _HDF5 in (data[:8], data[512:520]):
         raise ValueError("it is of version 7.3 (HDF5): write it by save(..., '-v7')")
     if len(data) < _START:
-        raise ValueError("it is no MAT file of version 5 to 7, or cut: try save(..., '-v7')")
+        raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None or 0 in data[:4]:
-        raise ValueError("it is no MAT file of version 5 to 7, or cut: try save(..., '-v7')")
+        raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
     (version,) = struct.unpack(f"{order}H", data[124:126])
     if version != 0x0100:
         raise ValueError(f"it is of version {version:#x}: write it by save(..., '-v7')")
@@ -100,7 +108,9 @@ def _variables(data: bytes, order: str) -> Iterator[_Variable]:
         kind, count, place = _tag(data, place, order)
         content = data[place : place + count]
         if len(content) < count:
-            raise ValueError(f"it is cut: a variable must have {count} bytes (got {len(content)})")
+            raise ValueError(
+                f"it is truncated: a variable must have {count} bytes (got {len(content)})"
+            )
         place += count
         is_packed = kind == _COMPRESSED
         if is_packed:
@@ -117,7 +127,7 @@ def _variables(data: bytes, order: str) -> Iterator[_Variable]:
 def _tag(data: bytes, place: int, order: str) -> tuple[int, int, int]:
     # Type and number of bytes of an element, and where they begin.
     if len(data) < place + 8:
-        raise ValueError("it is cut")
+        raise ValueError("it is truncated")
     kind, count = struct.unpack_from(f"{order}II", data, place)
     if kind >> 16:  # a small element has both in one number
         return kind & 0xFFFF, kind >> 16, place + 4
@@ -132,7 +142,7 @@ def _element(data: bytes, place: int, order: str) -> tuple[int, bytes, int]:
         raise ValueError(f"a small part must have 4 bytes at most (got {count})")
     content = data[start : start + count]
     if len(content) < count:
-        raise ValueError(f"it is cut: a part must have {count} bytes (got {len(content)})")
+        raise ValueError(f"it is truncated: a part must have {count} bytes (got {len(content)})")
     return kind, content, place + 8 if is_small else start + -(-count // 8) * 8
 
 

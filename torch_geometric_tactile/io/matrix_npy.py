@@ -28,6 +28,13 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         FileNotFoundError: If there is no such file.
         ValueError: If the file is no npy file, cut or damaged, holds anything else than real
             numbers, or an array of another size. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.save(f"{folder}/press.npy", np.ones((2, 3)))
+        ...     read_matrix_npy(f"{folder}/press.npy", size=(2, 3)).shape
+        (1, 2, 3)
     """
     path, size = Path(path), tuple(size)
     if not path.is_file():
@@ -52,7 +59,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         if start + header.num_bytes != path.stat().st_size:
             raise ValueError(
                 f"'{path}' must have {start + header.num_bytes} bytes for the shape {shape} (got "
-                f"{path.stat().st_size}): is it cut? Copy or write it again"
+                f"{path.stat().st_size}): is it truncated? Copy or write it again"
             )
         numbers = np.fromfile(file, dtype=header.dtype)
     numbers = numbers.astype(header.dtype.newbyteorder("="), copy=False)

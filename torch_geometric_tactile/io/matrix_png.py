@@ -35,6 +35,14 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         ImportError: If Pillow is missing.
         ValueError: If the file is no PNG image, cut or damaged, too large, of another size or
             depth, coloured, or an animation. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> from PIL import Image
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     Image.fromarray(np.uint8([[0, 128, 255]])).save(f"{folder}/press.png")
+        ...     read_matrix_png(f"{folder}/press.png", size=(1, 3))
+        array([[[  0, 128, 255]]], dtype=uint8)
     """
     path = Path(path)
     if not path.is_file():

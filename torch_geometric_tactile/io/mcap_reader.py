@@ -44,6 +44,16 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
         ImportError: If the extra :obj:`live` is missing.
         ValueError: If it is no MCAP file, has no topic :obj:`tactile.Frame` or no frame that can be
             read, or is not whole and :obj:`recover` is false. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.io import write_mcap
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_mcap(recording, f"{folder}/grasp.mcap")
+        ...     read_mcap(f"{folder}/grasp.mcap")
+        Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100)
     """
     path = checked_file(path)
     scan = Scan(path)

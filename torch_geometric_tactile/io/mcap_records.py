@@ -1,9 +1,9 @@
-r"""Records of MCAP files, chunk by chunk: whole ones with their checksums compared, of cut and
-damaged files what is left.
+r"""Records of MCAP files, chunk by chunk: complete ones with their checksums compared, and what is
+left of truncated and damaged files.
 
 The `format <https://mcap.dev/spec>`_ is a row of records (type, length, content). Messages are in
-chunks, compressed, each with its CRC-32. The end of the file says where each chunk is, and a file
-that was cut has no end: readers that begin there read nothing.
+chunks, compressed, each with its CRC-32. The end of the file says where each chunk is, and a
+truncated file has no end: readers that begin there read nothing.
 """
 
 import os
@@ -102,7 +102,7 @@ class Scan:
                     return
                 if kind in _READ:
                     content = file.read(length)
-                    why = "" if len(content) == length else "it was cut"
+                    why = "" if len(content) == length else "it is truncated"
                 if crc is not None:
                     crc = zlib.crc32(content, zlib.crc32(head, crc))
                     if kind not in _READ:
@@ -126,7 +126,7 @@ class Scan:
                 stop = _next_chunk(file, place + 1, size) or size
                 self._lost(place, stop, why)
             place = stop
-        self.damage.append("it has no end: it was cut, or is still being written")
+        self.damage.append("it is truncated, or still being written")
 
     def _end(self, file: BinaryIO, place: int, size: int, crc: int | None) -> None:
         self.finished = True
@@ -156,24 +156,24 @@ class Scan:
 def _next_record(file: BinaryIO) -> tuple[int, bytes]:
     head = file.read(HEAD.size)
     if len(head) < HEAD.size:
-        raise Damaged("it was cut")
+        raise Damaged("it is truncated")
     kind, length = HEAD.unpack(head)
     if length > MOST_BYTES:
         raise Damaged("a length is absurd")
     content = file.read(length)
     if len(content) < length:
-        raise Damaged("it was cut")
+        raise Damaged("it is truncated")
     return kind, content
 
 
 def _implausible(head: bytes, room: int) -> str:
     if len(head) < HEAD.size:
-        return "it was cut"
+        return "it is truncated"
     kind, length = HEAD.unpack(head)
     if not (1 <= kind <= _LAST_KNOWN or kind >= 0x80):
         return "a record is damaged"
     if length > room - HEAD.size:
-        return "a record is cut or damaged"
+        return "a record is truncated or damaged"
     return "a record is too large" if kind in _READ and length > MOST_BYTES else ""
 
 

@@ -1,4 +1,4 @@
-r"""A whole MCAP file from what is left of a cut or damaged one."""
+r"""A whole MCAP file from what is left of a truncated or damaged one."""
 
 import os
 from dataclasses import dataclass
@@ -57,6 +57,20 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the disk is full.
         ValueError: If it is no MCAP file, nothing can be saved, or :obj:`out` is the same file.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.data import Recording
+        >>> from torch_geometric_tactile.io import write_mcap
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "cut.mcap"
+        ...     write_mcap(Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3))), path)
+        ...     _ = path.write_bytes(path.read_bytes()[:-40])  # as after a crash
+        ...     report = repair_mcap(path, f"{folder}/whole.mcap")
+        >>> report.messages["tactile.Frame"]
+        2
     """
     library = require_mcap()
     path, out = checked_file(path), Path(out)

@@ -82,6 +82,15 @@ def read_named_csv(
             pandas made up, the readings are no multiple of the channels, a line is empty, has
             another number of cells or no end (a file that was cut), a cell is no finite number, the
             time does not increase, or there is no frame. The message names the line.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.csv"
+        ...     _ = path.write_text("time_ms,thumb,index,grip\n0,5,1,cup\n10,7,2,cup\n")
+        ...     read_named_csv(path, tactile=["thumb", "index"], label="grip")
+        Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100, label='cup')
     """
     path = checked_file(path)
     if not rate > 0:

@@ -178,11 +178,13 @@ def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
         allow_large (bool): Whether arrays may be however large for the size of the file.
 
     Raises:
-        ValueError: If it is no npz file, cut or damaged, holds pickled objects, or would take
+        ValueError: If it is no npz file, truncated or damaged, holds pickled objects, or would take
             absurdly much memory. The message names the file.
     """
     if not zipfile.is_zipfile(path):
-        raise ValueError(f"'{path}' is no whole npz file (is it cut?): copy or write it again")
+        raise ValueError(
+            f"'{path}' is no whole npz file (is it truncated?): copy or write it again"
+        )
     try:
         with zipfile.ZipFile(path) as archive:
             yield NpzArrays(path, archive, allow_large)

@@ -13,6 +13,7 @@ from torch_geometric_tactile.io.packets import CobsDecoder
 from torch_geometric_tactile.io.robotiq import RobotiqDecoder
 from torch_geometric_tactile.io.text_rows import TextRowsDecoder
 
+#: Decoders of serial sensors, by the name of the protocol.
 PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(
     {
         "cobs": CobsDecoder,

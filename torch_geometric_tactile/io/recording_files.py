@@ -67,6 +67,15 @@ def recording_format(path: PathLike) -> str:
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If the suffix is unknown.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.csv"
+        ...     _ = path.write_text("time,thumb,index\n0,5,1\n")
+        ...     recording_format(path)
+        'named CSV'
     """
     path = checked_file(path)
     suffix = path.suffix.lower()
@@ -96,6 +105,15 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         ImportError: If the format needs an extra that is missing.
         ValueError: If the suffix is unknown, the format has no such option, or the file cannot be
             read.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.csv"
+        ...     _ = path.write_text("time,thumb,index\n0,5,1\n0.01,7,2\n")
+        ...     read_recording(path, unit="count")
+        Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
     name = recording_format(path)
     if name in ("wide CSV", "named CSV"):
@@ -127,6 +145,15 @@ def write_recording(recording: Recording, path: PathLike) -> None:
     Raises:
         ImportError: If the format needs an extra that is missing.
         ValueError: If the suffix is unknown, or the format cannot hold the readings.
+
+    Examples:
+        >>> import tempfile
+        >>> import numpy as np
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_recording(recording, f"{folder}/grasp.npz")
+        ...     read_recording(f"{folder}/grasp.npz")
+        Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100)
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:

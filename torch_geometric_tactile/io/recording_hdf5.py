@@ -74,6 +74,14 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
         ImportError: If h5py is missing.
         OSError: If the disk is full. The file keeps its old content.
         ValueError: If the file cannot hold the recording: numbers wider than 8 bytes, for instance.
+
+    Examples:
+        >>> import tempfile
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)), label="cup")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_hdf5(recording, f"{folder}/grasp.h5")
+        ...     read_hdf5(f"{folder}/grasp.h5")
+        Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100, label='cup')
     """
     _write(recording, Path(path), growing=False)
 
@@ -93,6 +101,14 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
             version, refers to other files, or holds more than :obj:`max_bytes`. The message names
             the file.
         BlockingIOError: If another process writes the file.
+
+    Examples:
+        >>> import tempfile
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)), meta={"rate": 99})
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_hdf5(recording, f"{folder}/grasp.h5")
+        ...     read_hdf5(f"{folder}/grasp.h5").meta["rate"]
+        99
     """
     path = hdf5_file(_h5py_needed(path))
     with opened(path, "r") as file:
@@ -112,6 +128,15 @@ def read_hdf5_head(path: PathLike) -> Recording:
         ImportError: If h5py is missing.
         FileNotFoundError: If there is no such file.
         ValueError: As :meth:`read_hdf5`.
+
+    Examples:
+        >>> import tempfile
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)), label="cup")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_hdf5(recording, f"{folder}/grasp.h5")
+        ...     head = read_hdf5_head(f"{folder}/grasp.h5")
+        >>> head.label, head.tactile.shape
+        ('cup', (0, 4, 3))
     """
     path = hdf5_file(_h5py_needed(path))
     with opened(path, "r") as file:
@@ -138,6 +163,15 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
         OSError: If the disk is full. The file keeps the frames that it has.
         ValueError: If the file cannot be read, or the frames do not go on from it: an earlier
             time, other shapes, another label or unit.
+
+    Examples:
+        >>> import tempfile
+        >>> frames = [Recording(time=[t], tactile=np.ones((1, 4, 3))) for t in (0.0, 0.01, 0.02)]
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     for frame in frames:
+        ...         append_hdf5(frame, f"{folder}/grasp.h5")
+        ...     read_hdf5(f"{folder}/grasp.h5").num_frames
+        3
     """
     path = _h5py_needed(path)
     remove_leftovers(path)

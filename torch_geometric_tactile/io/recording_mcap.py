@@ -324,6 +324,15 @@ def write_mcap(recording: Recording, path: PathLike) -> None:
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the disk is full. The file keeps its old content.
         ValueError: If there is no frame.
+
+    Examples:
+        >>> import tempfile
+        >>> from torch_geometric_tactile.io import read_mcap
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)), label="cup")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_mcap(recording, f"{folder}/grasp.mcap")
+        ...     read_mcap(f"{folder}/grasp.mcap")
+        Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100, label='cup')
     """
     require_mcap()
     if recording.num_frames == 0:

@@ -33,6 +33,14 @@ def write_npz(recording: Recording, path: PathLike) -> None:
     Args:
         recording (Recording): The recording.
         path (str or PathLike): The file.
+
+    Examples:
+        >>> import tempfile
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_npz(recording, f"{folder}/grasp.npz")
+        ...     read_npz(f"{folder}/grasp.npz")
+        Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100)
     """
     arrays = recording_to_arrays(recording)
     content: dict[str, Any] = {
@@ -61,6 +69,14 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
         ValueError: If the file is no npz file, cut or damaged, holds pickled objects, would take
             absurdly much memory, lacks something or holds something else, or is of another
             version. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 4, 3)), label="cup")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_npz(recording, f"{folder}/grasp.npz")
+        ...     read_npz(f"{folder}/grasp.npz").label
+        'cup'
     """
     path = checked_file(path)
     with opened_npz(path, allow_large) as arrays:

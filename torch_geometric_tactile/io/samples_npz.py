@@ -54,6 +54,14 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         ValueError: If the file is no npz file, cut or damaged, holds pickled objects, would take
             absurdly much memory, has no readings or no labels, an array twice, texts in place of
             numbers, or different numbers of samples. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.savez(f"{folder}/touches.npz", x=np.ones((6, 16, 3)), labels=[0, 1, 0, 1, 0, 1])
+        ...     arrays = read_samples_npz(f"{folder}/touches.npz")
+        >>> {name: array.shape for name, array in arrays.items()}
+        {'x': (6, 16, 3), 'y': (6,)}
     """
     path = Path(path)
     if not path.is_file():

@@ -44,6 +44,17 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
 
     Raises:
         ValueError: If there is no frame.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.ones((2, 1, 3)))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_wide_csv(recording, f"{folder}/grasp.csv")
+        ...     print((Path(folder) / "grasp.csv").read_text().rstrip())
+        time,taxel_0_x,taxel_0_y,taxel_0_z
+        0.0,1,1,1
+        0.01,1,1,1
     """
     if recording.num_frames == 0:
         raise ValueError("'recording' must hold at least one frame to be a CSV file (got none)")
@@ -101,6 +112,15 @@ def read_wide_csv(
             another number of cells or no end (a file that was cut), a cell is no finite number, the
             time does not increase, there is no frame, a header contradicts the arguments, or there
             is a header or an index that pandas made up. The message names the line.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.csv"
+        ...     _ = path.write_text("time_ms,taxel_0_x,taxel_0_y,taxel_0_z\n0,1,2,3\n10,1,2,\n")
+        ...     read_wide_csv(path).tactile.tolist()
+        [[[1.0, 2.0, 3.0]], [[1.0, 2.0, nan]]]
     """
     path = checked_file(path)
     if not rate > 0:

@@ -35,6 +35,20 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         ValueError: If a column is missing (also those of the forces, if they are wanted) or named
             twice, a line is empty or cut, a cell is no finite number, or the time does not
             increase. The message names the line.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "log.csv"
+        ...     _ = path.write_text(
+        ...         "Receive time,Send time,Message number,1X,1Y,1Z\n"
+        ...         "1500000000.1,1500000000.0,7,30000,30001,30002\n"
+        ...         "1500000000.2,1500000000.1,8,30010,30011,30012\n"
+        ...     )
+        ...     recording = read_xela_log_csv(path)
+        >>> recording.tactile[0].tolist()
+        [[30000.0, 30001.0, 30002.0]]
     """
     path = checked_file(path)
     lines = csv_rows(path)

@@ -63,6 +63,12 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
     Raises:
         ValueError: If something is missing, ``data`` and ``integer`` differ, a number of taxels or
             sensors is wrong, or a sensor has no forces and they are wanted.
+
+    Examples:
+        >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
+        >>> frame = parse_xela_message(message)
+        >>> frame.taxels, frame.reading.shape
+        ((1, 3), (4, 3))
     """
     if not isinstance(message, Mapping):
         raise ValueError(f"a XELA message must be a JSON object (got {type(message).__name__})")
@@ -305,6 +311,11 @@ def format_xela_message(
 
     Raises:
         ValueError: If an argument has another length or shape, or a count does not fit.
+
+    Examples:
+        >>> message = format_xela_message(np.array([[30000, 30001, 30002]]), number=7, time=1.5e9)
+        >>> parse_xela_message(message).reading.tolist()
+        [[30000.0, 30001.0, 30002.0]]
     """
     counts = np.asarray(counts)
     if counts.ndim != 2 or counts.shape[1] != 3 or len(counts) == 0:

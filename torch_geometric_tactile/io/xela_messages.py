@@ -50,6 +50,18 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is cut, holds no message or one that cannot be read, the sensors or
             their models change, or the time does not increase. The message names the line.
+
+    Examples:
+        >>> import json
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> counts = np.full((4, 3), 30000)
+        >>> messages = [format_xela_message(counts, i, 1.5e9 + i / 100) for i in range(5)]
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.jsonl"
+        ...     _ = path.write_text("".join(json.dumps(message) + "\n" for message in messages))
+        ...     read_xela_messages(path)
+        Recording(num_frames=5, num_taxels=4, num_channels=3, rate=100)
     """
     path = checked_file(path)
     frames: list[XelaFrame] = []
@@ -130,7 +142,7 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
             raise ValueError(
                 f"'{path}', line {line}: the message that begins here cannot be read as JSON "
-                f"({error}): is the file cut? Delete what is left of it"
+                f"({error}): is the file truncated? Delete what is left of it"
             ) from error
         yield line, message
         start, passed = text.find("{", end), end
@@ -143,7 +155,7 @@ def _check_passed(path: Path, text: str, start: int, stop: int) -> None:
     if part is not None:
         raise ValueError(
             f"'{path}', line {text.count(chr(10), 0, part.start()) + 1}: the end of a message "
-            "must have its beginning (got none): is the file cut? Delete what is left of it"
+            "must have its beginning (got none): is the file truncated? Delete what is left of it"
         )
 
 
@@ -173,6 +185,14 @@ def write_xela_messages(
     Raises:
         ValueError: If there is no frame, the readings are no counts from 0 to 65535, one is
             missing, or :obj:`forces` has other frames.
+
+    Examples:
+        >>> import tempfile
+        >>> recording = Recording(time=[0.0, 0.01], tactile=np.full((2, 4, 3), 30000))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     write_xela_messages(recording, f"{folder}/grasp.jsonl")
+        ...     read_xela_messages(f"{folder}/grasp.jsonl").num_taxels
+        4
     """
     if recording.num_frames == 0:
         raise ValueError("'recording' must hold at least one frame to be XELA messages (got none)")

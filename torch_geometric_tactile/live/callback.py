@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 
 class Callback:
-    r"""Base class of what a :class:`~torch_geometric_tactile.live.LiveSession` calls, such as a
-    gripper that closes when a slip is near. Each method does nothing unless overridden.
+    r"""Base class of the callbacks of a :class:`~torch_geometric_tactile.live.LiveSession`, such as
+    a gripper that closes when a slip is near. Each method does nothing unless overridden.
 
     All but :meth:`on_health` are called by the thread that judges, one after another: one that
     takes long makes the session skip frames, never the recorder. What one raises ends the session

@@ -19,7 +19,7 @@ _STALE = _NS
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    r"""How well a stream runs, at one moment.
+    r"""The state of a stream at one moment.
 
     Args:
         state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but nothing comes),
@@ -77,7 +77,7 @@ class Health:
 
 
 class HealthMeter:
-    r"""Measures the health of a stream; one thread tells it of frames, any thread asks.
+    r"""Measures the health of a stream. One thread reports frames, any thread may read it.
 
     Attributes:
         dropped (int): Frames that slow subscribers did not get.

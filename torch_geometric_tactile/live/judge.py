@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judgement:
-    r"""What a model says of a frame, or of the window that ends with it.
+    r"""The answer of a model for a frame, or for the window that ends with it.
 
     Args:
         sequence (int): Number of the frame.
@@ -65,7 +65,7 @@ class Judgement:
 
 
 class Judge:
-    r"""Gives live frames to a model.
+    r"""Applies a model to live frames.
 
     A model of windows has an answer from the first full window on, and then one for each frame; a
     recurrent one goes from frame to frame. After a loss of frames it starts with an empty window.

@@ -30,8 +30,8 @@ _STATUS_SECONDS = 0.5
 
 
 class LiveSession:
-    r"""A source whose frames are judged, recorded and shown, each without harm to the others: the
-    recorder has every frame, and the model and the viewer have the newest.
+    r"""Judges, records and shows the frames of a source, independently: the recorder gets every
+    frame, the model and the viewer get the newest.
 
     A model that measures each session needs the sensor at rest first, and so does :obj:`tare`: see
     :class:`Rest`. Until the rest is there, nothing is judged.

@@ -13,7 +13,7 @@ class SourceEnded(EOFError):  # noqa: N818 - an end, not an error
 
 
 class Source(ABC):
-    r"""Base class of sources: opened, read and closed by one thread, and with none inside.
+    r"""Base class of sources. One thread opens, reads and closes a source; it starts no thread.
 
     Attributes:
         name (str): The URL of the source, as users write it.

@@ -9,7 +9,7 @@ from torch_geometric_tactile.live.judge import Judgement
 
 
 class Status(NamedTuple):
-    r"""What a session tells about twice a second: the state of its stream, what the model said
+    r"""What a session reports about twice a second: the state of its stream, what the model said
     last, the median latency of the last judgements in seconds, how many frames the recorder has
     (:obj:`None` if none runs), and what has to be known, such as why the rest is refused.
     """

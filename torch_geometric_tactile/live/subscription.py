@@ -22,7 +22,7 @@ class StreamOverflow(OSError):  # noqa: N818 - as OverflowError, without its ari
 
 
 class Subscription:
-    r"""The frames of a stream for one reader, in a queue of its own. Made by
+    r"""The frames of a stream for one reader, in a separate queue. Made by
     :meth:`Stream.subscribe <torch_geometric_tactile.live.Stream.subscribe>`.
 
     It is an iterator, and an asynchronous one that needs no thread. Frames that are in the queue

@@ -114,7 +114,7 @@ def read_tensors(path: PathLike) -> TensorFile:
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged, cut off or of another format.
+        ValueError: If the file is damaged, truncated or of another format.
     """
     path = Path(path)
     size = path.stat().st_size
@@ -157,7 +157,7 @@ def _tensor(name: str, entry: Any, data: bytearray) -> Tensor:
     if end > len(data) or end - begin != math.prod(shape) * width:
         raise ValueError(
             f"'{name}' of shape {tuple(shape)} must have its {math.prod(shape) * width} bytes in "
-            f"the file (got {begin} to {end} of {len(data)}); it is damaged or was cut off"
+            f"the file (got {begin} to {end} of {len(data)}); it is damaged or truncated"
         )
     if begin == end:
         return torch.empty(shape, dtype=dtype)

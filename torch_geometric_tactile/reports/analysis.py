@@ -113,7 +113,7 @@ def _source(data: Any) -> str:
     dataset: Any = data.dataset if data.test_dataset is None else data.test_dataset
     said = "measured or generated, the data set does not say"
     if hasattr(dataset, "synthetic"):
-        said = "**simulated**, never a real hand's result" if dataset.synthetic else "measured"
+        said = "**simulated**, not a result of a real hand" if dataset.synthetic else "measured"
     split = getattr(dataset, "split_by", data.split if isinstance(data.split, str) else "given")
     seed = getattr(dataset, "split_seed", data.seed)
     return f"`{type(dataset).__name__}`, {said}; split by {split}, split seed {seed}"

@@ -82,7 +82,7 @@ class Subject:
         yield self.scores()
         links = set(HandKinematics.allegro().link_names)
         if not links.issuperset(self.layout.link_names):
-            yield Section("Left out", "All that is drawn on a hand: the layout is of another.")
+            yield Section("Left out", "Drawings on the hand: the layout is of another sensor.")
             return
         encoder = getattr(self.model, "encoder", None)
         if isinstance(encoder, EdgeFeatureEncoder):
@@ -96,7 +96,7 @@ class Subject:
         if "tactile" in getattr(self.model, "inputs", ("tactile",)):
             yield self.attribution()
         else:
-            yield Section("Left out", "Attribution: this model sees no readings.")
+            yield Section("Left out", "Attribution: this model takes no readings.")
 
     def scores(self) -> Section:
         r"""Counts errors on the whole test part."""
@@ -151,13 +151,12 @@ class Subject:
             [
                 "One value for each edge: the first principal component of the encoder's mean "
                 f"absolute weights ({share:.0%} of their variance), larger for larger weights. "
-                "How far it tells edges apart (AUC: 0.5 is not at all, 1 is larger for all, 0 is "
-                "smaller for all), against encoders with random weights, and against the size of "
-                "the input of the encoder from each edge (mean absolute edge feature, scaled "
-                "as the model sees it), which "
-                "decides how far training can move its weights:",
+                "AUC says how well it separates edges (0.5: not at all, 1: larger for all, 0: "
+                "smaller for all). Compare it with encoders with random weights, and with the "
+                "size of the encoder's input from each edge (mean absolute edge feature, scaled "
+                "as for the model), which decides how far training can move its weights:",
                 "",
-                "| edges | how many | this encoder | 5 untrained | size of the input |",
+                "| edges | number | this encoder | 5 untrained | size of the input |",
                 "|---|---|---|---|---|",
                 *rows,
                 "",
@@ -201,17 +200,17 @@ class Subject:
             save_figure(figure, self.out / pictures[-1])
         text = "\n".join(
             [
-                f"Each taxel by its features ({trained.size(-1)} channels) in all frames side by "
-                "side, each channel scaled to mean zero and deviation one. Silhouette, and which "
-                "part of a taxel's 10 nearest neighbours is of its own segment, both in the space "
-                "of the features:",
+                f"Each taxel is described by its features ({trained.size(-1)} channels) in all "
+                "frames, each channel scaled to mean zero and standard deviation one. The table "
+                "has the silhouette, and the share of a taxel's 10 nearest neighbours that belong "
+                "to its segment, both in the space of the features:",
                 "",
                 "| features of | silhouette by patch | neighbours in patch | silhouette by digit | "
                 "neighbours in digit |",
                 "|---|---|---|---|---|",
                 *rows,
                 "",
-                "Only what differs from the untrained models was learnt.",
+                "Only the difference from the untrained models was learnt.",
             ]
         )
         return Section("Node features", text, tuple(pictures))
@@ -253,10 +252,10 @@ class Subject:
             save_figure(figure, self.out / file)
         text = "\n".join(
             [
-                "Over the frames that have a class or label: which readings raise its logit "
-                "(integrated gradients from the zero of the scaled readings, mean over frames), "
-                "and how far the logit drops when a patch's readings are replaced by their mean "
-                "over these frames. Correlation: of both over the patches.",
+                "Attribution shows which readings raise the logit of a class or label (integrated "
+                "gradients from the zero of the scaled readings, mean over the frames that have "
+                "it). Occlusion shows how far the logit drops when a patch's readings are replaced "
+                "by their mean over these frames. The correlation of both is over the patches.",
                 "",
                 "| class or label | frames | largest drops | correlation |",
                 "|---|---|---|---|",

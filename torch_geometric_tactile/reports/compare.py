@@ -26,10 +26,10 @@ _COLUMNS = (
     *("difference", "over_splits", "over_trials", "parameters", "seconds"),
 )
 _WHO_SEES_TIME = (
-    "Of the models, temporal and lstm go through the frames in their order, and svm_signal sees "
-    "statistics of each signal; to all others the frames of a taxel are so many channels."
+    "The models temporal and lstm process the frames in their order, and svm_signal takes "
+    "statistics of each signal; all others take the frames of a taxel as channels."
 )
-_SIMULATED = "The samples are simulated: what holds for them need not hold for a real hand."
+_SIMULATED = "The samples are simulated: the results may not hold for a real hand."
 _SERIES = {False: "plain models", True: "graph models"}
 
 
@@ -105,12 +105,12 @@ def comparison_markdown(comparison: Comparison) -> str:
     lines += [markdown_text(text) for text in _facts(comparison)]
     lines += ["", *_lines(header, rows), ""]
     lines += [
-        "## What was chosen",
+        "## Chosen settings",
         "",
-        *_lines(["model", "what it is", "chosen"], _chosen(comparison)),
+        *_lines(["model", "description", "chosen"], _chosen(comparison)),
     ]
     if comparison.run.failed:
-        lines += ["", "## What failed", ""]
+        lines += ["", "## Failed runs", ""]
         lines += [f"- {markdown_text(f'{k}: {v}')}" for k, v in comparison.run.failed.items()]
     return "\n".join(lines) + "\n"
 
@@ -130,7 +130,7 @@ def _facts(comparison: Comparison) -> list[str]:
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
         f"{num_splits} splits. Mean ± standard deviation over the splits. Settings were "
-        "chosen on a part of each training part; each test part was looked at once. Differences "
+        "chosen on a part of each training part; each test part was used once. Differences "
         f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
         f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
         "twice the larger of both.",

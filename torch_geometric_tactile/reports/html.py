@@ -54,17 +54,22 @@ def write_report(
     facts: Sequence[tuple[str, str]],
     tables: Sequence[ReportTable],
     pictures: Sequence[ReportPicture],
+    verdict: str = "",
+    is_warning: bool = True,
 ) -> None:
-    r"""Writes a report as one HTML file that is either whole or absent. It loads nothing, runs no
-    script, and can be read on a phone, in the dark and on paper.
+    r"""Writes a report as one HTML file that is either complete or absent. It loads nothing, runs
+    no script, and can be read on a phone, in the dark and on paper.
 
     Args:
         path (str or PathLike): The file.
         title (str): Title of the report.
-        notice (str): The first line: whether the data is real or generated, and which it is.
+        notice (str): Whether the data is real or generated, and which it is.
         facts (sequence of tuple of str): Names and values, such as split, seed and versions.
         tables (sequence of ReportTable): The tables.
         pictures (sequence of ReportPicture): The pictures, shown below the tables.
+        verdict (str): What to conclude, below the title; may be empty.
+        is_warning (bool): Whether :obj:`notice` is a warning, such as that the data is generated:
+            it is then the first line, in the colour of a warning. Otherwise it follows the verdict.
 
     Raises:
         ImportError: If jinja2 is missing.
@@ -89,6 +94,8 @@ def write_report(
     page = environment.from_string(template).render(
         title=title,
         notice=notice,
+        verdict=verdict,
+        is_warning=is_warning,
         facts=list(facts),
         tables=[_table(table) for table in tables],
         pictures=[_picture(picture) for picture in pictures],

@@ -88,7 +88,7 @@ def describe_file(path: PathLike) -> tuple[Recording, str]:
 
 
 def draw_recording(recording: Recording, path: PathLike) -> None:
-    r"""Draws a recording to a PNG file that is either whole or absent.
+    r"""Draws a recording to a PNG file that is either complete or absent.
 
     Args:
         recording (Recording): The recording.

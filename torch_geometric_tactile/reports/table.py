@@ -156,7 +156,7 @@ def markdown(run: PlanRun) -> str:
             )
     lines += ordering_lines(run)
     lines += study_lines(run)
-    lines += ["## What a model costs", "", cost_note(run.plan), ""]
+    lines += ["## Cost of the models", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
     once = {_config_name(cell): cell for cell in table.cells}  # two places may have one model
     lines += _table_lines(
@@ -251,7 +251,7 @@ def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
             (heading, [*_published(run, metric), (ALL, metric, _memory_name(run))])
             for heading, metric in (
                 ("Peak memory in MB", "peak_memory_mb"),
-                (f"Memory as a part of that of {table.rows[0]}", "ratio"),
+                (f"Memory relative to {table.rows[0]}", "ratio"),
             )
         ]
     kinds = {"accuracy": ""}
@@ -296,7 +296,7 @@ def _of_draws(run: PlanRun) -> tuple[str, list[_Series]]:
         for metric, kind in kinds.items()
     ]
     count = run.plan.table.draws.count
-    return f"Accuracy over {count} draws of the samples tested on", [*published, *ours]
+    return f"Accuracy over {count} draws of the test samples", [*published, *ours]
 
 
 def _published(run: PlanRun, metric: str) -> list[_Series]:

@@ -25,7 +25,7 @@ def caption(run: PlanRun) -> str:
             "recordings are private."
         )
     parts += [
-        f"Beside it, a line apart: {plan.data.caption}" if parts else plan.data.caption,
+        f"Our results have separate lines: {plan.data.caption}" if parts else plan.data.caption,
         f"Seed{'' if plan.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
         "deviation over the seeds.",
         _protocols(plan),
@@ -38,8 +38,8 @@ def caption(run: PlanRun) -> str:
     if run.missing:
         total = run.missing + len(results)
         parts.append(
-            f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, the number "
-            "of seeds in brackets where some are)."
+            f"**{run.missing} of {total} runs are missing** ({NOTHING} where all are, and in "
+            "brackets the number of seeds where some are)."
         )
     return " ".join(part for part in parts if part)
 
@@ -138,7 +138,7 @@ def _rest(tare: float | str | None) -> str:
     if tare is None:
         return ""
     rest = f"in the phase {tare}" if isinstance(tare, str) else f"in its first {tare:g} s"
-    return f" From the readings of each trial their mean {rest} is subtracted."
+    return f" The mean of each trial's readings {rest} is subtracted."
 
 
 def _capital(text: str) -> str:
@@ -157,13 +157,13 @@ def cost_note(plan: Plan) -> str:
         plan (Plan): What was run.
     """
     note = (
-        "Means over all runs. Frames/s: training frames of all epochs by the seconds of the "
-        "training loop, with the transforms and whatever else the machine was doing."
+        "Means over all runs. Frames/s: training frames of all epochs divided by the seconds of "
+        "the training loop, which include the transforms and other work on the machine."
     )
     if not plan.table.measure_memory:
         return note
     return (
-        f"{note} Peak memory: growth, in a process of its own, from before the model is built "
+        f"{note} Peak memory: growth, in a separate process, from before the model is built "
         "(recordings loaded, scaling fitted) to the highest point of training: parameters, "
         "gradients, the optimizer's state, activations and a batch."
     )

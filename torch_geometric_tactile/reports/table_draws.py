@@ -1,4 +1,4 @@
-r"""The part of a table's page on draws of the samples tested on."""
+r"""The part of a table's page on draws of the test samples."""
 
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
@@ -22,18 +22,18 @@ def draws_note(run: PlanRun) -> str:
         if {"variance", "accuracy"} <= cell.published.keys()
     ]
     text = (
-        f"Accuracies of draws: {draws.count} draws of {100 * draws.part:.0f} % of the samples "
-        f"tested on, without replacement, from what one trained network said of them (seed "
-        f"{draws.seed}); their mean, and their variance in %² (in squared points)."
+        f"Accuracies of draws: {draws.count} draws of {100 * draws.part:.0f} % of the test "
+        f"samples, without replacement, from the predictions of one trained network (seed "
+        f"{draws.seed}): mean and variance in %² (squared points)."
     )
     if not sizes:
         return text
     total = sizes[-1]
     drawn, most = draws.num_drawn(total), _PERCENT * draws.variance(0.5, total)
     text += (
-        f" Of {drawn:,} of {total:,} samples it is p(1 - p)/{drawn} · "
-        f"{total - drawn}/{total - 1} on average: at most {most:.2f} %², where half of the answers "
-        f"are right, and {_PERCENT * draws.variance(0.95, total):.2f} %² where 95 % are."
+        f" Of {drawn:,} of {total:,} samples the variance is p(1 - p)/{drawn} · "
+        f"{total - drawn}/{total - 1} on average: at most {most:.2f} %², if half of the answers "
+        f"are right, and {_PERCENT * draws.variance(0.95, total):.2f} %² if 95 % are."
     )
     if not published:
         return text
@@ -44,6 +44,6 @@ def draws_note(run: PlanRun) -> str:
     low, high = min(published)[0], max(published)[0]
     return (
         f"{text} The published variances are {low:g} to {high:g}: {above} of {len(published)} are "
-        "above what draws of one network's answers have on average at the published accuracy, most "
-        "of them several times. They must hold something else, and the text does not say what."
+        "above the average of draws from one network at the published accuracy, most of them "
+        "several times. They must contain something else, which the paper does not name."
     )

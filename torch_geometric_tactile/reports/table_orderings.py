@@ -27,9 +27,9 @@ def ordering_lines(run: PlanRun) -> list[str]:
     lines = [
         "## Which orderings hold",
         "",
-        "The accuracy of the first model less that of the second on the same splits, in points, ± "
-        "its standard error: the larger of that over the splits, which share samples to train on, "
-        "and that over the trials tested on. *Yes* and *no* are beyond twice the error.",
+        "The accuracy of the first model minus that of the second on the same splits, in points, ± "
+        "its standard error: the larger of the one over the splits, which share training samples, "
+        "and the one over the test trials. *Yes* and *no* are beyond twice the error.",
         "",
         "| ordering | protocol | holds |",
         "| --- | --- | --- |",
@@ -41,7 +41,7 @@ def ordering_lines(run: PlanRun) -> list[str]:
         "",
     ]
     if min(entry.difference.num_splits for entry in compared) < _MANY_SPLITS:
-        lines += ["Some of these rest on few splits: what they say may change with more seeds.", ""]
+        lines += ["Some of these are based on few splits and may change with more seeds.", ""]
     return lines
 
 
@@ -80,8 +80,8 @@ def positive_note(run: PlanRun) -> str:
     if not name:
         return ""
     shares = class_shares(run)
-    told = "; ".join(f"{100 * share:.1f} % {protocol}" for protocol, share in shares.items())
-    counted = f" Of the samples tested on, {told} are of it." if told else ""
+    told = "; ".join(f"{100 * share:.1f} % ({protocol})" for protocol, share in shares.items())
+    counted = f" Its share of the test samples: {told}." if told else ""
     return (
         f"Precision, recall and F1 score are those of the positive class, *{markdown_text(name)}* "
         f"(class 1).{counted}"

@@ -1,4 +1,4 @@
-r"""The part of a table's page on what else was looked at in its models, and the pictures of it."""
+r"""The part of a table's page on the studies of its models, with their pictures."""
 
 import math
 import statistics
@@ -41,9 +41,9 @@ def study_lines(run: PlanRun) -> list[str]:
     if not found:
         return []
     lines = [
-        "## What else was looked at",
+        "## Studies",
         "",
-        "In the models of the first seed and fold, after they were tested.",
+        "Of the models of the first seed and fold, after the test.",
         "",
     ]
     for section in (_probe_lines, _time_lines, _dead_lines):
@@ -153,8 +153,8 @@ def _probe_lines(run: PlanRun, found: _Found) -> list[str]:
         "### Accuracy of single layers in %",
         "",
         "Multinomial logistic regressions on the frozen features of one layer, each sample divided "
-        f"by its L2 norm, fitted on {number:,} samples of the training part. What the paper's "
-        "probes are it does not say.",
+        f"by its L2 norm, fitted on {number:,} samples of the training part. The paper does "
+        "not describe its probes.",
         "",
         *_table(["model", "", *map(markdown_text, layers)], rows),
     ]
@@ -179,9 +179,9 @@ def _time_lines(run: PlanRun, found: _Found) -> list[str]:
     return [
         "### Time of one sample",
         "",
-        "From readings to a class, one sample at a time on one thread, while other runs shared the "
-        "machine: medians. Networks run eagerly. Accuracy as mean ± standard deviation over the "
-        "runs (seeds and folds).",
+        "Median time from readings to a class, one sample at a time on one thread, with other runs "
+        "on the machine. Networks run in eager mode. Accuracy as mean ± standard deviation over "
+        "the runs (seeds and folds).",
         "",
         *_table(["model", "accuracy (%)", "ms", "published ms"], rows),
     ]
@@ -215,10 +215,10 @@ def _dead_lines(run: PlanRun, found: _Found) -> list[str]:
         for cell, entry in entries
     ]
     return [
-        "### Accuracy in % where rows are dead",
+        "### Accuracy in % with dead rows",
         "",
-        "So many rows of each sample, drawn at random, read what the array reads at rest. No model "
-        "was trained on such samples.",
+        "The given number of rows of each sample, drawn at random, have the reading at rest. No "
+        "model was trained on such samples.",
         "",
         *_table(["model", *(f"{number} dead" for number in numbers)], rows),
     ]
@@ -261,13 +261,13 @@ def _confusion_lines(run: PlanRun, found: _Found) -> list[str]:
         worst = ", ".join(f"{names[i]} {100 * recall[i]:.1f}" for i in order[:_WORST])
         wrong = counts - np.diag(counts.diagonal())
         pairs = [
-            f"{names[i // len(names)]} taken for {names[i % len(names)]} {wrong.flat[i]} times"
+            f"{names[i // len(names)]} predicted as {names[i % len(names)]} ({wrong.flat[i]} times)"
             for i in wrong.ravel().argsort()[::-1][:_WORST]
             if wrong.flat[i]
         ]
         lines.append(
             markdown_text(
-                f"{_name(cell)}, percent right of a class: best {best}; worst {worst}"
+                f"{_name(cell)}, accuracy of a class in %: best {best}; worst {worst}"
                 + (f"; most frequent errors: {', '.join(pairs)}." if pairs else ".")
             )
         )

@@ -15,6 +15,7 @@ from torch_geometric_tactile.sim.bigs_plan import (
 from torch_geometric_tactile.sim.bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim.grasp import import_mujoco
 
+#: The phases of a simulated grasp with three fingertips, in order.
 BIGS_PHASES = ("closing", "hold", "lift", "shake")
 _TICK = 1.0 / CONTROL_RATE  # s
 _FRAME = CONTROL_RATE // FRAME_RATE  # ticks
@@ -29,7 +30,7 @@ _AFTER = 0.3  # s recorded after the loss
 
 
 class BigsPhysics(NamedTuple):
-    r"""What happened, :obj:`CONTROL_RATE` times a second.
+    r"""The course of a grasp, :obj:`CONTROL_RATE` times a second.
 
     :obj:`force` are the forces of the object on the fingertips in their frames, x to the end of the
     finger, y across, z into the pad, :math:`(K, 3, 3)`; :obj:`normal` and :obj:`shear` their parts

@@ -6,6 +6,7 @@ import numpy as np
 
 from torch_geometric_tactile.sim.objects import GraspObject, Shape
 
+#: The shapes of drawn objects.
 SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box", "ellipsoid")
 NUM_DRAWN = 40
 _WIDTH = (0.060, 0.095)  # m

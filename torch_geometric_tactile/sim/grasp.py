@@ -14,6 +14,7 @@ from torch_geometric_tactile.sim.hand_model import (
 from torch_geometric_tactile.sim.objects import GraspObject
 from torch_geometric_tactile.sim.spread import GraspSpread
 
+#: The phases of a simulated grasp, in order.
 PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
 
 # Shortest and longest duration of each phase but the last, in seconds of a trial of 17 s.
@@ -30,7 +31,7 @@ _LIFTED = 0.05  # height above the stand that counts, m
 
 
 class GraspPlan(NamedTuple):
-    r"""What the controller wants, every :obj:`step` seconds.
+    r"""The targets of the controller, every :obj:`step` seconds.
 
     :obj:`gantry` are x, y, z (metres) and yaw (radians) of the palm :math:`(K, 4)`, :obj:`joint`
     the joint targets (radians) :math:`(K, 16)` and :obj:`phase` indices into :obj:`PHASES`
@@ -68,7 +69,7 @@ class GraspPlan(NamedTuple):
 
 
 class GraspResult(NamedTuple):
-    r"""What happened.
+    r"""The course of a grasp.
 
     :obj:`force` are the clean forces in the frames of the taxels :math:`(T, N, 3)` in newtons:
     shear that the object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, positive
@@ -96,7 +97,7 @@ def plan_grasp(
     step: float = 0.01,
     spread: GraspSpread | None = None,
 ) -> GraspPlan:
-    r"""Plans a grasp from above, as an operator would who sees the object: its size is known, its
+    r"""Plans a grasp from above, as by an operator who sees the object: its size is known, its
     mass, friction and softness are not.
 
     Args:

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+#: The letters that can be pressed, in the order of their classes.
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 _STEP = 12.0  # degrees of an arc that a straight piece stands for, to 0.6 % of its radius

@@ -6,6 +6,7 @@ from pathlib import Path
 from torch_geometric_tactile.sim.drawn_objects import NUM_DRAWN, drawn_objects
 from torch_geometric_tactile.sim.objects import GraspObject, control8, paper8, twenty
 
+#: The sets of objects of :func:`simulate`, by name: functions that return them.
 OBJECT_SETS: dict[str, Callable[[], list[GraspObject]]] = {
     "paper8": paper8,
     "control8": control8,

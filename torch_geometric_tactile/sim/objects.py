@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
-# The order of the "Tactile Object Property Recognition ..." paper.
+#: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
 PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
 
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg
@@ -106,7 +106,7 @@ def paper8() -> list[GraspObject]:
 
 def control8() -> list[GraspObject]:
     r"""Eight objects of one shape and size, with every combination of mass, softness and friction:
-    what tells them apart is not their shape.
+    they cannot be distinguished by their shape.
     """
     return [
         _object(

@@ -39,8 +39,9 @@ from torch_geometric_tactile.typing import PathLike
 
 _ENCODER_NOISE = 0.0015  # rad
 _SHORTEST = 1.0  # s
-# What a hand does, and what an attempt that failed did not.
+#: What the hand does with the object, and the word of its success.
 MOTIONS = {"lift": "lifted", "squeeze": "squeezed"}
+#: The layouts of hands that can be simulated.
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
 
@@ -64,6 +65,7 @@ class Preset:
     trials: int
 
 
+#: Duration, time steps, frame rate and number of trials of :func:`simulate`, by name.
 PRESETS = {
     "full": Preset(duration=17.0, timestep=0.002, step=0.01, rate=100.0, trials=10),
     "ci": Preset(duration=5.0, timestep=0.004, step=0.02, rate=50.0, trials=3),

@@ -38,6 +38,7 @@ from torch_geometric_tactile.sim.trial_files import (
 from torch_geometric_tactile.sim.wam_arm import arm_joints
 from torch_geometric_tactile.typing import PathLike
 
+#: Number of grasps that :func:`simulate_bigs` writes if none is given.
 BIGS_GRASPS = 2000
 _GENERATOR = "bigs"
 _VERSION = 1  # of the generator: another one makes other bits

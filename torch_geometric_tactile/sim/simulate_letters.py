@@ -19,6 +19,7 @@ from torch_geometric_tactile.sim.trial_files import SUMMARY, end_without, run_tr
 from torch_geometric_tactile.texts import read_json
 from torch_geometric_tactile.typing import PathLike
 
+#: Number of presses of each letter that :func:`simulate_letters` writes if none is given.
 LETTER_PRESSES = 500
 _BLOCK = 100  # presses in a file
 _GENERATOR = "letters"

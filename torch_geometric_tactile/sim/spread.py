@@ -14,7 +14,7 @@ NUM_PLACEMENTS = 9
 @dataclass(frozen=True)
 class GraspSpread:
     r"""How much the grasps of the simulated hand differ from each other: standard deviations of
-    what the operator means to do and does not hit, drawn anew for each attempt.
+    the operator's errors, drawn anew for each attempt.
 
     :obj:`GraspSpread()` is an operator who takes care, :meth:`wide` one who does not.
 

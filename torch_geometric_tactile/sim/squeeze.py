@@ -13,6 +13,7 @@ from torch_geometric_tactile.sim.grasp import (
 )
 from torch_geometric_tactile.sim.spread import GraspSpread
 
+#: The phases of a simulated squeeze, in order.
 SQUEEZE_PHASES = ("hover", "reach", "close", "squeeze")
 
 # Shortest and longest duration of each phase but the last, in seconds of a trial of 10 s: what is
@@ -28,7 +29,7 @@ _TOUCH = 0.05  # pressure that counts, N
 
 
 class SqueezePlan(GraspPlan):
-    r"""What the controller wants, every :obj:`step` seconds: squeezes, and no lift.
+    r"""The targets of the controller, every :obj:`step` seconds: squeezes, and no lift.
 
     As :class:`GraspPlan`, with :obj:`phase` in :obj:`SQUEEZE_PHASES`.
     """

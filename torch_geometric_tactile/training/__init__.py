@@ -20,6 +20,7 @@ from torch_geometric_tactile.training.module import (
     classifier_from_config,
 )
 from torch_geometric_tactile.training.one_cycle import OneCycle
+from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 __all__ = [
@@ -35,5 +36,6 @@ __all__ = [
     "fill_sizes",
     "find_config",
     "load_config",
+    "quiet_lightning",
     "regression_metrics",
 ]

@@ -1,4 +1,4 @@
-r"""Checkpoints that are either whole or absent, and that run nothing."""
+r"""Checkpoints that are either complete or absent, and that run nothing."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence

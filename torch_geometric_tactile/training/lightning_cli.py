@@ -21,6 +21,7 @@ from lightning.pytorch.cli import (
 )
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from torch_geometric_tactile.training.adverts import no_adverts
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO, compare_settings
 from torch_geometric_tactile.training.config import find_config, merged, scratch_folder
 from torch_geometric_tactile.training.data_module import TactileDataModule
@@ -44,12 +45,21 @@ class TactileCLI(LightningCLI):
 
     Args:
         args (optional): The arguments; those of the process if left out.
-        name (str): Folder of the run below :obj:`runs`.
+        name (str): Folder of the run in the folder of all runs.
         run (bool): Whether to run a subcommand.
+        folder (str, optional): The folder of all runs, also instead of that of a configuration;
+            :obj:`runs` if left out.
     """
 
-    def __init__(self, args: ArgsType = None, name: str = "tactile", run: bool = True) -> None:
+    def __init__(
+        self,
+        args: ArgsType = None,
+        name: str = "tactile",
+        run: bool = True,
+        folder: str | None = None,
+    ) -> None:
         self._data: TactileDataModule | None = None
+        self._folder = folder
         super().__init__(
             TactileModule,
             TactileDataModule,
@@ -57,7 +67,11 @@ class TactileCLI(LightningCLI):
             run=run,
             seed_everything_default=0,
             auto_configure_optimizers=False,
-            parser_kwargs={"prog": "tactile"},
+            parser_kwargs={
+                "prog": "tactile",
+                "exit_on_error": False,  # one line, not a usage of seventy
+                **{name: {"exit_on_error": False} for name in self.subcommands()},
+            },
             trainer_defaults={
                 "log_every_n_steps": 10,
                 # By name, such that the configuration that a run keeps can be read again.
@@ -98,8 +112,20 @@ class TactileCLI(LightningCLI):
                 args = self._with_sizes(args)
             super().parse_arguments(parser, args)
             if self._data is not None:  # once more, for sizes given on the command line
-                config = self.config.get(str(self.config.get("subcommand")), self.config)
-                fill_sizes(config["model"].as_dict(), self._data)
+                fill_sizes(self._section()["model"].as_dict(), self._data)
+            if self._folder is not None:
+                self._use_folder(self._folder)
+
+    def _section(self) -> Any:
+        return self.config.get(str(self.config.get("subcommand")), self.config)
+
+    def _use_folder(self, folder: str) -> None:
+        trainer = self._section()["trainer"]
+        trainer["default_root_dir"] = folder
+        loggers = trainer["logger"]
+        for logger in loggers if isinstance(loggers, list) else [loggers]:
+            if "save_dir" in (getattr(logger, "init_args", None) or {}):
+                logger["init_args"]["save_dir"] = folder
 
     def _with_sizes(self, args: list[str]) -> list[str]:
         given = GivenArguments.read(args)
@@ -194,7 +220,8 @@ def _explained(what: str) -> Iterator[None]:
 
 
 def _told(error: Exception) -> str:
-    return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    is_plain = isinstance(error, ArgumentError | ValueError)
+    return str(error) if is_plain else f"{type(error).__name__}: {error}"
 
 
 def _add_data(parser: ArgumentParser, instantiate: bool) -> None:
@@ -230,12 +257,28 @@ def main(args: Sequence[str]) -> None:
             shipped configuration.
     """
     own_modules()
+    args, folder = _output_folder(args)
     args, name = resolve_config_names(args)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), no_adverts():
         # The arguments are those of the process, but for names of configurations made paths.
         warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
         warnings.filterwarnings("ignore", message=".*LeafSpec.*")  # Lightning under torch 2.13
-        TactileCLI(args, name=name or "tactile")
+        # Each run has a folder of its own, also one that resumes.
+        warnings.filterwarnings("ignore", message="The dirpath has changed")
+        TactileCLI(args, name=name or "tactile", folder=folder)
+
+
+def _output_folder(args: Sequence[str]) -> tuple[list[str], str | None]:
+    left, folder, rest = [], None, iter(args)
+    for arg in rest:
+        flag, equals, value = arg.partition("=")
+        if flag != "--out":
+            left.append(arg)
+            continue
+        folder = value if equals else next(rest, "")
+        if not folder or folder.startswith("--"):
+            raise ValueError(f"'--out' must be a folder (got {folder!r})")
+    return left, folder
 
 
 def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:

@@ -54,8 +54,8 @@ _SOURCES = {
 
 
 class TactileModule(DecidingModule):
-    r"""Trains a model to tell the class of a sample, each of its labels, or numbers, and measures
-    how well it does.
+    r"""Trains a model to predict the class of a sample, each of its labels, or numbers, and
+    computes its metrics.
 
     Batches may be :class:`~torch_geometric_tactile.data.StaticData` or PyG's
     :class:`~torch_geometric.data.Batch`. A checkpoint carries the layout of the sensor that it was
@@ -304,7 +304,7 @@ class TactileModule(DecidingModule):
         metrics.reset()
 
 
-# The name for classes and labels.
+#: Another name of :class:`TactileModule`, for classes and labels.
 TactileClassifier = TactileModule
 
 

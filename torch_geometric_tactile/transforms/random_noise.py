@@ -11,7 +11,7 @@ from torch_geometric_tactile.transforms._random import check_deviation, normal
 
 @functional_transform("random_noise")
 class RandomNoise(BaseTransform):
-    r"""Adds normal noise to each reading by itself (functional name: :obj:`random_noise`), as an
+    r"""Adds normal noise to each reading separately (functional name: :obj:`random_noise`), as an
     augmentation: a :obj:`train_transform`.
 
     Args:

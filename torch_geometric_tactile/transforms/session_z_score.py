@@ -10,7 +10,7 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 @functional_transform("session_z_score")
 class SessionZScore(FittedTransform):
     r"""Scales each taxel and channel to mean zero and standard deviation one within each recording
-    session, without labels (functional name: :obj:`session_z_score`). It takes out the offset and
+    session, without labels (functional name: :obj:`session_z_score`). It removes the offset and
     gain that a sensor has on one day.
 
     It needs the readings of a session before the first of them can be scaled, and assumes that

@@ -24,6 +24,7 @@ from torch_geometric_tactile.visualization.metrics import (
     plot_roc,
 )
 from torch_geometric_tactile.visualization.recording import plot_recording
+from torch_geometric_tactile.visualization.style import theme
 from torch_geometric_tactile.visualization.training_history import LearningCurves, plot_training
 
 __all__ = [
@@ -51,4 +52,5 @@ __all__ = [
     "plot_sample_embeddings",
     "plot_training",
     "save_figure",
+    "theme",
 ]

@@ -6,28 +6,43 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    SMALL,
+    TEXT,
+    colormap,
+    current_theme,
+    plain_text,
+    series_color,
+    title_axes,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _INPUT = 2.0  # s after pick-up, where the input of the paper ends
-_COLORS = ("#1b6ca8", "#d1651f", "#3a8f4a")
-_PHASES = ("#ffffff", "#eef3f8", "#fdf3e4", "#f8e8e8")
-_SLIP = "#b00020"
+_SHADE = 0.10  # opacity of the colour of a phase
 
 
 def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
     r"""Draws simulated grasps side by side over time: the change of every electrode of each
     fingertip, the normal force and the shear of each, and how loud the vibration is. Phases are
     shaded; a dashed line is where the input of the paper ends, a red one the onset of slip, a
-    dotted one the loss of the object.
+    dotted red one the loss of the object. One or two grasps fit a page.
 
     Args:
         recordings (sequence of Recording): Grasps as :func:`simulate_bigs` writes them.
 
     Raises:
         ValueError: If there are none, or one lacks something.
+
+    Examples:
+        >>> try:
+        ...     plot_bigs_grasps([])
+        ... except ValueError as error:
+        ...     print(error)
+        'recordings' must hold at least one grasp (got none)
     """
     if len(recordings) == 0:
         raise ValueError("'recordings' must hold at least one grasp (got none)")
@@ -35,7 +50,7 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
         _check(recording)
     changes = [_change(recording) for recording in recordings]
     most = max(1.0, *(float(np.percentile(np.abs(change), 99.5)) for change in changes))
-    figure = new_figure(6.6 * len(recordings) + 0.8, 9.0)
+    figure = new_figure(max(8.0, 3.6 * len(recordings) + 0.8), 8.4)
     axes = figure.subplots(
         6, len(recordings), sharex="col", squeeze=False, height_ratios=(1.2, 1.2, 1.2, 1, 1, 1)
     )
@@ -62,11 +77,13 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
             _mark(axes[row, column], recording, shade=False)
     for row, label in ((3, "normal force (N)"), (4, "shear (N)"), (5, "vibration\n(sd, counts)")):
         axes[row, 0].set_ylabel(label)
-    axes[3, 0].legend(loc="upper left", fontsize=8, frameon=False)
+    look = current_theme()
+    axes[3, 0].legend(loc="upper left", fontsize=SMALL, frameon=False, labelcolor=look.ink)
     figure.colorbar(image, ax=axes[:3, :], label="change (counts)", aspect=40, pad=0.01)
-    figure.suptitle(
-        "Simulated grasps: dashed, where the input ends; red, the onset of slip; dotted, the loss",
-        fontsize=11,
+    title_figure(
+        figure,
+        "Simulated grasps. Dashed: the end of the input; red: the onset of slip; red, dotted: the "
+        "loss of the object",
     )
     return figure
 
@@ -103,7 +120,7 @@ def _electrodes(ax: Any, recording: Recording, change: np.ndarray, most: float) 
         change.T,
         aspect="auto",
         extent=extent,
-        cmap="RdBu_r",
+        cmap=colormap("diverging"),
         vmin=-most,
         vmax=most,
         interpolation="nearest",
@@ -113,7 +130,8 @@ def _electrodes(ax: Any, recording: Recording, change: np.ndarray, most: float) 
 
 
 def _lines(ax: Any, recording: Recording, values: np.ndarray, names: Sequence[str]) -> None:
-    for finger, color in enumerate(_COLORS):
+    for finger in range(3):
+        color = series_color(finger)
         ax.plot(recording.time, values[:, finger], color=color, linewidth=0.9, label=names[finger])
     ax.margins(x=0)
 
@@ -123,7 +141,7 @@ def _title(ax: Any, recording: Recording) -> None:
     parts = [str(recording.meta.get("object", "grasp")), str(recording.label)]
     if "mass" in grasp:
         parts.append(f"{1000 * grasp['mass']:.0f} g, friction {grasp['friction']:.2f}")
-    ax.set_title(plain_text(": ".join([", ".join(parts[:2]), *parts[2:]])), fontsize=10, pad=16)
+    title_axes(ax, plain_text(": ".join([", ".join(parts[:2]), *parts[2:]])), size=TEXT, pad=16)
     phase, names = recording.privileged["phase"], recording.meta["phase_names"]
     for number in np.unique(phase):
         middle = float(recording.time[phase == number].mean())
@@ -133,23 +151,24 @@ def _title(ax: Any, recording: Recording) -> None:
             xycoords=("data", "axes fraction"),
             ha="center",
             va="bottom",
-            fontsize=8,
-            color="#555555",
+            fontsize=SMALL,
+            color=current_theme().soft,
         )
 
 
 def _mark(ax: Any, recording: Recording, shade: bool) -> None:
-    phase, time = recording.privileged["phase"], recording.time
+    phase, time, look = recording.privileged["phase"], recording.time, current_theme()
     for number in np.unique(phase):
         start = float(time[phase == number][0])
         if shade:
             end = float(time[phase == number][-1])
-            ax.axvspan(start, end, color=_PHASES[number % len(_PHASES)], zorder=0, linewidth=0)
+            color = look.palette[(4, 5, 1)[(number - 1) % 3]] if number else look.ground
+            ax.axvspan(start, end, color=color, alpha=_SHADE, zorder=0, linewidth=0)
         if number:
-            ax.axvline(start, color="#999999", linewidth=0.7)
-    ax.axvline(recording.meta["pickup_time"] + _INPUT, color="black", linestyle="--", linewidth=1)
+            ax.axvline(start, color=look.faint, linewidth=0.7)
+    ax.axvline(recording.meta["pickup_time"] + _INPUT, color=look.ink, linestyle="--", linewidth=1)
     if recording.meta.get("slip_time") is not None:
-        ax.axvline(recording.meta["slip_time"], color=_SLIP, linewidth=1.4)
+        ax.axvline(recording.meta["slip_time"], color=look.alarm, linewidth=1.4)
     if recording.meta.get("lost") is not None:
         lost = recording.meta["pickup_time"] + recording.meta["lost"]
-        ax.axvline(lost, color=_SLIP, linewidth=1.4, linestyle=":")
+        ax.axvline(lost, color=look.alarm, linewidth=1.4, linestyle=":")

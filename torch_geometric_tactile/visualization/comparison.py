@@ -4,8 +4,19 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
-from torch_geometric_tactile.visualization.metrics import _COLORS, _MARKERS, _wrapped
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    HOLLOW,
+    MARKERS,
+    MOST_WIDTH,
+    current_theme,
+    hollow_handle,
+    open_plot,
+    plain_text,
+    series_color,
+    title_axes,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -13,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 Values = Mapping[str, tuple[float, float]]
-_ROW_HEIGHT = 0.34  # inches
+_ROW_HEIGHT, _OF_SERIES = 0.14, 0.065  # inches of a row, and more for each series
+_NARROWEST = 2.2  # inches of a panel
 _HALF_ROW = 0.32  # of a row, to either side, in which points are drawn
 
 
@@ -39,31 +51,40 @@ def plot_comparison(
     panels: Sequence[ComparisonPanel], series: Sequence[str], title: str
 ) -> "Figure":
     r"""Draws a table of numbers as points, with one line for each row and one colour for each
-    series. Panels are drawn two side by side: two with the same rows share the names of the rows,
-    and two with the same label share the axis.
+    series. Points without a standard deviation, such as published numbers or those of one seed, are
+    hollow. Panels are drawn two side by side: two with the same rows share the names of the rows,
+    and all with the same label share the axis. Panels of other rows stand below one another if the
+    names of two are too wide for a page.
 
     Args:
         panels (sequence of ComparisonPanel): The panels.
         series (sequence of str): Names of the series, in the order of the legend; the first, drawn
-            hollow, is what the others are compared with.
+            as black diamonds, is what the others are compared with.
         title (str): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no panel or row, or a series has no place in :obj:`series`.
+
+    Examples:
+        >>> rows = {"GCN": {"published": (86.1, float("nan")), "ours": (84.0, 1.5)}}
+        >>> panel = ComparisonPanel("by trial", "accuracy in %", rows)
+        >>> figure = plot_comparison([panel], ["published", "ours"], "Published and ours")
+        >>> [text.get_text() for text in figure.legends[0].get_texts()]
+        ['published', 'ours', 'hollow: no spread known']
     """
     if not panels or not all(panel.rows for panel in panels):
         raise ValueError("'panels' must hold at least one panel with at least one row (got none)")
     unknown = {name for panel in panels for row in panel.rows.values() for name in row} - {*series}
     if unknown:
         raise ValueError(f"'series' must hold all names of 'panels' (lacks {sorted(unknown)})")
-    columns = min(2, len(panels))
+    columns = _columns(panels)
     lines = [panels[i : i + columns] for i in range(0, len(panels), columns)]
     heights = [max(len(panel.rows) for panel in line) for line in lines]
-    names = max(len(name) for panel in panels for name in panel.rows)
+    row_height = _ROW_HEIGHT + _OF_SERIES * len(series)
     figure = new_figure(
-        3.4 * columns + 0.085 * names + 0.6,
-        _ROW_HEIGHT * sum(heights) + 0.75 * len(lines) + 0.5 + 0.2 * len(series),
+        min(MOST_WIDTH, 3.4 * columns + _names_width(panels) + 0.6),
+        row_height * sum(heights) + 0.75 * len(lines) + 0.5 + 0.2 * len(series),
     )
     axes = figure.subplots(len(lines), columns, squeeze=False, height_ratios=heights)
     for line, row in zip(lines, axes, strict=True):
@@ -74,31 +95,57 @@ def plot_comparison(
             _draw(ax, line[i], series)
             if i and list(line[i].rows) == list(line[0].rows):
                 ax.tick_params(labelleft=False)
-        if len({panel.xlabel for panel in line}) == 1:
-            limits = [ax.get_xlim() for ax in row[: len(line)]]
-            for ax in row[: len(line)]:
-                ax.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
-    handles = [_handle(i) for i in range(len(series))]
+    drawn = list(zip(panels, axes.flat, strict=False))
+    for label in {panel.xlabel for panel in panels}:
+        alike = [ax for panel, ax in drawn if panel.xlabel == label]
+        low, high = zip(*(ax.get_xlim() for ax in alike), strict=True)
+        for ax in alike:
+            ax.set_xlim(min(low), max(high))
+    points = [
+        (name, isfinite(sd))
+        for panel in panels
+        for values in panel.rows.values()
+        for name, (_, sd) in values.items()
+    ]
+    known = {name for name, is_spread_known in points if is_spread_known}
+    handles = [_handle(i, name in known) for i, name in enumerate(series)]
+    labels = [plain_text(name) for name in series]
+    if not all(is_spread_known for _, is_spread_known in points):
+        handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
     figure.legend(
         handles,
-        [plain_text(name) for name in series],
+        labels,
         loc="outside lower center",
-        ncols=1 if max(map(len, series)) > 40 else 2,
-        fontsize=9,
-        frameon=False,
+        ncols=1 if max(map(len, labels)) > 40 else 2,
     )
-    figure.suptitle(_wrapped(title, int(figure.get_figwidth() * 11)), fontsize=11)
+    title_figure(figure, title)
     return figure
 
 
+def _names_width(panels: Sequence[ComparisonPanel]) -> float:
+    return 0.075 * max(len(name) for panel in panels for name in panel.rows)
+
+
+def _columns(panels: Sequence[ComparisonPanel]) -> int:
+    if len(panels) == 1:
+        return 1
+    share = all(
+        list(left.rows) == list(right.rows)
+        for left, right in zip(panels[::2], panels[1::2], strict=False)
+    )
+    names = _names_width(panels)
+    return 2 if (names if share else 2 * names) + 2 * _NARROWEST <= MOST_WIDTH else 1
+
+
 def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
+    look = current_theme()
     names = list(panel.rows)
     share_rows = any(len(values) > 1 for values in panel.rows.values())
     for y, values in enumerate(panel.rows.values()):
         if y % 2 == 0:
-            ax.axhspan(y - 0.5, y + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
+            ax.axhspan(y - 0.5, y + 0.5, color=look.band, zorder=0, linewidth=0)
         if y and names[y].split(":")[0] != names[y - 1].split(":")[0]:
-            ax.axhline(y - 0.5, color="#a0a0a0", linewidth=0.8)
+            ax.axhline(y - 0.5, color=look.faint, linewidth=0.8)
         for i, name in enumerate(series):
             if name not in values:
                 continue
@@ -110,34 +157,34 @@ def _draw(ax: "Axes", panel: ComparisonPanel, series: Sequence[str]) -> None:
                 xerr=sd if isfinite(sd) else None,
                 elinewidth=1.0,
                 capsize=1.6,
-                **_style(i),
+                **_style(i, isfinite(sd)),
             )
     ax.set_ylim(len(panel.rows) - 0.5, -0.5)
-    ax.set_yticks(range(len(panel.rows)), [plain_text(name) for name in names], fontsize=9)
+    ax.set_yticks(range(len(panel.rows)), [plain_text(name) for name in names])
+    ax.tick_params(axis="y", labelcolor=look.ink)
     if panel.from_zero:
         ax.set_xlim(left=0.0)
     ax.tick_params(axis="y", length=0)
-    ax.tick_params(axis="x", labelsize=9)
-    ax.grid(axis="x", color="#dcdcdc", linewidth=0.6)
-    ax.set_axisbelow(True)
-    ax.set_xlabel(plain_text(panel.xlabel), fontsize=9)
-    ax.set_title(plain_text(panel.title), fontsize=10)
+    open_plot(ax, "x")
+    ax.set_xlabel(plain_text(panel.xlabel))
+    title_axes(ax, plain_text(panel.title))
 
 
-def _style(index: int) -> dict[str, Any]:
-    color = "#000000" if index == 0 else _COLORS[(index - 1) % len(_COLORS)]
+def _style(index: int, is_spread_known: bool) -> dict[str, Any]:
+    look = current_theme()
+    color = look.ink if index == 0 else series_color(index - 1)
     return {
         "linestyle": "none",
-        "marker": "D" if index == 0 else _MARKERS[(index - 1) % len(_MARKERS)],
+        "marker": "D" if index == 0 else MARKERS[(index - 1) % len(MARKERS)],
         "color": color,
         "markersize": 5.0,
-        "markerfacecolor": "white" if index == 0 else color,
-        "markeredgewidth": 1.0 if index == 0 else 0.3,
-        "markeredgecolor": color if index == 0 else "white",
+        "markerfacecolor": color if is_spread_known else look.ground,
+        "markeredgewidth": 0.3 if is_spread_known else 1.1,
+        "markeredgecolor": look.ground if is_spread_known else color,
     }
 
 
-def _handle(index: int) -> "Line2D":
+def _handle(index: int, is_spread_known: bool) -> "Line2D":
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], **_style(index))
+    return Line2D([], [], **_style(index, is_spread_known))

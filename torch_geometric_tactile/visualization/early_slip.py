@@ -5,8 +5,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
-from torch_geometric_tactile.visualization.metrics import _COLORS, _MARKERS
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    HOLLOW,
+    current_theme,
+    hollow_handle,
+    open_plot,
+    plain_text,
+    series_color,
+    series_marker,
+    title_axes,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +41,8 @@ def plot_early_slip(
     seconds: Sequence[float], methods: Mapping[str, AlarmCurves], title: str
 ) -> "Figure":
     r"""Draws recall and false alarms against the time that is left before the onset of slip, which
-    is at the right end. Lines are means over trainings, bands one standard deviation.
+    is at the right end. Lines are means over trainings, bands one standard deviation; where there
+    was one training only, the points are hollow.
 
     Args:
         seconds (sequence of float): Times before the onset in seconds :math:`(L,)`.
@@ -41,11 +52,20 @@ def plot_early_slip(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no method, or its curves are of other times.
+
+    Examples:
+        >>> curves = AlarmCurves(np.array([[0.9, 0.5]]), np.array([[0.05, 0.02]]))
+        >>> figure = plot_early_slip([0.1, 0.5], {"LSTM": curves}, "Early slip")
+        >>> figure.axes[0].get_title()
+        'slipping grasps with an alarm'
     """
     if not methods:
         raise ValueError("'methods' must hold at least one method (got none)")
     time = np.asarray(seconds, dtype=np.float64)
-    figure = new_figure(9.0, 4.2)
+
+    from matplotlib.ticker import MaxNLocator
+
+    figure = new_figure(8.0, 4.1)
     left, right = figure.subplots(1, 2, sharey=True)
     for i, (name, curves) in enumerate(methods.items()):
         for ax, values in ((left, curves.recall), (right, curves.false_alarms)):
@@ -54,20 +74,19 @@ def plot_early_slip(
         (left, "slipping grasps with an alarm"),
         (right, "holding grasps with an alarm\nat the same moments"),
     ):
-        ax.set_title(what, fontsize=10)
-        ax.set_xlabel("seconds before the onset of slip", fontsize=9)
+        title_axes(ax, what)
+        ax.set_xlabel("seconds before the onset of slip")
         ax.set_xlim(time.max() * 1.03, 0.0)
-        ax.grid(color="#dcdcdc", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.tick_params(labelsize=9)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        open_plot(ax)
     left.set_ylim(0.0, 1.02)
-    left.set_ylabel("part of the grasps", fontsize=9)
+    left.set_ylabel("part of the grasps")
     handles, labels = left.get_legend_handles_labels()
-    columns = min(3, len(labels))
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False
-    )
-    figure.suptitle(plain_text(title), fontsize=11)
+    if any(np.atleast_2d(curves.recall).shape[0] < 2 for curves in methods.values()):
+        handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
+    columns = 1 if max(map(len, labels), default=0) > 60 else 2
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    title_figure(figure, title)
     return figure
 
 
@@ -87,9 +106,17 @@ def _draw(ax: "Axes", time: np.ndarray, values: np.ndarray, name: str, index: in
         return
     time, values = time[counted], values[:, counted]
     mean, deviation = np.nanmean(values, axis=0), np.nanstd(values, axis=0)
-    color = _COLORS[index % len(_COLORS)]
-    marker = _MARKERS[index % len(_MARKERS)]
-    ax.plot(time, mean, color=color, marker=marker, markersize=4, linewidth=1.4, label=name)
+    color = series_color(index)
+    ax.plot(
+        time,
+        mean,
+        color=color,
+        marker=series_marker(index),
+        markersize=4,
+        markerfacecolor=color if len(values) > 1 else current_theme().ground,
+        linewidth=1.6,
+        label=name,
+    )
     if len(values) > 1:
         low, high = mean - deviation, mean + deviation
         ax.fill_between(time, low, high, color=color, alpha=0.18, linewidth=0)

@@ -7,15 +7,20 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.hand import plot_hand
-from torch_geometric_tactile.visualization.segment_colors import DIGIT_COLORS, segment_colors
+from torch_geometric_tactile.visualization.segment_colors import digit_color, segment_colors
+from torch_geometric_tactile.visualization.style import (
+    MARKERS,
+    current_theme,
+    plain_text,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MARKERS = ("o", "s", "^", "D", "X", "v", "P")
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -52,6 +57,12 @@ def plot_embedding(
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`places` does not fit the layout or is not finite, or :obj:`color_by` is
             unknown.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> figure = plot_embedding(torch.randn(384, 2), allegro_uskin(), axis_name="t-SNE")
+        >>> figure.axes[0].get_xlabel()
+        't-SNE 1'
     """
     places = torch.as_tensor(places).detach().cpu().double()
     if places.shape not in ((layout.num_taxels, 2), (layout.num_taxels, 3)):
@@ -65,23 +76,23 @@ def plot_embedding(
         raise ValueError(f"'color_by' must be 'patch' or 'digit' (got '{color_by}')")
     views = _VIEWS[: 3 if places.size(1) == 3 else 1]
     if len(views) == 1:
-        figure = new_figure(10.6, 5.6)
+        figure = new_figure(8.0, 4.3)
         axes = list(figure.subplots(1, 2, width_ratios=[1.25, 1]).flat)
         hand = axes.pop()
     else:
-        figure = new_figure(10.4, 9.6)
+        figure = new_figure(8.0, 7.4)
         axes = list(figure.subplots(2, 2).flat)
         hand = axes.pop()
     colors = segment_colors(layout, color_by)
     for ax, (first, second) in zip(axes, views, strict=True):
         _draw_places(ax, places[:, [first, second]], layout, colors)
-        ax.set_xlabel(plain_text(f"{axis_name} {first + 1}"), fontsize=9)
-        ax.set_ylabel(plain_text(f"{axis_name} {second + 1}"), fontsize=9)
+        ax.set_xlabel(plain_text(f"{axis_name} {first + 1}"))
+        ax.set_ylabel(plain_text(f"{axis_name} {second + 1}"))
     plot_hand(layout, kinematics, ax=hand, color_by=color_by, names="digit")
     hand.set_axis_off()
     _draw_legend(figure, layout.digit_names)
     if title is not None:
-        figure.suptitle(plain_text(title), fontsize=12)
+        title_figure(figure, title)
     return figure
 
 
@@ -95,10 +106,10 @@ def _draw_places(
         ax.scatter(
             x,
             y,
-            s=26,
+            s=20,
             c=[colors[k] for k in chosen],
-            marker=_MARKERS[i % len(_MARKERS)],
-            edgecolors="#303030",
+            marker=MARKERS[i % len(MARKERS)],
+            edgecolors=current_theme().outline,
             linewidths=0.4,
         )
     ax.set_aspect("equal", adjustable="datalim")
@@ -114,9 +125,9 @@ def _draw_legend(figure: "Figure", names: Sequence[str]) -> None:
             [],
             [],
             linestyle="none",
-            marker=_MARKERS[i % len(_MARKERS)],
-            markerfacecolor=DIGIT_COLORS[i % len(DIGIT_COLORS)],
-            markeredgecolor="#303030",
+            marker=MARKERS[i % len(MARKERS)],
+            markerfacecolor=digit_color(i),
+            markeredgecolor=current_theme().outline,
             markeredgewidth=0.4,
             label=plain_text(name),
         )
@@ -126,6 +137,4 @@ def _draw_legend(figure: "Figure", names: Sequence[str]) -> None:
         handles=handles,
         loc="outside lower center",
         ncols=len(names),
-        fontsize=9,
-        frameon=False,
     )

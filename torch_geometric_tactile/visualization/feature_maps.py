@@ -7,8 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
-from torch_geometric_tactile.visualization.metrics import _COLORS, _MARKERS, _wrapped
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    MOST_WIDTH,
+    TEXT,
+    colormap,
+    current_theme,
+    fitted,
+    plain_text,
+    series_color,
+    series_marker,
+    title_axes,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +30,7 @@ def plot_feature_maps(
     image: ArrayLike, maps: Mapping[str, ArrayLike], title: str, columns: int = 9
 ) -> "Figure":
     r"""Draws an image and feature maps of it, a row for each kind. All maps of a kind share one
-    scale of grey, from the smallest to the largest number.
+    scale of colours, from the smallest to the largest number.
 
     Args:
         image (array): The image.
@@ -34,31 +45,38 @@ def plot_feature_maps(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no map, or one has another shape.
+
+    Examples:
+        >>> figure = plot_feature_maps(np.eye(8), {"first layer": np.ones((3, 4, 4))}, "Maps")
+        >>> len(figure.axes)  # the image and three maps
+        4
     """
     kinds = {name: np.asarray(values, dtype=np.float64) for name, values in maps.items()}
     if not kinds or any(kind.ndim != 3 or kind.size == 0 for kind in kinds.values()):
         raise ValueError("'maps' must hold maps of shape (number, height, width), at least one")
+    columns = min(columns, max(len(kind) for kind in kinds.values()))
     rows = {name: ceil(len(kind) / columns) for name, kind in kinds.items()}
     total = sum(rows.values())
-    figure = new_figure(1.15 * (columns + 1.4), 1.25 * total + 0.9)
+    figure = new_figure(min(MOST_WIDTH, 0.95 * (columns + 1.4) + 0.4), 0.95 * total + 0.8)
     grid = figure.add_gridspec(total, columns + 1, width_ratios=[1.5, *[1] * columns])
     ax = figure.add_subplot(grid[:, 0])
     _draw(ax, np.asarray(image), 0.0, None)
-    ax.set_title("input", fontsize=9)
+    title_axes(ax, "input")
     first = 0
     for name, kind in kinds.items():
         for i, values in enumerate(kind):
             ax = figure.add_subplot(grid[first + i // columns, 1 + i % columns])
             _draw(ax, values, float(kind.min()), float(kind.max()))
             if i == 0:
-                ax.set_title(plain_text(name), fontsize=9, loc="left")
+                text = title_axes(ax, plain_text(name), loc="left")
+                text.set_in_layout(False)  # it may be wider than its map
         first += rows[name]
-    figure.suptitle(_wrapped(title, 100), fontsize=11)
+    title_figure(figure, title)
     return figure
 
 
 def _draw(ax: "Axes", values: np.ndarray, low: float, high: float | None) -> None:
-    ax.imshow(values, cmap="gray", vmin=low, vmax=high, interpolation="nearest")
+    ax.imshow(values, cmap=colormap("sequential"), vmin=low, vmax=high, interpolation="nearest")
     ax.set_xticks(())
     ax.set_yticks(())
 
@@ -80,13 +98,19 @@ def plot_sample_embeddings(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no panel, or places and names differ in number.
+
+    Examples:
+        >>> places = np.array([[0.0, 1.0], [2.0, 3.0]])
+        >>> figure = plot_sample_embeddings({"GCN": (places, ["A", "B"])}, "t-SNE")
+        >>> figure.axes[0].get_title()
+        'GCN'
     """
     if not panels:
         raise ValueError("'panels' must hold at least one model (got none)")
     names = list(dict.fromkeys(name for _, labels in panels.values() for name in labels))
     columns = min(columns, len(panels))
     rows = ceil(len(panels) / columns)
-    figure = new_figure(3.0 * columns, 3.1 * rows + 0.8)
+    figure = new_figure(max(4.0, 2.0 * columns), 2.1 * rows + 0.9)
     axes = figure.subplots(rows, columns, squeeze=False).flat
     for ax, (model, (given, labels)) in zip(axes, panels.items(), strict=False):
         places = np.asarray(given, dtype=np.float64)
@@ -98,21 +122,19 @@ def plot_sample_embeddings(
             chosen = places[[label == name for label in labels]]
             ax.scatter(
                 *chosen.T,
-                s=18,
-                color=_COLORS[i % len(_COLORS)],
-                marker=_MARKERS[i % len(_MARKERS)],
+                s=14,
+                color=series_color(i),
+                marker=series_marker(i),
                 linewidths=0.3,
-                edgecolors="white",
+                edgecolors=current_theme().ground,
                 label=plain_text(name),
             )
-        ax.set_title(plain_text(model), fontsize=10)
+        title_axes(ax, fitted(model, 1.9, TEXT))
         ax.set_xticks(())
         ax.set_yticks(())
     for ax in list(figure.axes)[len(panels) :]:
         ax.set_visible(False)
     handles, found = figure.axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, found, loc="outside lower center", ncols=len(names), fontsize=9, frameon=False
-    )
-    figure.suptitle(_wrapped(title, 34 * columns), fontsize=11)
+    figure.legend(handles, found, loc="outside lower center", ncols=min(len(names), 8))
+    title_figure(figure, title)
     return figure

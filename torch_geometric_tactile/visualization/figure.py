@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.texts import printable
 from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.visualization.style import current_theme
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,7 +15,8 @@ INSTALL = 'pip install "torch-geometric-tactile[viz]"'
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    r"""Returns an empty white figure that is drawn in memory and shown by notebooks.
+    r"""Returns an empty figure in the colours of :func:`theme` that is drawn in memory and shown by
+    notebooks.
 
     Args:
         width (float): Width in inches.
@@ -23,6 +24,11 @@ def new_figure(width: float, height: float) -> "Figure":
 
     Raises:
         ImportError: If matplotlib is missing.
+
+    Examples:
+        >>> figure = new_figure(4.0, 3.0)
+        >>> figure.get_size_inches().tolist()
+        [4.0, 3.0]
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -30,27 +36,15 @@ def new_figure(width: float, height: float) -> "Figure":
         from torch_geometric_tactile.visualization.shown_figure import ShownFigure
     except ImportError as error:
         raise ImportError(f"pictures need matplotlib: {INSTALL}") from error
-    figure = ShownFigure(figsize=(width, height), layout="constrained", facecolor="white")
+    ground = current_theme().ground
+    figure = ShownFigure(figsize=(width, height), layout="constrained", facecolor=ground)
     FigureCanvasAgg(figure)
     return figure
 
 
-def plain_text(text: str) -> str:
-    r"""Returns a text in which matplotlib finds no formula and no control characters, but lines.
-
-    Args:
-        text (str): The text, such as the name of an object.
-
-    Examples:
-        >>> print(plain_text("$5 mug"))
-        \$5 mug
-    """
-    return "\n".join(map(printable, text.split("\n"))).replace("$", r"\$")
-
-
 def save_figure(figure: "Figure", path: PathLike) -> None:
-    r"""Writes a figure as a PNG file that is either whole or absent, at 150 dots per inch. The same
-    figure gives the same bytes.
+    r"""Writes a figure as a PNG file that is either complete or absent, at 150 dots per inch. The
+    same figure gives the same bytes.
 
     Args:
         figure (matplotlib.figure.Figure): The figure.
@@ -58,8 +52,21 @@ def save_figure(figure: "Figure", path: PathLike) -> None:
 
     Raises:
         ValueError: If :obj:`path` has another suffix.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     save_figure(new_figure(1.0, 1.0), Path(folder) / "empty.png")
+        ...     [path.name for path in Path(folder).iterdir()]
+        ['empty.png']
     """
     if Path(path).suffix.lower() != ".png":
         raise ValueError(f"'path' must end in '.png' (got '{path}')")
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=DPI, metadata={"Software": None})
+        figure.savefig(
+            temporary,
+            format="png",
+            dpi=DPI,
+            metadata={"Software": None},
+            pil_kwargs={"optimize": True},
+        )

@@ -7,13 +7,19 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.layout import figure_size, layout_plane, plot_layout
+from torch_geometric_tactile.visualization.style import (
+    MOST_WIDTH,
+    TEXT,
+    current_theme,
+    plain_text,
+)
+from torch_geometric_tactile.visualization.taxel_map import value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_CMAP = "RdBu_r"
 _QUANTILE = 0.98
 
 
@@ -43,6 +49,13 @@ def plot_grasps(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no grasp or no finger, or readings have another shape.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import biotac_sp
+        >>> readings = {"stable": torch.randn(24, 2), "slip": torch.randn(24, 2)}
+        >>> figure = plot_grasps(biotac_sp(), readings, ["index", "thumb"])
+        >>> figure.axes[-1].get_ylabel()
+        'reading (standard deviations)'
     """
     if not readings:
         raise ValueError("'readings' must hold at least one grasp (got none)")
@@ -55,16 +68,12 @@ def plot_grasps(
                 f"'readings' must have shape {shape} (got {tuple(reading.shape)} for '{title}')"
             )
     limit, clipped = _symmetric_limit(torch.stack(list(readings.values())))
-    width, height = figure_size(layout_plane(layout), 2.6)
+    wide = min(2.3, (MOST_WIDTH - 1.0) / len(finger_names))
+    width, height = figure_size(layout_plane(layout), wide)
     header = 0.3
     figure = new_figure(
-        width * len(finger_names) + 1.1, (height + header + 0.35) * len(readings) + 0.2
+        width * len(finger_names) + 1.0, (height + header + 0.35) * len(readings) + 0.2
     )
-
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
     rows = figure.add_gridspec(
         2 * len(readings), len(finger_names), height_ratios=[header, height] * len(readings)
     )
@@ -72,7 +81,8 @@ def plot_grasps(
     for row, (title, reading) in enumerate(readings.items()):
         heading = figure.add_subplot(rows[2 * row, :])
         heading.axis("off")
-        heading.text(0, 0.2, plain_text(title), fontsize=11, weight="bold").set_in_layout(False)
+        text = heading.text(0, 0.2, plain_text(title), fontsize=TEXT + 1, weight="bold")
+        text.set(color=current_theme().ink, in_layout=False)
         panels.append(heading)
         for column, name in enumerate(finger_names):
             ax = figure.add_subplot(rows[2 * row + 1, column])
@@ -82,7 +92,7 @@ def plot_grasps(
                 edge_index,
                 ax,
                 limits=(-limit, limit),
-                cmap=_CMAP,
+                cmap="diverging",
                 label=None,
                 title=name,
             )
@@ -94,14 +104,13 @@ def plot_grasps(
                 ax.tick_params(labelleft=False)
             panels.append(ax)
     bar = figure.colorbar(
-        ScalarMappable(Normalize(-limit, limit), colormaps[_CMAP]),
+        value_scale(None, (-limit, limit), "diverging"),
         ax=panels,
         extend="both" if clipped else "neither",
         shrink=0.8,
         aspect=15 * len(readings),
     )
-    bar.set_label(plain_text(f"reading ({unit})"), fontsize=10)
-    bar.ax.tick_params(labelsize=9)
+    bar.set_label(plain_text(f"reading ({unit})"))
     return figure
 
 

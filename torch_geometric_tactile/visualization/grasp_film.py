@@ -13,25 +13,38 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim import stock_bodies
 from torch_geometric_tactile.sim.hand_model import STAND
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.style import (
+    SMALL,
+    current_theme,
+    plain_text,
+    title_axes,
+    title_figure,
+)
+from torch_geometric_tactile.visualization.taxel_map import value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Color = tuple[float, float, float, float]  # with opacity: taxels are seen through bones and object
-_BONE: _Color = (0.62, 0.65, 0.70, 0.45)
-_OBJECT: _Color = (0.95, 0.70, 0.35, 0.30)
+_BONE: _Color = (0.66, 0.69, 0.74, 0.40)
+_OBJECT: _Color = (0.95, 0.74, 0.45, 0.30)
 _STAND: _Color = (0.80, 0.80, 0.78, 1.0)
-_SKIN, _PRESSED = np.array([0.20, 0.22, 0.26, 1.0]), np.array([1.0, 0.10, 0.05, 1.0])
+_SKIN: _Color = (0.45, 0.48, 0.53, 0.55)
 _LIGHT = np.array([0.35, -0.55, 0.76])
-_FULL_FORCE = 1.0  # newtons at which a taxel is coloured to the full
-_TAXEL = 0.0022  # radius of a drawn taxel, m
+_FULL_FORCE = 1.0  # newtons at the end of the colours of the film
+_TOUCH = 0.02  # newtons from which a taxel is drawn as touched
+_TAXEL, _TOUCHED = 0.0018, 0.0036  # radius of a drawn taxel, m
+_MARGIN = 0.012  # m around the hand and the object
+_QUANTILE = 0.95  # of the forces at touched taxels, at the end of the colours of the phases
 
 
 class _Faces(NamedTuple):
     corners: np.ndarray  # (F, K, 3)
     color: np.ndarray  # (F, 4)
+    is_followed: bool = True  # by the view
+    ahead: np.ndarray | float = 0.0  # m by which they are drawn before what is nearer
 
 
 def plot_grasp_film(
@@ -42,8 +55,9 @@ def plot_grasp_film(
     azimuth: float = -62.0,
     elevation: float = 6.0,
 ) -> "Figure":
-    r"""Draws a simulated trial as a strip of pictures, the taxels coloured by pressure. Each phase
-    has about as many pictures, however long it lasts.
+    r"""Draws a simulated trial as a strip of pictures that follow the hand and the object. Touched
+    taxels are drawn large, before all else and in the colour of their normal force. Each phase has
+    about as many pictures, however long it lasts.
 
     Args:
         recording (Recording): A simulated trial, with the privileged :obj:`palm_pose`,
@@ -62,25 +76,40 @@ def plot_grasp_film(
         raise ValueError(f"'frames' must be at least 1 (got {frames})")
     columns = min(frames, 4)
     rows = -(-frames // columns)
-    figure = new_figure(3.4 * columns, 3.2 * rows + 0.5)
-    for i, frame in enumerate(_spread_over_phases(recording.privileged["phase"], frames)):
+    shown = [int(i) for i in _spread_over_phases(recording.privileged["phase"], frames)]
+    scale = value_scale(None, (0.0, _FULL_FORCE), "sequential")
+    scenes = [list(_scene(recording, frame, layout, kinematics, scale)) for frame in shown]
+    plane, towards = _view(azimuth, elevation)
+    size = np.max([np.ptp(_corners(scene, plane), axis=0) for scene in scenes], axis=0)
+    size = size + 2 * _MARGIN
+    tall = 1.9 * float(size[1] / size[0])
+    figure = new_figure(max(2.0 * columns, 4.0), (tall + 0.3) * rows + 1.0)
+    axes = []
+    for i, (frame, scene) in enumerate(zip(shown, scenes, strict=True)):
         ax = figure.add_subplot(rows, columns, i + 1)
-        _draw(ax, list(_scene(recording, int(frame), layout, kinematics)), azimuth, elevation)
-        pressure = float(recording.privileged["force"][frame, :, 2].clip(0).sum())
+        _draw(ax, scene, plane, towards, size)
+        force = float(recording.privileged["force"][frame, :, 2].clip(0).sum())
         phase = _phase_name(recording, int(recording.privileged["phase"][frame]))
-        ax.set_title(
-            f"{recording.time[frame]:.1f} s, {phase}: {pressure:.0f} N on the skin", fontsize=9
+        title_axes(
+            ax,
+            plain_text(f"{recording.time[frame]:.1f} s, {phase}: {force:.0f} N on the skin"),
+            size=SMALL,
         )
-    full = f"a taxel at {_FULL_FORCE} N or more is red"
-    figure.suptitle(plain_text(f"Simulated grasp of {recording.label}; {full}"))
+        axes.append(ax)
+    bar = figure.colorbar(
+        scale, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.02, extend="max"
+    )
+    bar.set_label("normal force on a taxel (N); taxels without touch are grey")
+    title_figure(figure, f"Simulated grasp of {recording.label}")
     return figure
 
 
 def plot_grasp_forces(
     recording: Recording, layout: TaxelLayout, kinematics: HandKinematics
 ) -> "Figure":
-    r"""Draws the pressure on every taxel of a simulated trial, one hand for each phase: the mean
-    over the last half of the phase.
+    r"""Draws the normal force on every taxel of a simulated trial, a hand for each phase: the mean
+    over the last half of the phase. Few taxels carry most of it, so that the colours end at the
+    95th percentile of the taxels that are touched.
 
     Args:
         recording (Recording): A simulated trial, with the privileged :obj:`force` and
@@ -92,29 +121,39 @@ def plot_grasp_forces(
         ValueError: If the recording lacks something.
     """
     _check(recording)
-    pressure = {}
+    force = {}
     for phase in np.unique(recording.privileged["phase"]):
         frames = np.flatnonzero(recording.privileged["phase"] == phase)
         late = frames[len(frames) // 2 :]
-        pressure[int(phase)] = recording.privileged["force"][late, :, 2].mean(axis=0)
-    top = max(float(values.max()) for values in pressure.values()) or 1.0
-    columns = min(len(pressure), 3)
-    rows = -(-len(pressure) // columns)
-    figure = new_figure(4.0 * columns, 4.4 * rows)
-    for i, (phase, values) in enumerate(pressure.items()):
+        force[int(phase)] = recording.privileged["force"][late, :, 2].mean(axis=0)
+    every = np.concatenate(list(force.values()))
+    touched = every[every > _TOUCH]
+    top = float(np.quantile(touched, _QUANTILE)) if touched.size else 1.0
+    columns = min(len(force), 3)
+    rows = -(-len(force) // columns)
+    figure = new_figure(2.4 * columns + 0.8, 2.6 * rows + 0.4)
+    axes = []
+    for i, (phase, values) in enumerate(force.items()):
+        axes.append(figure.add_subplot(rows, columns, i + 1))
         plot_hand(
             layout,
             kinematics,
             value=torch.from_numpy(values.astype(np.float32)),
-            ax=figure.add_subplot(rows, columns, i + 1),
+            ax=axes[-1],
             limits=(0.0, top),
-            cmap="inferno",
-            label="pressure (N)",
+            label=None,
             title=f"{_phase_name(recording, phase)}: {values.clip(0).sum():.1f} N",
         )
-    figure.suptitle(
-        plain_text(f"Simulated grasp of {recording.label}: pressure on the skin by phase")
+        axes[-1].set_axis_off()
+    bar = figure.colorbar(
+        value_scale(None, (0.0, top), "sequential"),
+        ax=axes,
+        shrink=0.7,
+        aspect=30,
+        extend="max" if touched.size and float(touched.max()) > top else "neither",
     )
+    bar.set_label("normal force on a taxel (N)")
+    title_figure(figure, f"Simulated grasp of {recording.label}: normal force on the skin by phase")
     return figure
 
 
@@ -140,15 +179,30 @@ def _spread_over_phases(phase: np.ndarray, frames: int) -> np.ndarray:
     return np.searchsorted(passed, (np.arange(frames) + 0.5) / frames).clip(max=len(phase) - 1)
 
 
-def _draw(ax: Any, scene: list[_Faces], azimuth: float, elevation: float) -> None:
-    from matplotlib.collections import PolyCollection
-
+def _view(azimuth: float, elevation: float) -> tuple[np.ndarray, np.ndarray]:
+    # The axes of the picture as columns, and the direction of the viewer.
     a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
-    plane = np.stack([right, np.cross(towards, right)], axis=1)
+    return np.stack([right, np.cross(towards, right)], axis=1), towards
+
+
+def _corners(scene: list[_Faces], plane: np.ndarray) -> np.ndarray:
+    points = np.concatenate(
+        [(faces.corners @ plane).reshape(-1, 2) for faces in scene if faces.is_followed]
+    )
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _draw(
+    ax: Any, scene: list[_Faces], plane: np.ndarray, towards: np.ndarray, size: np.ndarray
+) -> None:
+    from matplotlib.collections import PolyCollection
+
     polygons = [polygon for faces in scene for polygon in faces.corners @ plane]
-    depth = np.concatenate([(faces.corners @ towards).mean(axis=1) for faces in scene])
+    depth = np.concatenate(
+        [(faces.corners @ towards).mean(axis=1) + faces.ahead for faces in scene]
+    )
     # The painter's algorithm: far faces are drawn first.
     order = depth.argsort(kind="stable")
     collection = PolyCollection(
@@ -157,20 +211,26 @@ def _draw(ax: Any, scene: list[_Faces], azimuth: float, elevation: float) -> Non
         edgecolors="none",
     )
     ax.add_collection(collection)
-    ax.axhline(0.0, color="#999999", linewidth=1.0, zorder=0)
-    ax.set_xlim(-0.18, 0.18)
-    ax.set_ylim(-0.02, 0.32)
+    ax.axhline(0.0, color=current_theme().faint, linewidth=1.0, zorder=0)
+    low, high = (_corners(scene, plane).mean(axis=0) + side * size / 2 for side in (-1, 1))
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal")
     ax.set_axis_off()
 
 
 def _scene(
-    recording: Recording, frame: int, layout: TaxelLayout, kinematics: HandKinematics
+    recording: Recording,
+    frame: int,
+    layout: TaxelLayout,
+    kinematics: HandKinematics,
+    scale: Any,
 ) -> Iterator[_Faces]:
     assert recording.joint is not None
     half_x, half_y, height = STAND
     for corners in _primitive("box", [half_x, half_y, height / 2]):
-        yield _shaded(corners + np.array([0.0, 0.0, height / 2]), _STAND)
+        faces = _shaded(corners + np.array([0.0, 0.0, height / 2]), _STAND)
+        yield faces._replace(is_followed=False)
     item = recording.meta["object_parameters"]
     pose = recording.privileged["object_pose"][frame]
     for corners in _primitive(item["shape"], np.array(item["size"]) / 2):
@@ -191,10 +251,16 @@ def _scene(
 
     taxels = kinematics.taxel_pose(layout, joint)
     assert taxels.normal is not None
-    pressure = (recording.privileged["force"][frame, :, 2, None] / _FULL_FORCE).clip(0, 1)
+    force = recording.privileged["force"][frame, :, 2]
+    touched = force > _TOUCH
     yield _Faces(
-        _discs(taxels.pos.numpy() @ turn.T + origin, taxels.normal.numpy() @ turn.T),
-        ((1 - pressure) * _SKIN + pressure * _PRESSED).clip(0, 1),  # rounding ends above one
+        _discs(
+            taxels.pos.numpy() @ turn.T + origin,
+            taxels.normal.numpy() @ turn.T,
+            np.where(touched, _TOUCHED, _TAXEL),
+        ),
+        np.where(touched[:, None], scale.to_rgba(force), np.array(_SKIN)),
+        ahead=touched.astype(np.float64),
     )
 
 
@@ -218,12 +284,12 @@ def _shaded(corners: np.ndarray, color: _Color) -> _Faces:
     return _Faces(corners, np.column_stack([shade, np.full(len(shade), color[3])]))
 
 
-def _discs(pos: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _discs(pos: np.ndarray, normal: np.ndarray, radius: np.ndarray) -> np.ndarray:
     across = np.cross(normal, [0.3, 0.5, 0.8])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    angle = np.linspace(0, 2 * np.pi, 7)[:-1, None]
+    angle = np.linspace(0, 2 * np.pi, 9)[:-1, None]
     ring = np.cos(angle) * across[:, None] + np.sin(angle) * np.cross(normal, across)[:, None]
-    return np.asarray(pos[:, None] + _TAXEL * ring)
+    return np.asarray(pos[:, None] + radius[:, None, None] * ring)
 
 
 def _primitive(shape: str, half: ArrayLike) -> list[np.ndarray]:

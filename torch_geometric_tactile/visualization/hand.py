@@ -7,9 +7,10 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.hand_edges import draw_edge_values, draw_edges
 from torch_geometric_tactile.visualization.segment_colors import segment_colors
+from torch_geometric_tactile.visualization.style import TEXT, current_theme, plain_text
 from torch_geometric_tactile.visualization.taxel_map import (
     checked_edges,
     checked_values,
@@ -24,11 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_OUTLINE_COLOR = "#303030"
-_PLAIN_COLOR = "#ffffff"
 # The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
 _OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
-_NAME_SIZES = {"patch": 6.5, "digit": 11.0}  # points
+_NAME_SIZES = {"patch": 6.5, "digit": TEXT + 0.5}  # points
 # In shares of the extent; names are drawn in the lower one.
 _MARGIN, _LOWER_MARGIN = 0.048, 0.072
 
@@ -65,7 +64,7 @@ def plot_hand(
     azimuth: float = 0.0,
     elevation: float = 0.0,
     limits: tuple[float, float] | None = None,
-    cmap: str = "viridis",
+    cmap: str = "sequential",
     label: str | None = "reading",
     edge_limits: tuple[float, float] | None = None,
     edge_cmap: str = "plasma",
@@ -78,7 +77,7 @@ def plot_hand(
     the palm: with :math:`y` to the right and :math:`z` up, its palm is seen with the fingertips up.
     Edges within a patch are grey, edges between patches orange, and an edge without its reverse is
     an arrow. With :obj:`edge_value`, the half of a line next to a taxel has the colour of the edge
-    to that taxel, and taxels are small and white unless :obj:`value` colours them.
+    to that taxel, and taxels are small and plain unless :obj:`value` colours them.
 
     Args:
         layout (TaxelLayout): The layout; its links are links of the hand.
@@ -88,7 +87,7 @@ def plot_hand(
         adjacency (str or torch.Tensor, optional): Edges to draw below the taxels: the name of an
             adjacency of the layout, or directed edges.
         value (torch.Tensor, optional): Values that colour the taxels, instead of :obj:`color_by`; a
-            missing value (NaN) stays white with a dashed outline.
+            missing value (NaN) stays plain with a dashed outline.
         edge_value (torch.Tensor, optional): What colours the edges of :obj:`adjacency`.
         ax (matplotlib.axes.Axes, optional): Where to draw. A new figure if left out.
         color_by (str): Which taxels share a colour, those of a :obj:`"patch"` (tints of its digit's
@@ -101,7 +100,8 @@ def plot_hand(
             :math:`z`.
         limits (tuple of float, optional): Values at the ends of the colour scale; lowest and
             highest value if left out.
-        cmap (str): Name of matplotlib's colour map.
+        cmap (str): Name of matplotlib's colour map, or :obj:`"sequential"` or :obj:`"diverging"`
+            for that of all pictures.
         label (str, optional): Label of the colour bar. No colour bar if :obj:`None`.
         edge_limits (tuple of float, optional): As :obj:`limits`, of the edges.
         edge_cmap (str): As :obj:`cmap`, of the edges.
@@ -119,6 +119,12 @@ def plot_hand(
         ValueError: If :obj:`joint`, :obj:`adjacency`, :obj:`value` or :obj:`edge_value` does not
             fit, a link of the layout is not one of the hand, :obj:`limits` do not rise, or
             :obj:`color_by` or :obj:`names` is unknown.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> figure = plot_hand(allegro_uskin(), value=torch.rand(384), label="force (N)")
+        >>> [ax.get_ylabel() for ax in figure.axes]  # the hand and its colour bar
+        ['mm', 'force (N)']
     """
     for key, by in (("color_by", color_by), ("names", names)):
         if by not in _NAME_SIZES and not (key == "names" and by is None):
@@ -153,8 +159,9 @@ def plot_hand(
 
     from matplotlib.colors import to_rgba
 
+    look = current_theme()
     missing = [False] * layout.num_taxels
-    colors: list[tuple[float, ...]] = [to_rgba(_PLAIN_COLOR)] * layout.num_taxels
+    colors: list[tuple[float, ...]] = [to_rgba(look.plain)] * layout.num_taxels
     if value is not None:
         missing = value.isnan().tolist()
         colors = value_colors(value, scale)
@@ -171,13 +178,13 @@ def plot_hand(
         diameter,
         [colors[i] for i in order],
         [missing[i] for i in order],
-        _OUTLINE_COLOR,
+        look.outline,
         0.45,
     )
     if names is not None:
         _draw_names(ax, plane, diameter, layout, names)
     shown = None if value is None else scale
-    finish_map(ax, corners.tolist(), 6, title, 11, shown, label)
+    finish_map(ax, corners.tolist(), 6, title, shown, label)
     if edge_value is not None and edge_label is not None:
         draw_color_bar(ax, edge_scale, edge_label)
     return ax.figure.figure
@@ -232,6 +239,7 @@ def _draw_names(
                 float(low[1]) - diameter,
                 plain_text(name),
                 fontsize=_NAME_SIZES[by],
+                color=current_theme().ink,
                 ha="center",
                 va="top",
                 zorder=4,

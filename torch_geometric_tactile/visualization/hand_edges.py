@@ -6,14 +6,11 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.visualization.style import current_theme
 from torch_geometric_tactile.visualization.taxel_map import checked_edges
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_PIECE_COLOR = "#555555"
-_JOIN_COLOR = "#e07b00"
-_ONE_WAY_COLOR = "#d4007a"
 
 
 def draw_edges(ax: "Axes", plane: Tensor, edge_index: Tensor, layout: TaxelLayout) -> None:
@@ -31,10 +28,11 @@ def draw_edges(ax: "Axes", plane: Tensor, edge_index: Tensor, layout: TaxelLayou
     from matplotlib.collections import LineCollection
     from matplotlib.patches import FancyArrowPatch
 
+    look = current_theme()
     pieces, joins, arrows = _sorted_edges(edge_index, layout)
     for pairs, color, kind in (
-        (pieces, _PIECE_COLOR, "within a patch"),
-        (joins, _JOIN_COLOR, "between patches"),
+        (pieces, look.soft, "within a patch"),
+        (joins, look.join, "between patches"),
     ):
         if len(pairs):
             ax.add_collection(
@@ -51,7 +49,7 @@ def draw_edges(ax: "Axes", plane: Tensor, edge_index: Tensor, layout: TaxelLayou
                 mutation_scale=12,
                 shrinkA=0,
                 shrinkB=2,
-                color=_ONE_WAY_COLOR,
+                color=look.one_way,
                 linewidth=1.6,
                 zorder=3,
                 label="one way only" if i == 0 else None,

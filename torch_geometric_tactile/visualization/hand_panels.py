@@ -8,14 +8,16 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.style import MOST_WIDTH, plain_text, title_figure
 from torch_geometric_tactile.visualization.taxel_map import checked_values, value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH, _HEIGHT = 3.8, 3.9  # inches of a hand with its title
+_WIDTH = 3.2  # inches of a hand at most
+_BAR = 0.9
 
 
 def plot_hand_panels(
@@ -30,7 +32,7 @@ def plot_hand_panels(
     title: str | None = None,
 ) -> "Figure":
     r"""Draws a hand for each of several values of its taxels, such as the attribution of each
-    label, with one scale of colours for all: white is zero, red above and blue below.
+    label, with one scale of colours for all: zero is pale, red above and blue below.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -52,6 +54,13 @@ def plot_hand_panels(
         ImportError: If matplotlib is missing.
         ValueError: If there are no values, they do not fit the layout, :obj:`limit` is not
             positive, or :obj:`columns` is below one.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> values = {"soft": torch.randn(384), "heavy": torch.randn(384)}
+        >>> figure = plot_hand_panels(allegro_uskin(), values)
+        >>> [ax.get_title() for ax in figure.axes[:2]]
+        ['soft', 'heavy']
     """
     if not values:
         raise ValueError("'values' must hold the values of at least one picture (got none)")
@@ -68,7 +77,8 @@ def plot_hand_panels(
     limits = (-end, end)
     columns = min(columns, len(checked))
     rows = ceil(len(checked) / columns)
-    figure = new_figure(_WIDTH * columns + 0.9, _HEIGHT * rows + (0.4 if title else 0.0))
+    width = min(_WIDTH, (MOST_WIDTH - _BAR) / columns)
+    figure = new_figure(width * columns + _BAR, (width + 0.2) * rows + (0.4 if title else 0.1))
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax, (name, value) in zip(axes.flat, checked.items(), strict=False):
         plot_hand(
@@ -78,7 +88,7 @@ def plot_hand_panels(
             value=value,
             ax=ax,
             limits=limits,
-            cmap="RdBu_r",
+            cmap="diverging",
             label=None,
             title=name,
         )
@@ -86,14 +96,13 @@ def plot_hand_panels(
     for ax in axes.flat[len(checked) :]:
         ax.set_visible(False)
     bar = figure.colorbar(
-        value_scale(None, limits, "RdBu_r"),
+        value_scale(None, limits, "diverging"),
         ax=axes,
         shrink=0.8,
         aspect=30,
         extend="both" if largest > end else "neither",
     )
-    bar.set_label(plain_text(label), fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    bar.set_label(plain_text(label))
     if title is not None:
-        figure.suptitle(plain_text(title), fontsize=12)
+        title_figure(figure, title)
     return figure

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import current_theme, ink_on
 from torch_geometric_tactile.visualization.taxel_map import (
     checked_edges,
     checked_values,
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_EDGE_COLOR = "#b0b0b0"
-_PLAIN_COLOR = "#d6e4f0"
 _TIE = 1e-6  # relative difference below which two extents count as equal
 
 
@@ -138,8 +137,9 @@ def plot_layout(
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgba
 
+    look = current_theme()
     diameter = _taxel_diameter(plane)
-    colors: list[tuple[float, ...]] = [to_rgba(_PLAIN_COLOR)] * layout.num_taxels
+    colors: list[tuple[float, ...]] = [to_rgba(look.band)] * layout.num_taxels
     missing = [False] * layout.num_taxels
     if values is not None:
         missing = values.isnan().tolist()
@@ -147,14 +147,14 @@ def plot_layout(
     if edges is not None:
         ax.add_collection(
             LineCollection(
-                list(plane[edges.T].numpy()), colors=_EDGE_COLOR, linewidths=0.8, zorder=1
+                list(plane[edges.T].numpy()), colors=look.faint, linewidths=0.8, zorder=1
             )
         )
-    draw_taxels(ax, plane, diameter, colors, missing, "#404040", 0.5)
+    draw_taxels(ax, plane, diameter, colors, missing, look.outline, 0.5)
     if numbers:
         _draw_numbers(ax, plane, diameter, colors)
     shown = None if values is None else scale
-    finish_map(ax, _corners(plane, diameter), 5, title, 10, shown, label)
+    finish_map(ax, _corners(plane, diameter), 5, title, shown, label)
     return ax.figure.figure
 
 
@@ -208,9 +208,5 @@ def _draw_numbers(
         .transform_path(path)
         for path, box, (x, y) in zip(paths, boxes, plane.tolist(), strict=True)
     ]  # fmt: skip
-    inks = ["black" if _luminance(color) > 0.45 else "white" for color in colors]
+    inks = [ink_on(color) for color in colors]
     ax.add_collection(PathCollection(placed, facecolors=inks, linewidths=0, zorder=3))
-
-
-def _luminance(color: tuple[float, ...]) -> float:
-    return 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2]

@@ -8,14 +8,21 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    MOST_WIDTH,
+    SMALL,
+    current_theme,
+    plain_text,
+    title_axes,
+    title_figure,
+)
 from torch_geometric_tactile.visualization.taxel_map import draw_taxels, value_colors, value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INCHES = 1.15  # of a panel
-_NO_PIXEL = "#2f4b66"
+_INCHES = 1.05  # of a panel at most
 _CLOSER = 1.12  # circles cover most of the gaps between them
 
 
@@ -26,7 +33,7 @@ def plot_presses(
     *,
     columns: int = 7,
     limits: tuple[float, float] | None = None,
-    cmap: str = "gray",
+    cmap: str = "sequential",
     label: str = "kPa",
     title: str | None = None,
 ) -> "Figure":
@@ -41,7 +48,8 @@ def plot_presses(
         columns (int): Number of presses in a row.
         limits (tuple of float, optional): Readings at the ends of the colour scale; zero and the
             largest reading if left out.
-        cmap (str): Name of matplotlib's colour map.
+        cmap (str): Name of matplotlib's colour map, or :obj:`"sequential"` for that of all
+            pictures.
         label (str): Label of the colour bar.
         title (str, optional): Title of the picture.
 
@@ -49,6 +57,13 @@ def plot_presses(
         ImportError: If matplotlib is missing.
         ValueError: If there are no presses, they do not fit the layout, they have another number
             of titles, or :obj:`columns` is below one.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> presses = np.arange(12.0).reshape(2, 6)
+        >>> figure = plot_presses(presses, ["A", "B"], grid(2, 3, pitch=0.001))
+        >>> figure.axes[1].get_title()
+        'B'
     """
     layout = letter_array() if layout is None else layout
     presses = _checked(readings, titles, layout)
@@ -58,18 +73,18 @@ def plot_presses(
         limits = (0.0, max(float(np.nanmax(presses, initial=0.0)), 1e-6))
     scale = value_scale(None, limits, cmap)
     rows = math.ceil(len(presses) / columns)
-    figure = new_figure(_INCHES * columns + 0.7, (_INCHES + 0.2) * rows + (0.3 if title else 0.0))
+    side = min(_INCHES, (MOST_WIDTH - 0.7) / columns)
+    figure = new_figure(side * columns + 0.7, (side + 0.2) * rows + (0.3 if title else 0.0))
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax in axes.flat:
         ax.set_axis_off()
     for ax, press, text in zip(axes.flat, presses, titles, strict=False):
         _draw(ax, press, layout, scale)
-        ax.set_title(plain_text(text), fontsize=9, pad=2)
+        title_axes(ax, plain_text(text), size=SMALL + 0.5, pad=2)
     bar = figure.colorbar(scale, ax=axes, aspect=40, pad=0.01)
-    bar.set_label(plain_text(label), fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    bar.set_label(plain_text(label))
     if title is not None:
-        figure.suptitle(plain_text(title), fontsize=10)
+        title_figure(figure, title)
     return figure
 
 
@@ -95,7 +110,7 @@ def _draw(ax: Any, press: np.ndarray, layout: TaxelLayout, scale: Any) -> None:
         row, column = layout.image_map.numpy().T
         image = np.full((row.max() + 1, column.max() + 1), np.nan)
         image[row, column] = press
-        shown = scale.cmap.with_extremes(bad=_NO_PIXEL)
+        shown = scale.cmap.with_extremes(bad=current_theme().grid)
         ax.imshow(image, cmap=shown, norm=scale.norm, interpolation="nearest")
         return
     plane = layout.pos.double()[:, :2] * 1e3

@@ -1,6 +1,5 @@
 r"""Pictures of how well models classify."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, isfinite
 from typing import TYPE_CHECKING
@@ -8,18 +7,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    DASHES,
+    MOST_WIDTH,
+    SMALL,
+    TEXT,
+    colormap,
+    current_theme,
+    fitted,
+    ink_on,
+    open_plot,
+    plain_text,
+    series_color,
+    series_marker,
+    title_axes,
+    title_figure,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Accuracy = tuple[float, float]
-# Okabe and Ito's colours without yellow, which is hard to see on white.
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-_DASHES = ("-", "--", "-.")
 _LOWEST = 0.4
+_ROC = 4.4  # inches
 _MOST_COUNTED = 12  # classes of a matrix with counts
 
 
@@ -40,6 +53,11 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`matrix` is not square, has another size than there are names, or holds
             anything but counts.
+
+    Examples:
+        >>> figure = plot_confusion([[3, 1], [0, 4]], ["stable", "slip"], "Unseen objects")
+        >>> [text.get_text() for text in figure.axes[0].texts][:2]
+        ['3\n75.0 %', '1\n25.0 %']
     """
     counts = np.asarray(matrix)
     num_classes = len(class_names)
@@ -50,22 +68,22 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
         )
     _check_counts("matrix", counts)
     is_large = num_classes > _MOST_COUNTED
-    side = max(3.2, (0.36 if is_large else 1.0) * num_classes + 0.6)
+    side = max(3.2, min((0.27 if is_large else 0.8) * num_classes + 0.6, MOST_WIDTH - 1.0))
     figure = new_figure(side + 1.0, side + 0.8)
     ax = figure.add_subplot()
     (_draw_percentages if is_large else _draw_counts)(ax, counts)
-    names = [_wrapped(name.replace("_", " "), 12) for name in class_names]
-    ax.set_xticks(range(num_classes), names, fontsize=10)
-    ax.set_yticks(range(num_classes), names, fontsize=10)
-    ax.set_xlabel("predicted class", fontsize=10)
-    ax.set_ylabel("true class", fontsize=10)
-    ax.set_title(_wrapped(title, int(side * 11)), fontsize=11)
+    names = [wrapped(name.replace("_", " "), 12) for name in class_names]
+    ax.set_xticks(range(num_classes), names)
+    ax.set_yticks(range(num_classes), names)
+    ax.set_xlabel("predicted class")
+    ax.set_ylabel("true class")
+    title_figure(figure, title)
     return figure
 
 
 def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
     percent = 100 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    ax.imshow(percent, cmap="Blues", vmin=0.0, vmax=100.0)
+    image = ax.imshow(percent, cmap=colormap("share"), vmin=0.0, vmax=100.0)
     for (row, column), value in np.ndenumerate(percent):
         if value > 0:
             ax.text(
@@ -75,7 +93,7 @@ def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
                 ha="center",
                 va="center",
                 fontsize=6,
-                color="white" if value > 55 else "black",
+                color=ink_on(tuple(image.to_rgba(value))),
             )
     ax.tick_params(length=0)
 
@@ -88,7 +106,7 @@ def _check_counts(name: str, counts: np.ndarray) -> None:
 def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
     total = counts.sum(axis=1, keepdims=True)
     share = counts / np.maximum(total, 1)
-    ax.imshow(share, cmap="Blues", vmin=0.0, vmax=1.0)
+    image = ax.imshow(share, cmap=colormap("share"), vmin=0.0, vmax=1.0)
     for (row, column), count in np.ndenumerate(counts):
         percent = f"{100 * share[row, column]:.1f} %" if total[row, 0] else "-"
         ax.text(
@@ -97,9 +115,9 @@ def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
             f"{int(count):,}\n{percent}",
             ha="center",
             va="center",
-            fontsize=11,
-            linespacing=1.4,
-            color="white" if share[row, column] > 0.55 else "black",
+            fontsize=TEXT + 1 if len(counts) < 4 else SMALL,
+            linespacing=1.3,
+            color=ink_on(tuple(image.to_rgba(share[row, column]))),
         )
     ax.tick_params(length=0)
 
@@ -123,6 +141,11 @@ def plot_label_confusions(
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`matrices` has another shape or holds anything but counts, or
             :obj:`columns` is below one.
+
+    Examples:
+        >>> figure = plot_label_confusions([[[3, 1], [0, 4]]], ["soft"], "Labels")
+        >>> figure.axes[0].get_title()
+        'soft'
     """
     counts = np.asarray(matrices)
     num_labels = len(label_names)
@@ -136,18 +159,18 @@ def plot_label_confusions(
         raise ValueError(f"'columns' must be at least 1 (got {columns})")
     columns = min(columns, num_labels)
     rows = ceil(num_labels / columns)
-    figure = new_figure(2.9 * columns + 0.2, 3.1 * rows + 0.5)
+    figure = new_figure(2.4 * columns + 0.2, 2.6 * rows + 0.5)
     axes = figure.subplots(rows, columns, squeeze=False)
     for ax, name, count in zip(axes.flat, label_names, counts, strict=False):
         _draw_counts(ax, count)
-        ax.set_xticks((0, 1), ("no", "yes"), fontsize=10)
-        ax.set_yticks((0, 1), ("no", "yes"), fontsize=10)
-        ax.set_xlabel("predicted", fontsize=9)
-        ax.set_ylabel("true", fontsize=9)
-        ax.set_title(_wrapped(name, 26), fontsize=11)
+        ax.set_xticks((0, 1), ("no", "yes"))
+        ax.set_yticks((0, 1), ("no", "yes"))
+        ax.set_xlabel("predicted")
+        ax.set_ylabel("true")
+        title_axes(ax, wrapped(name, 26))
     for ax in axes.flat[num_labels:]:
         ax.set_visible(False)
-    figure.suptitle(_wrapped(title, 30 * columns), fontsize=12)
+    title_figure(figure, title)
     return figure
 
 
@@ -168,6 +191,11 @@ def plot_roc(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no curve, or its rates differ in length or lie outside of 0 to 1.
+
+    Examples:
+        >>> figure = plot_roc({"SVM": ([0, 0.5, 1], [0, 1, 1], 0.75)}, "Unseen objects")
+        >>> [text.get_text() for text in figure.legends[0].get_texts()]
+        ['SVM (AUC 0.750)', 'chance (AUC 0.500)']
     """
     if not curves:
         raise ValueError("'curves' must hold at least one model (got none)")
@@ -186,27 +214,29 @@ def plot_roc(
         rates[name] = rate
     labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
     labels.append("chance (AUC 0.500)")
-    figure = new_figure(5.3 + 0.078 * max(len(label) for label in labels), 4.6)
+    beside = 0.075 * max(len(label) for label in labels) + 0.6
+    is_below = beside + _ROC > MOST_WIDTH
+    figure = new_figure(_ROC + (0.4 if is_below else beside), _ROC + 0.2 * is_below * len(labels))
     ax = figure.add_subplot()
-    palette = _COLORS if bold is None else _COLORS[:-1]
+    look = current_theme()
+    num_colors = len(look.palette) - (bold is not None)  # the last is that of the bold curve
     handles = []
     for i, (name, rate) in enumerate(rates.items()):
-        color, dash = palette[i % len(palette)], _DASHES[i // len(palette) % len(_DASHES)]
+        color, dash = look.palette[i % num_colors], DASHES[i // num_colors % 3]
         if name == bold:  # below the others, which it would hide
-            handles += ax.plot(*rate, color="black", linewidth=3.0, zorder=1.9)
+            handles += ax.plot(*rate, color=look.ink, linewidth=3.0, zorder=1.9)
         else:
             handles += ax.plot(*rate, color=color, linestyle=dash, linewidth=1.6)
-    handles += ax.plot([0, 1], [0, 1], color="#808080", linestyle=":", linewidth=1.2)
+    handles += ax.plot([0, 1], [0, 1], color=look.faint, linestyle=":", linewidth=1.2)
     ax.set_xlim(-0.01, 1.01)
     ax.set_ylim(-0.01, 1.01)
     ax.set_aspect("equal")
-    ax.set_xlabel("false positive rate", fontsize=10)
-    ax.set_ylabel("true positive rate", fontsize=10)
-    ax.tick_params(labelsize=9)
-    ax.grid(color="#e6e6e6", linewidth=0.6)
-    ax.set_axisbelow(True)
-    ax.set_title(_wrapped(title, 55), fontsize=11)
-    figure.legend(handles, labels, loc="outside right center", fontsize=9, frameon=False)
+    ax.set_xlabel("false positive rate")
+    ax.set_ylabel("true positive rate")
+    open_plot(ax)
+    title_figure(figure, title)
+    place = "outside lower center" if is_below else "outside right center"
+    figure.legend(handles, labels, loc=place)
     return figure
 
 
@@ -222,16 +252,22 @@ def plot_protocols(
     Args:
         table (Mapping): Mean and standard deviation of the accuracy by model, protocol and
             kind of readings, each of which has a colour. Combinations that were not run are left
-            out; a standard deviation that is NaN has no error bar.
+            out; where the standard deviation is NaN, the point is hollow and has no error bar.
         chance (float, optional): Accuracy to mark with a dashed line, such as that of the most
             frequent class.
 
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no result, or an accuracy lies outside of 0 to 1.
+
+    Examples:
+        >>> table = {"SVM": {"by object": {"raw": (0.87, 0.02)}}}
+        >>> figure = plot_protocols(table, chance=0.5)
+        >>> figure.axes[0].get_title()
+        'by object'
     """
     results = [
-        (model, protocol, readings, mean, sd if isfinite(sd) else 0.0)
+        (model, protocol, readings, mean, sd)
         for model, protocols in table.items()
         for protocol, kinds in protocols.items()
         for readings, (mean, sd) in kinds.items()
@@ -250,48 +286,56 @@ def plot_protocols(
     lines.sort(key=lambda line: models.index(line[0]))
     protocols = list(dict.fromkeys(protocol for _, protocol, *_ in results))
     kinds = list(dict.fromkeys(readings for _, readings in lines))
-    low = min([mean - sd for *_, mean, sd in results] + ([] if chance is None else [chance]))
+    ends = [mean - (sd if isfinite(sd) else 0.0) for *_, mean, sd in results]
+    low = min(ends + ([] if chance is None else [chance]))
     limits = (max(0.0, min(_LOWEST, floor(low * 10) / 10)), 1.0)
     names = [", ".join(filter(None, line)) for line in lines]
-    width = 0.075 * max(map(len, names)) + 0.3
-    figure = new_figure(width + 1.5 * len(protocols), 0.27 * len(lines) + 1.1)
+    width = 0.065 * max(map(len, names)) + 0.3
+    panel = max(0.9, min(1.5, (MOST_WIDTH - width) / len(protocols)))
+    figure = new_figure(width + panel * len(protocols), 0.27 * len(lines) + 1.1)
+    look = current_theme()
+
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.subplots(1, len(protocols), sharey=True, squeeze=False)[0]
     for ax, protocol in zip(axes, protocols, strict=True):
         for model in models[::2]:
             mine = [i for i, line in enumerate(lines) if line[0] == model]
-            ax.axhspan(mine[0] - 0.5, mine[-1] + 0.5, color="#f3f3f3", zorder=0, linewidth=0)
+            ax.axhspan(mine[0] - 0.5, mine[-1] + 0.5, color=look.band, zorder=0, linewidth=0)
         if chance is not None:
-            ax.axvline(chance, color="#808080", linestyle="--", linewidth=1)
-        for model, panel, readings, mean, sd in results:
-            if panel == protocol:
+            ax.axvline(chance, color=look.faint, linestyle="--", linewidth=1)
+        for model, there, readings, mean, sd in results:
+            if there == protocol:
                 kind = kinds.index(readings)
                 _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
         ax.set_xlim(*limits)
-        ax.tick_params(labelsize=9)
-        ax.tick_params(axis="y", length=0)
-        ax.grid(axis="x", color="#dcdcdc", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.set_title(_wrapped(protocol, 14), fontsize=10)
-    axes[0].set_yticks(range(len(lines)), [plain_text(name) for name in names], fontsize=9)
+        ax.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # ends touch the next panel's
+        ax.tick_params(axis="y", length=0, labelcolor=look.ink)
+        open_plot(ax, "x")
+        title_axes(ax, fitted(protocol, panel - 0.1, TEXT))
+    axes[0].set_yticks(range(len(lines)), [plain_text(name) for name in names])
     axes[0].set_ylim(len(lines) - 0.5, -0.5)
-    axes[len(axes) // 2].set_xlabel("accuracy", fontsize=10)
+    axes[len(axes) // 2].set_xlabel("accuracy")
     return figure
 
 
 def _draw_accuracy(
     ax: "Axes", mean: float, line: int, sd: float, kind: int, limits: tuple[float, float]
 ) -> None:
-    color = _COLORS[kind % len(_COLORS)]
+    color, ground = series_color(kind), current_theme().ground
+    is_spread_known = isfinite(sd)
+    sd = sd if is_spread_known else 0.0
     ax.errorbar(
         [mean],
         [line],
         xerr=[sd],
         linestyle="none",
-        marker=_MARKERS[kind % len(_MARKERS)],
+        marker=series_marker(kind),
         color=color,
         markersize=5.5,
-        markeredgecolor="white",
-        markeredgewidth=0.4,
+        markerfacecolor=color if is_spread_known else ground,
+        markeredgecolor=ground if is_spread_known else color,
+        markeredgewidth=0.4 if is_spread_known else 1.2,
         elinewidth=1.1,
         capsize=1.8,
     )
@@ -304,10 +348,7 @@ def _draw_accuracy(
         textcoords="offset points",
         ha="right" if left else "left",
         va="center_baseline",
-        fontsize=8,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.5},
+        fontsize=SMALL,
+        color=current_theme().ink,
+        bbox={"facecolor": ground, "edgecolor": "none", "alpha": 0.6, "pad": 0.5},
     )
-
-
-def _wrapped(text: str, width: int) -> str:
-    return plain_text("\n".join(textwrap.wrap(text, width)))

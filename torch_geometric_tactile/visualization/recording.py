@@ -6,17 +6,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    DASHES,
+    SMALL,
+    TINY,
+    colormap,
+    current_theme,
+    open_plot,
+    plain_text,
+    series_color,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_CMAP = "RdBu_r"
-_MISSING_COLOR = "#9a9a9a"
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
-_DASHES = ("-", "--", ":", "-.")
-_PHASE_COLORS = ("#ececec", "#ffffff")
 _QUANTILE = 0.995
 _MOST_COLUMNS = 1500  # about the pixels of a panel; more would drop frames unseen
 _NAMED_JOINTS = 24
@@ -47,6 +53,12 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no frame, or :obj:`rest` is negative.
+
+    Examples:
+        >>> recording = Recording(np.arange(40) / 10, np.zeros((40, 24, 1)), label="mug")
+        >>> figure = plot_recording(recording)
+        >>> figure.get_suptitle()
+        'label mug  |  40 frames, 3.9 s'
     """
     if recording.num_frames == 0:
         raise ValueError("'recording' must hold at least one frame to be drawn (got none)")
@@ -68,10 +80,10 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     image_height = min(max(recording.num_taxels / 90, 1.3), 2.2)
     heights = [image_height] * recording.num_channels + [1.6]
     heights += [2.0] if recording.joint is not None else []
-    figure = new_figure(10.5, sum(heights) * 1.12 + 1.3)
-    figure.suptitle(_title(recording), fontsize=11)
+    look = current_theme()
+    figure = new_figure(8.0, sum(heights) * 1.0 + 1.3)
+    title_figure(figure, _title(recording))
 
-    from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.ticker import MaxNLocator
@@ -79,7 +91,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     axes = figure.subplots(
         len(heights), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights}
     )[:, 0]
-    cmap = colormaps[_CMAP].with_extremes(bad=_MISSING_COLOR)
+    cmap = colormap("diverging").with_extremes(bad=look.faint)
     edges, picture = _columns(time, change)
     images = axes[: recording.num_channels]
     for i, (ax, name) in enumerate(zip(images, channels, strict=True)):
@@ -92,25 +104,24 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
             cmap=cmap,
             norm=scale,
         )
-        ax.set_ylabel(f"{name}\ntaxel", fontsize=9)
+        ax.set_ylabel(f"{name}\ntaxel")
         ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
         ax.set_ylim(recording.num_taxels - 0.5, -0.5)
         for phase in phases[1:]:
-            ax.axvline(phase.start, color="black", linewidth=0.7, linestyle=":")
+            ax.axvline(phase.start, color=look.ink, linewidth=0.7, linestyle=":")
         bar = figure.colorbar(
             ScalarMappable(scale, cmap),
             cax=ax.inset_axes((1.012, 0, 0.016, 1)),
             extend="both" if clipped else "neither",
         )
-        bar.set_label(f"reading - {zero}\n({unit})", fontsize=9)
-        bar.ax.tick_params(labelsize=8)
+        bar.set_label(f"reading - {zero}\n({unit})", fontsize=SMALL)
 
     size = np.nansum(np.abs(change), axis=1)
     ax = axes[recording.num_channels]
     for i, name in enumerate(channels):
         ax.plot(time, size[:, i], label=name, linewidth=1.1, **_line(i, len(channels), single))
     ax.set_ylim(0, 1.08 * float(size.max()) or 1.0)
-    ax.set_ylabel(f"sum of\n|reading - {zero}|\n({unit})", fontsize=9)
+    ax.set_ylabel(f"sum of\n|reading - {zero}|\n({unit})")
     _style_lines(ax, len(channels))
     if recording.joint is not None:
         ax = axes[-1]
@@ -122,16 +133,15 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
                 linewidth=1.0,
                 **_line(i, recording.num_joints, single),
             )
-        ax.set_ylabel("joint angle\n(rad)", fontsize=9)
+        ax.set_ylabel("joint angle\n(rad)")
         _style_lines(ax, recording.num_joints)
     for ax in axes[recording.num_channels :]:
         for i, phase in enumerate(phases):
-            ax.axvspan(phase.start, phase.end, color=_PHASE_COLORS[i % 2], zorder=0, linewidth=0)
+            color = look.ground if i % 2 else look.band
+            ax.axvspan(phase.start, phase.end, color=color, zorder=0, linewidth=0)
     _name_phases(axes[0], phases, float(edges[-1] - edges[0]))
-    for ax in axes:
-        ax.tick_params(labelsize=8)
     axes[-1].set_xlim(edges[0], edges[-1])
-    axes[-1].set_xlabel("time since the first frame (s)", fontsize=9)
+    axes[-1].set_xlabel("time since the first frame (s)")
     figure.align_ylabels(list(axes))
     return figure
 
@@ -199,7 +209,7 @@ def _title(recording: Recording) -> str:
         parts.append(f"{dead} dead taxel{'s' if dead > 1 else ''} (grey)")
     elif recording.missing.any():
         parts.append("grey: missing")
-    return plain_text("  |  ".join(parts))
+    return "  |  ".join(parts)
 
 
 def _columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -231,26 +241,27 @@ def _symmetric_limit(change: np.ndarray) -> tuple[float, bool]:
 
 def _line(i: int, count: int, single: bool) -> dict[str, str]:
     marker = "o" if single else ""
-    if count > len(_COLORS) * len(_DASHES):
-        return {"color": _COLORS[0], "marker": marker}
+    num_colors = len(current_theme().palette)
+    if count > num_colors * len(DASHES):
+        return {"color": series_color(0), "marker": marker}
     return {
-        "color": _COLORS[i % len(_COLORS)],
-        "linestyle": _DASHES[i // len(_COLORS)],
+        "color": series_color(i),
+        "linestyle": DASHES[i // num_colors],
         "marker": marker,
     }
 
 
 def _style_lines(ax: "Axes", count: int) -> None:
-    ax.grid(color="#dcdcdc", linewidth=0.6)
-    ax.set_axisbelow(True)
+    open_plot(ax)
     if count <= _NAMED_JOINTS:
         ax.legend(
             loc="upper left",
             bbox_to_anchor=(1.005, 1.03),
             borderaxespad=0,
             ncols=math.ceil(count / 8),
-            fontsize=7,
+            fontsize=TINY,
             frameon=False,
+            labelcolor=current_theme().ink,
             labelspacing=0.3,
             columnspacing=0.9,
             handlelength=1.8,
@@ -259,8 +270,8 @@ def _style_lines(ax: "Axes", count: int) -> None:
 
 def _name_phases(ax: "Axes", phases: list[_Phase], duration: float) -> None:
     for phase in phases:
-        # About 130 letters of this size fit above the panel; a longer name would run into the next.
-        letters = int(130 * (phase.end - phase.start) / duration)
+        # About 95 letters of this size fit above the panel; a longer name would run into the next.
+        letters = int(95 * (phase.end - phase.start) / duration)
         name = phase.name
         if len(name) > letters:
             name = name[: max(letters - 3, 0)].rstrip() + "..."
@@ -272,5 +283,6 @@ def _name_phases(ax: "Axes", phases: list[_Phase], duration: float) -> None:
                 transform=ax.get_xaxis_transform(),
                 ha="center",
                 va="bottom",
-                fontsize=8,
+                fontsize=SMALL,
+                color=current_theme().soft,
             )

@@ -3,9 +3,20 @@ r"""One colour for each digit and patch, the same in all pictures."""
 from typing import Literal
 
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.visualization.style import current_theme
 
-# Of Okabe and Ito: told apart with any colour vision.
-DIGIT_COLORS = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#8a8a8a", "#56b4e9", "#f0e442")
+_ORDER = (0, 2, 3, 1, None, 4, 5)  # of the palette; palms are grey
+
+
+def digit_color(digit: int) -> str:
+    r"""Returns the colour of a digit, the same in all pictures.
+
+    Args:
+        digit (int): Its number in the layout.
+    """
+    look = current_theme()
+    place = _ORDER[digit % len(_ORDER)]
+    return "#8a8f96" if place is None else look.palette[place]
 
 
 def segment_colors(
@@ -21,18 +32,18 @@ def segment_colors(
 
     digits = layout.segments("digit").tolist()
     patches = layout.segments("patch").tolist()
-    base = [to_rgb(DIGIT_COLORS[digit % len(DIGIT_COLORS)]) for digit in digits]
+    base = [to_rgb(digit_color(digit)) for digit in digits]
     if by == "digit":
         return base
     first: dict[int, list[int]] = {}
     for digit, patch in dict.fromkeys(zip(digits, patches, strict=True)):
         first.setdefault(digit, []).append(patch)
     colors = []
-    for (red, green, blue), digit, patch in zip(base, digits, patches, strict=True):
-        # Towards white, with every second patch far ahead, so that neighbours differ.
+    ground = to_rgb(current_theme().ground)
+    for color, digit, patch in zip(base, digits, patches, strict=True):
+        # Towards the page, with every second patch far ahead, so that neighbours differ.
         number = first[digit].index(patch)
         tint = 0.55 * (number % 2) + 0.3 * number / len(first[digit])
-        colors.append(
-            (red + (1 - red) * tint, green + (1 - green) * tint, blue + (1 - blue) * tint)
-        )
+        red, green, blue = (c + (g - c) * tint for c, g in zip(color, ground, strict=True))
+        colors.append((red, green, blue))
     return colors

@@ -7,12 +7,16 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import check_edges
-from torch_geometric_tactile.visualization.figure import plain_text
+from torch_geometric_tactile.visualization.style import (
+    SMALL,
+    colormap,
+    current_theme,
+    plain_text,
+    title_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_MISSING_COLOR = "#ffffff"
 
 
 def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
@@ -54,7 +58,7 @@ def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap:
         values (torch.Tensor, optional): The values :math:`(N,)`; NaN is ignored.
         limits (tuple of float, optional): The values at both ends of the map; those of
             :obj:`values` if left out.
-        cmap (str): Name of the colour map.
+        cmap (str): Name of the colour map, as of :func:`colormap`.
 
     Raises:
         ValueError: If :obj:`limits` do not rise.
@@ -63,11 +67,10 @@ def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap:
     if not low < high:
         raise ValueError(f"'limits' must rise (got {low} and {high})")
 
-    from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(low, high), colormaps[cmap])
+    return ScalarMappable(Normalize(low, high), colormap(cmap))
 
 
 def _value_limits(values: Tensor | None) -> tuple[float, float]:
@@ -82,7 +85,7 @@ def _value_limits(values: Tensor | None) -> tuple[float, float]:
 
 
 def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
-    r"""Returns the colour of each value; white for a missing value.
+    r"""Returns the colour of each value; that of the page for a missing value.
 
     Args:
         values (torch.Tensor): The values :math:`(N,)`.
@@ -91,8 +94,9 @@ def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
     from matplotlib.colors import to_rgba
 
     colors = scale.to_rgba(values.nan_to_num().numpy())
+    ground = to_rgba(current_theme().ground)
     return [
-        to_rgba(_MISSING_COLOR) if gone else tuple(color)
+        ground if gone else tuple(color)
         for gone, color in zip(values.isnan().tolist(), colors, strict=True)
     ]
 
@@ -141,7 +145,6 @@ def finish_map(
     corners: Sequence[Sequence[float]],
     ticks: int,
     title: str | None,
-    title_size: float,
     scale: Any = None,
     label: str | None = None,
 ) -> None:
@@ -153,7 +156,6 @@ def finish_map(
             millimetres.
         ticks (int): About how many numbers an axis has.
         title (str, optional): Title of the picture.
-        title_size (float): Its size in points.
         scale (matplotlib.cm.ScalarMappable, optional): What the colours mean, for a colour bar.
         label (str, optional): Text beside the colour bar; no bar if left out.
     """
@@ -165,11 +167,10 @@ def finish_map(
     ax.set_aspect("equal")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))
-    ax.tick_params(labelsize=8)
-    ax.set_xlabel("mm", fontsize=8)
-    ax.set_ylabel("mm", fontsize=8)
+    ax.set_xlabel("mm", fontsize=SMALL)
+    ax.set_ylabel("mm", fontsize=SMALL)
     if title is not None:
-        ax.set_title(plain_text(title), fontsize=title_size)
+        title_axes(ax, plain_text(title))
     if scale is not None and label is not None:
         draw_color_bar(ax, scale, label)
 
@@ -183,5 +184,4 @@ def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
         label (str): Text beside the bar.
     """
     bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
-    bar.set_label(plain_text(label), fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    bar.set_label(plain_text(label))

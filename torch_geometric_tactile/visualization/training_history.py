@@ -3,8 +3,16 @@ r"""Pictures of how networks learnt."""
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from torch_geometric_tactile.visualization.figure import new_figure, plain_text
-from torch_geometric_tactile.visualization.metrics import _COLORS, _wrapped
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import (
+    TINY,
+    current_theme,
+    open_plot,
+    plain_text,
+    series_color,
+    title_axes,
+    title_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,40 +41,46 @@ def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If there is no network, or one has no epoch.
+
+    Examples:
+        >>> curves = LearningCurves([2.0, 1.0], [2.1, 1.5], [0.2, 0.6], {})
+        >>> figure = plot_training({"GCN": curves}, "How it learnt")
+        >>> [ax.get_ylabel() for ax in figure.axes]
+        ['cross entropy', 'accuracy in %,\nheld out', 'gradient,\nroot mean square']
     """
     if not curves or not all(curve.train_loss for curve in curves.values()):
         raise ValueError("'curves' must hold networks of at least one epoch (got none)")
-    figure = new_figure(10.5, 2.6 * len(curves) + 0.9)
+    figure = new_figure(8.0, 2.1 * len(curves) + 0.8)
     axes = figure.subplots(len(curves), 3, squeeze=False, width_ratios=[1, 1, 1.1])
     for row, (name, curve) in zip(axes, curves.items(), strict=True):
         _draw_losses(row[0], curve)
         _draw_accuracy(row[1], curve)
         _draw_gradients(row[2], curve.gradients)
-        row[0].set_title(plain_text(name), fontsize=10, loc="left")
+        title_axes(row[0], plain_text(name), loc="left", weight="bold")
     for ax in axes[-1][:2]:
-        ax.set_xlabel("epoch", fontsize=9)
-    figure.suptitle(_wrapped(title, 110), fontsize=11)
+        ax.set_xlabel("epoch")
+    title_figure(figure, title)
     return figure
 
 
 def _draw_losses(ax: "Axes", curve: LearningCurves) -> None:
     for losses, name, color in (
-        (curve.train_loss, "training", _COLORS[0]),
-        (curve.test_loss, "held out", _COLORS[1]),
+        (curve.train_loss, "training", series_color(0)),
+        (curve.test_loss, "held out", series_color(1)),
     ):
-        ax.plot(range(1, len(losses) + 1), losses, color=color, linewidth=1.4, label=name)
+        ax.plot(range(1, len(losses) + 1), losses, color=color, linewidth=1.5, label=name)
     ax.set_ylim(bottom=0)
-    ax.set_ylabel("cross entropy", fontsize=9)
-    ax.legend(fontsize=8, frameon=False)
-    _finish(ax)
+    ax.set_ylabel("cross entropy")
+    ax.legend(fontsize=8, frameon=False, labelcolor=current_theme().ink)
+    open_plot(ax)
 
 
 def _draw_accuracy(ax: "Axes", curve: LearningCurves) -> None:
     percent = [100 * value for value in curve.test_accuracy]
-    ax.plot(range(1, len(percent) + 1), percent, color=_COLORS[1], linewidth=1.4)
+    ax.plot(range(1, len(percent) + 1), percent, color=series_color(1), linewidth=1.5)
     ax.set_ylim(0, 101)
-    ax.set_ylabel("accuracy in %, held out", fontsize=9)
-    _finish(ax)
+    ax.set_ylabel("accuracy in %,\nheld out")
+    open_plot(ax)
 
 
 def _draw_gradients(ax: "Axes", gradients: Mapping[str, Sequence[float]]) -> None:
@@ -75,15 +89,17 @@ def _draw_gradients(ax: "Axes", gradients: Mapping[str, Sequence[float]]) -> Non
         for name, (low, q1, median, q3, top) in gradients.items()
     ]
     if boxes:
-        ax.bxp(boxes, showfliers=False, medianprops={"color": _COLORS[1], "linewidth": 1.6})
+        line = {"color": current_theme().soft}
+        ax.bxp(
+            boxes,
+            showfliers=False,
+            boxprops=line,
+            whiskerprops=line,
+            capprops=line,
+            medianprops={"color": series_color(1), "linewidth": 1.8},
+        )
         ax.set_yscale("log")
-    ax.set_ylabel("gradient, root mean square", fontsize=9)
-    _finish(ax)
+    ax.set_ylabel("gradient,\nroot mean square")
+    open_plot(ax)
     for label in ax.get_xticklabels():
-        label.set(fontsize=6, rotation=25, ha="right", rotation_mode="anchor")
-
-
-def _finish(ax: "Axes") -> None:
-    ax.tick_params(labelsize=8)
-    ax.grid(color="#dcdcdc", linewidth=0.6)
-    ax.set_axisbelow(True)
+        label.set(fontsize=TINY, rotation=30, ha="right", rotation_mode="anchor")

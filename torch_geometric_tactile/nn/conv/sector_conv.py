@@ -21,8 +21,8 @@ from torch_geometric_tactile.nn.conv.sector_product import (
 
 
 class SectorConv(MessagePassing):
-    r"""A graph convolution with weights of its own for the taxel itself and for the neighbour in
-    each direction, the counterpart of an image's :math:`3 \times 3` convolution on any layout.
+    r"""A graph convolution with separate weights for the taxel itself and for the neighbour in each
+    direction, the counterpart of an image's :math:`3 \times 3` convolution on any layout.
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_{\mathrm{self}} \mathbf{x}_i + \mathbf{b} +

@@ -17,7 +17,7 @@ from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 
 class SelfGCNConv(torch.nn.Module):
-    r"""A graph convolution that keeps a taxel apart from its neighbours.
+    r"""A graph convolution with a separate weight for the taxel itself.
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \sum_j \hat{a}_{ij} \mathbf{W}_2

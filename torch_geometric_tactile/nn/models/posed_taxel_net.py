@@ -26,7 +26,7 @@ _PLACES = {"pos": (3,), "normal": (3,), "tangent": (2, 3)}
 
 class PosedTaxelNet(Module, TactileHubMixin):
     r"""A network on the strongest taxels as a set of points, for answers that are metric, such as
-    the width of an object. It is ours and no paper's.
+    the width of an object. It is ours, not from a paper.
 
     Of each sample, the taxels with the largest pressure :math:`p_i` are taken, with their position,
     normal, force :math:`\mathbf{f}_i` and its size in the frame of the palm, and pressure. All

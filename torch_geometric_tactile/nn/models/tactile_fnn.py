@@ -16,7 +16,7 @@ from torch_geometric_tactile.nn.models.taxels import LayoutLike
 
 class TactileFNN(TactileModel):
     r"""The FNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper, which does not see the hand's graph:
+    and Multi-Thread Graph Convolutional Network" paper, which does not use the hand's graph:
     fully connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" on the inputs of all taxels.
 
     Args:

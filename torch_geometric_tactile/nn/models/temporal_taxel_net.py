@@ -39,9 +39,9 @@ TemporalState = tuple[Tensor, ...]
 
 
 class TemporalTaxelNet(Module, TactileHubMixin):
-    r"""The model to take first for windows of frames of any layout, and frame by frame on a robot:
-    convolutions over neighbouring taxels and causal convolutions over time. It is ours and no
-    paper's.
+    r"""The first model to try for windows of frames of any layout, and frame by frame on a robot:
+    convolutions over neighbouring taxels and causal convolutions over time. It is ours, not from
+    a paper.
 
     Filters of :obj:`filter_size` frames see the readings of each taxel, so that an offset of a
     taxel need not hide what changes. Levels of :class:`~torch_geometric_tactile.nn.conv.SectorConv`

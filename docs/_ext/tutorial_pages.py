@@ -1,0 +1,159 @@
+"""Copies the tutorials into the site, and draws the gallery of them."""
+
+import base64
+import json
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from repository_links import rewrite_links, write_if_changed
+from sphinx.application import Sphinx
+
+_BADGE = re.compile(r"\[!\[[^\]]*\]\([^)]*\)\]\([^)]*\)\s*")
+_PLACE = "<!-- gallery -->"
+_NONE = "The tutorials are not part of this copy of the site.\n"
+
+
+class Tutorial(NamedTuple):
+    """A notebook of the site."""
+
+    name: str
+    title: str
+    question: str
+    picture: str | None
+
+
+def _cells(notebook: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    return [cell for cell in notebook["cells"] if cell["cell_type"] == kind]
+
+
+def _text(cell: dict[str, Any]) -> str:
+    source = cell["source"]
+    return source if isinstance(source, str) else "".join(source)
+
+
+def first_picture(notebook: dict[str, Any]) -> bytes | None:
+    """Returns the first picture of an executed notebook, as PNG."""
+    for cell in _cells(notebook, "code"):
+        for output in cell["outputs"]:
+            picture = output.get("data", {}).get("image/png")
+            if picture:
+                return base64.b64decode("".join(picture))
+    return None
+
+
+def title_and_summary(notebook: dict[str, Any]) -> tuple[str, str]:
+    """Returns the title of a notebook and the first paragraph below it."""
+    for cell in _cells(notebook, "markdown"):
+        found = re.search(r"^# (.+?)\n+(.*?)(?:\n\s*\n|\Z)", _text(cell) + "\n", re.M | re.S)
+        if found:
+            return found[1].strip(), " ".join(found[2].split())
+    raise ValueError("a tutorial must begin with a title '# ...'")
+
+
+def _links(name: str, repository: str, root: Path) -> str:
+    owner = repository.removeprefix("https://github.com/")
+    path = f"tutorials/notebooks/{name}.ipynb"
+    colab = f"https://colab.research.google.com/github/{owner}/blob/main/{path}"
+    binder = f"https://mybinder.org/v2/gh/{owner}/main?labpath={path.replace('/', '%2F')}"
+    links = [f"[Open in Colab]({colab})", f"[Open in Binder]({binder})"]
+    if (root / path).exists():
+        links.append(f"{{download}}`Download the notebook <../../{path}>`")
+    return " · ".join([*links, f"[Source]({repository}/blob/main/tutorials/{name}.py)"])
+
+
+def _is_install(cell: dict[str, Any]) -> bool:
+    # The cell that the generator of the notebooks puts first, for Colab.
+    return cell.get("id") == "install"
+
+
+def site_notebook(notebook: dict[str, Any], name: str, repository: str, root: Path) -> str:
+    """Returns a notebook as the site shows it: links instead of badges, no install cell.
+
+    Args:
+        notebook (dict): The notebook.
+        name (str): Its name, without suffix.
+        repository (str): The address of the repository.
+        root (Path): The checkout.
+    """
+    cells = [cell for cell in notebook["cells"] if not _is_install(cell)]
+    is_first = True
+    for cell in cells:
+        if cell["cell_type"] != "markdown":
+            continue
+        text = _BADGE.sub("", _text(cell))
+        text = rewrite_links(text, "tutorials", "tutorials", repository, root)
+        if is_first and text.lstrip().startswith("# "):
+            title, _, rest = text.lstrip().partition("\n")
+            text = f"{title}\n\n{_links(name, repository, root)}\n{rest}"
+            is_first = False
+        cell["source"] = text
+    cells = [cell for cell in cells if _text(cell).strip()]
+    return json.dumps({**notebook, "cells": cells}, indent=1)
+
+
+def _copy(app: Sphinx, config: Any) -> None:
+    source = Path(app.srcdir)
+    pages = source / "tutorials"
+    tutorials = []
+    for name, path in _notebooks(source, config.tutorial_folders).items():
+        notebook = json.loads(path.read_text("utf-8"))
+        title, question = title_and_summary(notebook)
+        picture = first_picture(notebook)
+        if picture is not None:
+            pages.mkdir(exist_ok=True)
+            (pages / f"{name}.png").write_bytes(picture)
+        tutorials.append(Tutorial(name, title, question, f"{name}.png" if picture else None))
+    for path in pages.glob("*.ipynb"):
+        if path.stem not in {one.name for one in tutorials}:
+            path.unlink()
+    for one in tutorials:
+        (pages / f"{one.name}.ipynb").touch()  # so that links between tutorials find them
+    for name, path in _notebooks(source, config.tutorial_folders).items():
+        notebook = json.loads(path.read_text("utf-8"))
+        text = site_notebook(notebook, name, config.repository_url, source.parent)
+        write_if_changed(pages / f"{name}.ipynb", text)
+    app.tactile_gallery = gallery(tutorials)  # type: ignore[attr-defined]
+
+
+def _notebooks(source: Path, folders: list[str]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for folder in folders:
+        for path in sorted((source / folder).glob("[0-9]*.ipynb")):
+            found.setdefault(path.stem, path)
+    return dict(sorted(found.items()))
+
+
+def gallery(tutorials: list[Tutorial]) -> str:
+    """Returns cards of the tutorials, as Markdown with their table of contents."""
+    if not tutorials:
+        return _NONE
+    cards = []
+    for one in tutorials:
+        number = int(one.name.split("_")[0])
+        picture = f":img-top: tutorials/{one.picture}\n" if one.picture else ""
+        cards.append(
+            f":::{{grid-item-card}} {number}. {one.title}\n:link: tutorials/{one.name}\n"
+            f":link-type: doc\n{picture}\n{one.question}\n:::\n"
+        )
+    entries = "".join(f"tutorials/{one.name}\n" for one in tutorials)
+    return (
+        "::::{grid} 1 2 2 3\n:gutter: 3\n:class-container: gallery\n\n"
+        + "\n".join(cards)
+        + "::::\n\n```{toctree}\n:hidden:\n\n"
+        + entries
+        + "```\n"
+    )
+
+
+def _insert(app: Sphinx, name: str, source: list[str]) -> None:
+    if name == "tutorials_index":
+        source[0] = source[0].replace(_PLACE, app.tactile_gallery)  # type: ignore[attr-defined]
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Copies the notebooks before Sphinx looks for them."""
+    app.add_config_value("tutorial_folders", [], "env")
+    app.connect("config-inited", _copy)
+    app.connect("source-read", _insert)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

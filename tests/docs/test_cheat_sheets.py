@@ -1,0 +1,19 @@
+import inspect
+
+import pytest
+
+pytest.importorskip("onnx", reason="needs the extra 'export'")
+
+from docs import cheat_sheets
+from torch_geometric_tactile import datasets, nn
+
+
+def test_page_matches_the_code():
+    assert cheat_sheets.page() == cheat_sheets.PAGE.read_text()
+
+
+def test_every_data_set_and_model_is_on_the_page():
+    classes = {n for n in datasets.__all__ if inspect.isclass(getattr(datasets, n))}
+    assert set(cheat_sheets.DATA_SETS) == classes
+    parts = {"CNNThread", "GCNThread", "SegmentedThread", "Thread", "PooledMLP", "TactileModel"}
+    assert set(cheat_sheets.MODELS) == set(nn.models.__all__) - parts

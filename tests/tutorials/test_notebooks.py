@@ -1,0 +1,222 @@
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("jupytext", reason="needs the extra 'docs'")
+pytest.importorskip("nbclient", reason="needs the extra 'docs'")
+pytest.importorskip("ipykernel", reason="needs the extra 'docs'")
+pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
+
+FOLDER = Path(__file__).parents[2] / "tutorials"
+sys.path.append(str(FOLDER))  # stays: the processes that run tutorials import from there as well
+form, run, to_notebooks = map(importlib.import_module, ("form", "run", "to_notebooks"))
+
+SCRIPTS = form.script_paths()
+GOOD = """\
+# %% [markdown]
+# # Sums: do they add up?
+# A small tutorial.
+
+# %%
+total = sum([1, 2])
+assert total == 3
+
+# %% tags=["figure"]
+import matplotlib.pyplot as plt
+
+figure, axes = plt.subplots(figsize=(1, 1))
+axes.plot([1, 2], [1, total])
+
+# %% tags=["figure"]
+figure, axes = plt.subplots(figsize=(1, 1))
+axes.bar([1, 2], [1, total])
+
+# %% [markdown]
+# ## What to take from this
+# - They do.
+#
+# ## Next
+# [A new day](04_new_day.py), [scaling](../docs/scaling.md#common-mode)
+"""
+
+
+@pytest.fixture
+def script(tmp_path):
+    def write(text, name="01_real_grasps"):
+        path = tmp_path / f"{name}.py"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_tutorial_has_the_form(path):
+    assert path.stem in form.NAMES
+    assert form.form_problems(path) == []
+
+
+def test_notebooks_are_those_of_the_scripts():
+    assert to_notebooks.out_of_step(SCRIPTS, FOLDER / "notebooks") == []
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_notebook_has_no_outputs(path):
+    notebook = json.loads((FOLDER / "notebooks" / f"{path.stem}.ipynb").read_text("utf-8"))
+    codes = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in codes)
+    first = "".join(notebook["cells"][0]["source"])
+    assert f"tutorials/notebooks/{path.stem}.ipynb" in first  # Colab
+    assert f"tutorials%2Fnotebooks%2F{path.stem}.ipynb" in first  # Binder
+    assert sum("%pip install" in "".join(cell["source"]) for cell in codes) == 1
+
+
+def test_good_script_has_the_form(script):
+    assert form.form_problems(script(GOOD)) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("# # Sums", "# Sums", "must be Markdown that begins with '# Title"),
+        ("add up?", "add up.", "must ask a question"),
+        ('%% tags=["figure"]\nimport', "%%\nimport", "two cells must be tagged as figures"),
+        ("assert total == 3", "", "must hold an 'assert' about a result"),
+        ("assert total == 3", "assert True", "must hold an 'assert' about a result"),
+        ("## What to take", "## What we took", "the heading 'What to take from this' is missing"),
+        ("## Next", "## And then", "the heading 'Next' is missing"),
+        ("scaling.md", "skaling.md", "the link '../docs/skaling.md' leads nowhere"),
+        ("04_new_day.py", "04_old_day.py", "the link '04_old_day.py' leads nowhere"),
+    ],
+)
+def test_script_without_the_form_is_told(script, old, new, problem):
+    assert old in GOOD
+    (found,) = form.form_problems(script(GOOD.replace(old, new)))
+    assert problem in found
+
+
+def test_written_notebooks_are_in_step_until_a_script_changes(script, tmp_path, capsys):
+    path = script(GOOD)
+    folders = ["--scripts", str(tmp_path), "--out", str(tmp_path / "notebooks")]
+    assert to_notebooks.main(["--check", *folders]) == 1
+    assert "01_real_grasps.ipynb is missing" in capsys.readouterr().err
+    assert to_notebooks.main(folders) == 0
+    assert to_notebooks.main(["--check", *folders]) == 0
+    script(GOOD.replace("A small", "A tiny"))
+    assert to_notebooks.main(["--check", *folders]) == 1
+    assert "01_real_grasps.ipynb is not the notebook of" in capsys.readouterr().err
+    path.rename(tmp_path / "02_your_own_glove.py")
+    assert to_notebooks.main(["--check", *folders]) == 1
+    assert "01_real_grasps.ipynb has no script" in capsys.readouterr().err
+    assert to_notebooks.main(folders) == 0
+    assert to_notebooks.main(["--check", *folders]) == 0
+
+
+def test_links_lead_to_files_that_a_reader_of_each_form_has(script):
+    path = script(GOOD)
+    notebook = form.read_script(path)
+    form.replace_links(notebook, pages="../", tutorials="")
+    assert form.relative_links(notebook) == ["04_new_day.ipynb", "../scaling.md"]
+    assert "(../scaling.md#common-mode)" in notebook.cells[-1].source
+    text = to_notebooks.notebook_text(path)
+    assert f"({to_notebooks.GITHUB}/blob/main/docs/scaling.md#common-mode)" in text
+    assert f"({to_notebooks.GITHUB}/blob/main/tutorials/notebooks/04_new_day.ipynb)" in text
+
+
+@pytest.mark.parametrize("names", [["1"], ["11"], ["0"]], ids=str)
+def test_unknown_tutorial_is_refused(script, tmp_path, names, capsys):
+    script(GOOD)
+    script(GOOD, "02_your_own_glove")
+    with pytest.raises(SystemExit, match="2"):
+        run.main([*names, "--scripts", str(tmp_path)])
+    assert "must be the name of one tutorial of: 01_real_grasps, 02_you" in capsys.readouterr().err
+
+
+def test_names_may_be_paths(script, tmp_path):
+    path = script(GOOD)
+    script(GOOD, "02_your_own_glove")
+    assert form.script_paths(["01"], tmp_path) == [path]
+    assert form.script_paths([f"tutorials/{path.name}"], tmp_path) == [path]
+
+
+def run_one(script, text, tmp_path, monkeypatch, capsys, *arguments):
+    script(text)
+    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
+    status = run.main(["--scripts", str(tmp_path), "--out", str(tmp_path / "out"), *arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_good_tutorial_runs(script, tmp_path, monkeypatch, capsys):
+    status, out, err = run_one(script, GOOD, tmp_path, monkeypatch, capsys)
+    assert (status, err) == (0, "")
+    name, result, processor, wall, memory, figures = out.splitlines()[1].split()
+    assert (name, result, figures) == ("01_real_grasps", "ok", "2")
+    assert min(float(wall), float(processor)) > 0
+    assert float(memory) > 10
+    executed = json.loads((tmp_path / "out" / "01_real_grasps.ipynb").read_text("utf-8"))
+    pictures = ["image/png" in str(cell.get("outputs")) for cell in executed["cells"]]
+    assert pictures == [False, False, True, True, False]
+    assert "../scaling.md" in str(executed["cells"][-1])
+
+
+# All faults in one tutorial, since each run starts a kernel.
+FAULTS = {
+    "axes.plot([1, 2], [1, total])": "plt.close()",
+    "axes.bar([1, 2], [1, total])": "axes.set_axis_off()",
+    "total = sum([1, 2])": (
+        'import sys, warnings\nprint("told", file=sys.stderr)\n'
+        'print("UserWarning: old")\ntotal = sum([1, 2])'
+    ),
+}
+
+
+def test_faults_of_a_tutorial_are_told(script, tmp_path, monkeypatch, capsys):
+    text = GOOD
+    for old, new in FAULTS.items():
+        assert old in text
+        text = text.replace(old, new)
+    text += "\n# %%\nassert total == 4\n"
+    limits = ["--limit", "0.01", "--memory", "0.001"]
+    status, out, err = run_one(script, text, tmp_path, monkeypatch, capsys, *limits)
+    assert status == 1
+    assert "FAILED" in out
+    assert "the cell 'import sys, warnings' writes to stderr: told" in err
+    assert "the cell 'import sys, warnings' prints a warning: UserWarning: old" in err
+    assert "the figure cell 'import matplotlib.pyplot as plt' shows no picture" in err
+    assert "the figure cell 'figure, axes = plt.subplots(figsize=(1, 1))' shows no picture" in err
+    assert "a cell raises AssertionError" in err
+    assert "s of processor time, more than 0.01 s" in err
+    assert "GB of memory, more than 0.001 GB" in err
+
+
+def test_tutorial_without_its_data_is_skipped_with_the_reason(
+    script, tmp_path, monkeypatch, capsys
+):
+    missing = "raise ConnectionError(\"'a.csv' is not in 'b'; put the file there by hand\")"
+    text = GOOD.replace("total = sum([1, 2])", missing)
+    status, out, err = run_one(script, text, tmp_path, monkeypatch, capsys)
+    assert (status, err) == (0, "")
+    assert "01_real_grasps skipped: 'a.csv' is not in 'b'" in out
+
+
+def test_other_connection_errors_are_failures(script, tmp_path, monkeypatch, capsys):
+    text = GOOD.replace("total = sum([1, 2])", 'raise ConnectionError("no robot")')
+    status, _, err = run_one(script, text, tmp_path, monkeypatch, capsys)
+    assert status == 1
+    assert "a cell raises ConnectionError: no robot" in err
+
+
+def test_data_is_linked_and_never_written_to(tmp_path, monkeypatch):
+    monkeypatch.delenv("TACTILE_DATA", raising=False)
+    (tmp_path / "data" / "biotacsp").mkdir(parents=True)
+    (tmp_path / "data" / "biotacsp" / "a.csv").write_text("1")
+    run.link_data(tmp_path / "data", tmp_path / "linked")
+    run.link_data(tmp_path / "data", tmp_path / "linked")
+    linked = Path(run.os.environ["TACTILE_DATA"])
+    (linked / "BioTacSP").mkdir()
+    assert (linked / "biotacsp" / "a.csv").read_text() == "1"
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["biotacsp"]

@@ -1,0 +1,27 @@
+r"""Training without Lightning's notes."""
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def quiet_lightning() -> Iterator[None]:
+    r"""Switches off the notes and warnings of Lightning within a :obj:`with` block, such as those
+    on the accelerator and the number of workers. Errors and warnings of other libraries are shown.
+
+    Examples:
+        >>> import lightning
+        >>> with quiet_lightning():
+        ...     trainer = lightning.Trainer(max_epochs=1, barebones=True, accelerator="cpu")
+    """
+    logger = logging.getLogger("lightning.pytorch")
+    level = logger.level
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="lightning")
+        logger.setLevel(logging.ERROR)
+        try:
+            yield
+        finally:
+            logger.setLevel(level)

@@ -1,0 +1,228 @@
+r"""Runs the tutorials as notebooks, checks what they show, and prints how long they take.
+
+python tutorials/run.py               all of them
+python tutorials/run.py 01 04_new_day --jobs 2
+
+The executed notebooks are written to build/tutorials/. A tutorial fails if a cell raises an error,
+writes to stderr or prints a warning, if a figure cell shows no picture, if its form is wrong (see
+tutorials/README.md), or if it takes more processor time or memory than the limits. One whose data
+can neither be found nor downloaded is skipped, with the reason.
+"""
+
+import argparse
+import base64
+import io
+import multiprocessing
+import os
+import re
+import resource
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import nbformat
+from form import FOLDER, ROOT, first_line, form_problems, is_figure, read_script, replace_links
+from form import script_paths as find_scripts
+from jupyter_client.kernelspec import KernelSpec
+from jupyter_client.manager import AsyncKernelManager
+from matplotlib.image import imread
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+from nbformat import NotebookNode
+
+_ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
+
+
+@dataclass(frozen=True)
+class Limits:
+    r"""What one tutorial may take: processor time in seconds, memory in bytes."""
+
+    seconds: float = 45
+    memory: float = 2e9
+
+
+@dataclass
+class Result:
+    r"""What came out of one tutorial."""
+
+    name: str
+    problems: list[str] = field(default_factory=list)
+    skipped: str = ""
+    wall: float = 0
+    processor: float = 0
+    memory: float = 0
+    figures: int = 0
+
+    @property
+    def status(self) -> str:
+        r""":obj:`"ok"`, :obj:`"skipped"` or :obj:`"FAILED"`."""
+        return "FAILED" if self.problems else "skipped" if self.skipped else "ok"
+
+
+class _Kernel(AsyncKernelManager):
+    # The running interpreter, whatever kernels are installed for the user.
+    @property
+    def kernel_spec(self) -> KernelSpec:
+        argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+        quiet = "--IPKernelApp.log_level=ERROR"
+        return KernelSpec(argv=[*argv, quiet], display_name="Python 3", language="python")
+
+
+def run_tutorial(path: Path, out: Path, limits: Limits) -> Result:
+    r"""Runs and checks one tutorial in the folder of its script. Processor time and memory are
+    those of all ended child processes, so that a process may run one tutorial only.
+
+    Args:
+        path (Path): The script.
+        out (Path): The folder for the executed notebook.
+        limits (Limits): What it may take.
+    """
+    result = Result(path.stem, problems=form_problems(path))
+    notebook = read_script(path)
+    begin = time.monotonic()
+    _execute(notebook, path.parent, limits, result)
+    result.wall = time.monotonic() - begin
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    result.processor = usage.ru_utime + usage.ru_stime
+    result.memory = usage.ru_maxrss * 1024
+    if not result.skipped:
+        result.problems += [p for cell in notebook.cells for p in _output_problems(cell)]
+        result.figures = sum(_shows_picture(cell) for cell in notebook.cells)
+    result.problems += _limit_problems(result, limits)
+    replace_links(notebook, pages="../", tutorials="")
+    out.mkdir(parents=True, exist_ok=True)
+    nbformat.write(notebook, out / f"{path.stem}.ipynb")
+    return result
+
+
+def _execute(notebook: NotebookNode, folder: Path, limits: Limits, result: Result) -> None:
+    client = NotebookClient(
+        notebook,
+        kernel_manager_class=_Kernel,
+        resources={"metadata": {"path": str(folder)}},
+        # Beside other work on the same cores, the clock runs ahead of the processor time.
+        timeout=60 + int(10 * limits.seconds),
+        record_timing=False,
+    )
+    try:
+        client.execute()
+    except CellExecutionError as error:
+        if error.ename == "ConnectionError" and "by hand" in error.evalue:
+            result.skipped = error.evalue
+        else:
+            result.problems.append(
+                f"a cell raises {error.ename}: {error.evalue}\n{error.traceback}"
+            )
+    except (CellTimeoutError, DeadKernelError) as error:
+        result.problems.append(f"{type(error).__name__}: {error}")
+
+
+def _output_problems(cell: NotebookNode) -> list[str]:
+    if cell.cell_type != "code":
+        return []
+    problems = []
+    for output in cell.outputs:
+        text = _ESCAPES.sub("", output.get("text", "")).strip()
+        if output.get("name") == "stderr":
+            problems.append(f"the cell '{first_line(cell)}' writes to stderr: {text}")
+        elif re.search("warning", text, re.IGNORECASE):
+            problems.append(f"the cell '{first_line(cell)}' prints a warning: {text}")
+    if is_figure(cell) and not _shows_picture(cell):
+        problems.append(f"the figure cell '{first_line(cell)}' shows no picture")
+    return problems
+
+
+def _shows_picture(cell: NotebookNode) -> bool:
+    data = [output.get("data", {}) for output in cell.get("outputs", [])]
+    return any("image/svg+xml" in d or ("image/png" in d and _drawn(d["image/png"])) for d in data)
+
+
+def _drawn(png: str) -> bool:
+    # A figure that nothing was drawn into has one colour.
+    pixels = imread(io.BytesIO(base64.b64decode(png)))
+    return bool((pixels != pixels[:1, :1]).any())
+
+
+def _limit_problems(result: Result, limits: Limits) -> list[str]:
+    problems = []
+    if result.processor > limits.seconds:
+        problems.append(
+            f"it takes {result.processor:.0f} s of processor time, more than {limits.seconds:g} s"
+        )
+    if result.memory > limits.memory:
+        taken, most = result.memory / 1e9, limits.memory / 1e9
+        problems.append(f"it takes {taken:.1f} GB of memory, more than {most:g} GB")
+    return problems
+
+
+def link_data(data: Path, folder: Path) -> None:
+    r"""Makes a folder that has all that another has, into which data sets write their processed
+    files in its place, and names it to the tutorials as :obj:`TACTILE_DATA`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in data.iterdir():
+        link = folder / path.name
+        if not link.exists():
+            link.unlink(missing_ok=True)
+            link.symlink_to(path.resolve())
+    os.environ["TACTILE_DATA"] = str(folder.resolve())
+
+
+def table(results: list[Result]) -> str:
+    r"""Returns one line for each tutorial, and one for all."""
+    lines = [f"{'tutorial':<20} {'':<8} {'CPU s':>6} {'wall s':>7} {'MB':>6} {'figures':>8}"]
+    lines += [
+        f"{r.name:<20} {r.status:<8} {r.processor:6.1f} {r.wall:7.1f} {r.memory / 1e6:6.0f} "
+        f"{r.figures:8}"
+        for r in results
+    ]
+    processor, wall = (sum(getattr(r, name) for r in results) for name in ("processor", "wall"))
+    figures = sum(r.figures for r in results)
+    lines.append(f"{'together':<20} {'':<8} {processor:6.1f} {wall:7.1f} {'':>6} {figures:8}")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    r"""Runs the tutorials; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="names or numbers, such as 04; all if left out")
+    parser.add_argument("--jobs", type=int, default=1, help="tutorials that run at once")
+    parser.add_argument("--limit", type=float, default=45, help="processor time of each in seconds")
+    parser.add_argument("--memory", type=float, default=2, help="memory of each in GB")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "tutorials", help="results")
+    parser.add_argument("--scripts", type=Path, default=FOLDER, help="folder of the scripts")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=ROOT.parent / "shared" / "data",
+        help="recordings that are used in place of a download, unless TACTILE_DATA is set",
+    )
+    args = parser.parse_args(arguments)
+    try:
+        scripts = find_scripts(args.names, args.scripts)
+    except ValueError as error:
+        parser.error(str(error))
+    if args.data.is_dir() and "TACTILE_DATA" not in os.environ:
+        link_data(args.data, args.out / "data")
+    # What tqdm says in a kernel without ipywidgets is no fault of a tutorial.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:IProgress not found")
+    limits = Limits(args.limit, args.memory * 1e9)
+    # A new process for each, so that its children are those of one tutorial.
+    with ProcessPoolExecutor(
+        args.jobs, mp_context=multiprocessing.get_context("spawn"), max_tasks_per_child=1
+    ) as pool:
+        futures = [pool.submit(run_tutorial, path, args.out, limits) for path in scripts]
+        results = [future.result() for future in futures]
+    for result in results:
+        for problem in result.problems:
+            print(f"{result.name}: {problem}\n", file=sys.stderr)
+        if result.skipped:
+            print(f"{result.name} skipped: {result.skipped}\n")
+    print(table(results))
+    return int(any(result.problems for result in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
