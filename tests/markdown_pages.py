@@ -25,7 +25,7 @@ _MARKER = re.compile(r"<!-- *not run")
 _FILE = re.compile(r"`([\w./-]+)`:\s*$")
 _CONFIGURATION = "grasp_gcn_df"  # in place of a configuration that the reader writes
 _RAW = ("fit", "validate", "test")  # verbs whose arguments Lightning reads
-_NEVER = ("pip", "make", "git", "ssh", "cd", "export", "colcon", "ros2", "conda", "source")
+_NEVER = ("pip", "make", "git", "ssh", "cd", "export", "colcon", "ros2", "conda", "source", ".")
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,17 @@ class Block:
     file: str | None  # what the sentence before a block of YAML calls it
 
 
-def pages():
-    """All pages that have code, by their path from the root."""
+def all_pages():
+    """All pages that are written by hand, by their path from the root."""
     paths = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     for folder in FOLDERS:
         paths += sorted((ROOT / folder).glob("*.md"))
-    return [path.relative_to(ROOT).as_posix() for path in paths if blocks_of(path)]
+    return [path.relative_to(ROOT).as_posix() for path in paths]
+
+
+def pages():
+    """Those that have code."""
+    return [name for name in all_pages() if blocks_of(ROOT / name)]
 
 
 def blocks_of(path):
@@ -115,7 +120,11 @@ def commands(code):
 def run_command(words):
     """Runs a command of the page in this process."""
     if words[0] == "tactile":
-        assert main(_expanded(words[1:])) == 0, words
+        try:
+            status = main(_expanded(words[1:]))
+        except SystemExit as stop:  # such as of --help
+            status = stop.code
+        assert not status, f"{words} failed"
     elif words[:2] == ["python", "-c"]:
         subprocess.run([sys.executable, *words[1:]], check=True)
     else:
@@ -146,7 +155,8 @@ def check_command(words):
     elif words[0] == "pip":
         check_extras(words)
     else:
-        known = words[0] in _NEVER or words[:2] in (["python", "-m"], ["python", "-c"])
+        is_module = words[0].startswith("python") and words[1] in ("-m", "-c")
+        known = words[0] in _NEVER or is_module
         assert known, f"{words[0]!r} is no command that pages use"
 
 
@@ -161,7 +171,10 @@ def check_extras(words):
 
 def check_tactile(words):
     """Checks a verb and its options, without running it."""
-    assert words[0] in VERBS or words[0].startswith("-"), f"'tactile {words[0]}' does not exist"
+    if words[0].startswith("-"):
+        _parse(build_parser(), words)
+        return
+    assert words[0] in VERBS, f"'tactile {words[0]}' does not exist"
     if words[0] in _RAW:
         _check_lightning(words)
         return
