@@ -109,7 +109,7 @@ MODELS = {
 }
 
 
-def fit_predict(model, data, train, test, uses_edges, epochs=3):
+def fit_predict(model, data, train, test, uses_edges, epochs=2):
     def run(rows):
         given = {"edge_attr": data.edge_attr[rows]} if uses_edges else {}
         return model(x=data.x[rows], edge_index=data.edge_index, **given)
@@ -198,7 +198,7 @@ assert verdicts["P1: GCN above FNN"] != "holds"
 # |---|---|---|
 # | models | 5 | 36 of P1 and 18 of P2 |
 # | grasps, frames | 240, 480 | 400, 948 |
-# | training | 3 epochs of 336 frames | 10 epochs of about 665 (P1) or 570 (P2) |
+# | training | 2 epochs of 336 frames | 10 epochs of about 665 (P1) or 570 (P2) |
 # | seeds | 3 | 5 |
 #
 # | claim | full tables, by trial, touch alone unless said |
