@@ -38,8 +38,8 @@ extensions = [
 exclude_patterns = ["build", "inventories", "_ext", "_templates"]
 templates_path = ["_templates"]
 repository_url = REPOSITORY
-# Executed copies of the tutorials are taken where `make tutorials` has left them. The variable names
-# another folder, or is 0 for a site without them.
+# Executed copies of the tutorials are taken where `make tutorials` has left them. The variable
+# names another folder, or is 0 for a site without them.
 tutorial_folders = ["../build/tutorials", "../tutorials/notebooks"]
 _FOLDER = os.environ.get("TACTILE_DOCS_TUTORIALS")
 if _FOLDER is not None:

@@ -178,7 +178,8 @@ def _parse(parser, words):
     try:
         parser.parse_args(words)
     except SystemExit as stop:
-        assert stop.code == 0, f"'tactile {shlex.join(words)}' is refused"
+        if stop.code:
+            raise AssertionError(f"'tactile {shlex.join(words)}' is refused") from stop
 
 
 def _check_lightning(words):

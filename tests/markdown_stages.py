@@ -266,3 +266,8 @@ def _prints(page, count):
 
 _prints("docs/time.md", 6)
 _prints("docs/serial_formats.md", 2)
+
+
+@check("docs/your_own_classes.md")
+def _(names, out):
+    assert names["metrics"]["test/accuracy"] > 0.9  # the generated presses are easy to tell apart

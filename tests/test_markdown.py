@@ -1,6 +1,8 @@
 """Every Python and shell block of the pages runs, or says why not and is checked."""
 
 import re
+import sys
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -35,7 +37,9 @@ def test_blocks_run(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     torch.manual_seed(0)
     np.random.seed(0)  # noqa: NPY002 (the README draws from it)
-    names = {"__name__": "page"}
+    module = ModuleType("page")  # PyG looks for the module of a layer
+    monkeypatch.setitem(sys.modules, "page", module)
+    names = vars(module)
     if name in STAGES:
         STAGES[name](names)
     run_page(ROOT / name, names)

@@ -9,8 +9,8 @@
 #   **simulated** by `data/make_glove.py` and no measurement, so the accuracies say nothing about
 #   real gloves. The traps in them are real: time in milliseconds, empty cells, and an offset that
 #   changes whenever the glove is put on.
-# - **You will see** a model that scores 96 % on a split by frame and 57 % on new trials, and the one
-#   transform that repairs it.
+# - **You will see** a model that scores 96 % on a split by frame and 57 % on new trials, and the
+#   one transform that repairs it.
 # - **Time**: about half a minute.
 
 # %%

@@ -3,7 +3,7 @@
 #
 # Two papers compare graph networks on a hand of 384 taxels. One (P1) gives each input a thread of
 # its own, the MT-GCN, with edge features from the pose. The other (P2) cuts the graph into
-# segments: five digits and palm parts (I) or 22 patches (II). Their recordings are private. This
+# segments: the four digits and the palm (I) or 22 patches (II). Their recordings are private. This
 # tutorial trains five of their models on 480 frames of 240 simulated grasps and puts the published
 # numbers beside ours. Then it computes which claims hold.
 #
@@ -184,8 +184,8 @@ for claim, better, worse in CLAIMS:
 # epochs on twice the frames, the FNN is first of all 36 rows of P1.
 #
 # **Beware of what *holds* here.** The GCN = X has five layers and has not finished learning after
-# so few steps. A large lead over X on this page may be a lead in speed only: in the full tables the
-# lead of segments is 2.5 to 3 points, and edge features and threads have none.
+# so few steps. A large lead over X on this page may be a lead in speed only: in the full tables
+# the lead of segments is 2.5 to 3 points, and edge features and threads have none.
 
 # %%
 means = {name: float(np.mean(values)) for name, values in accuracy.items()}

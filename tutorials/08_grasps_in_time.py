@@ -175,6 +175,7 @@ ax.axvline(onset[number], color="#b00020", label="onset of slip")
 ax.set(xlabel="time (s)", ylabel="slips within 0.5 s", ylim=(0, 1))
 ax.set_title("One held-out grasp, streamed")
 ax.legend()
+plt.close(fig)  # or the notebook shows it twice
 fig
 
 # %% [markdown]

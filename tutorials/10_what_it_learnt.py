@@ -123,9 +123,8 @@ assert max(twin_accuracy) < accuracy - 0.15
 # ## Attribution on the hand: where is the evidence?
 #
 # Integrated gradients give each taxel its part of a logit. Of four classes a logit means
-# something only against the others, so we subtract the mean over the classes: red speaks for this
-# shape, blue for the others. Each map is divided by its largest value, since the logits of a twin
-# are smaller.
+# something only against the others, so we subtract the mean over the classes: positive scores
+# (red) speak for this shape, negative ones (blue) for the others.
 
 # %%
 from torch_geometric_tactile.analysis import IntegratedGradients, taxel_attribution
@@ -148,6 +147,10 @@ def evidence(model):
 learnt = evidence(trained)
 random = [evidence(twin) for twin in twins]
 
+# %% [markdown]
+# Two of the shapes on the hand: the mean pressure of their frames, the evidence of the trained
+# network, and that of the first twin. Each picture is divided by its own 99th percentile.
+
 # %% tags=["figure"]
 from torch_geometric_tactile.visualization import plot_hand_panels
 
@@ -164,13 +167,13 @@ for name in ("box", "sphere"):
     panels[f"{name}: trained"] = scaled(learnt[shape])
     panels[f"{name}: untrained"] = scaled(random[0][shape])
 plot_hand_panels(
-    predictor.layout, panels, label="parts of the largest values", limit=1.0, columns=3
+    predictor.layout, panels, label="part of the 99th percentile", limit=1.0, columns=3
 )
 
 # %% [markdown]
-# Both rows light up taxels at the fingertips and at the edge of the palm. Is the place learnt? We
-# compare the size of each map with the plainest picture there is, the mean pressure of the same
-# frames, and then the maps of the trained network with those of the twins.
+# All three columns mark fingertips for the box and the upper edge of the palm for the sphere. Is
+# the place learnt? We compare the size of the evidence with the pressure, and then its sign with
+# that of the twins.
 
 
 # %%
@@ -236,7 +239,8 @@ def nearest_elsewhere(rows):
     return float((y[distance.argmin(dim=1)] == y).double().mean())
 
 
-rows = {**described, **{f"untrained twin {i}": features(twin) for i, twin in enumerate(twins)}}
+rows = {"trained": described["trained"], "readings": described["readings"]}
+rows |= {f"untrained twin {i}": features(twin) for i, twin in enumerate(twins)}
 print("frames by                same grasp nearby  same shape nearby  same shape, other grasp")
 for name, one in rows.items():
     grasp = segment_clustering(one, samples.trial, num_neighbors=5).neighbor_share

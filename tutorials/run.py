@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import nbformat
-from form import FOLDER, ROOT, first_line, form_problems, is_figure, read_script, replace_links
+from form import FOLDER, ROOT, first_line, form_problems, is_figure, read_script
 from form import script_paths as find_scripts
 from jupyter_client.kernelspec import KernelSpec
 from jupyter_client.manager import AsyncKernelManager
@@ -91,7 +91,6 @@ def run_tutorial(path: Path, out: Path, limits: Limits) -> Result:
         result.problems += [p for cell in notebook.cells for p in _output_problems(cell)]
         result.figures = sum(_shows_picture(cell) for cell in notebook.cells)
     result.problems += _limit_problems(result, limits)
-    replace_links(notebook, pages="../", tutorials="")
     out.mkdir(parents=True, exist_ok=True)
     nbformat.write(notebook, out / f"{path.stem}.ipynb")
     return result
@@ -112,9 +111,8 @@ def _execute(notebook: NotebookNode, folder: Path, limits: Limits, result: Resul
         if error.ename == "ConnectionError" and "by hand" in error.evalue:
             result.skipped = error.evalue
         else:
-            result.problems.append(
-                f"a cell raises {error.ename}: {error.evalue}\n{error.traceback}"
-            )
+            told = _ESCAPES.sub("", error.traceback)
+            result.problems.append(f"a cell raises {error.ename}: {error.evalue}\n{told}")
     except (CellTimeoutError, DeadKernelError) as error:
         result.problems.append(f"{type(error).__name__}: {error}")
 
@@ -129,7 +127,8 @@ def _output_problems(cell: NotebookNode) -> list[str]:
             problems.append(f"the cell '{first_line(cell)}' writes to stderr: {text}")
         elif re.search("warning", text, re.IGNORECASE):
             problems.append(f"the cell '{first_line(cell)}' prints a warning: {text}")
-    if is_figure(cell) and not _shows_picture(cell):
+    was_run = cell.execution_count is not None  # not so behind a cell that failed
+    if was_run and is_figure(cell) and not _shows_picture(cell):
         problems.append(f"the figure cell '{first_line(cell)}' shows no picture")
     return problems
 

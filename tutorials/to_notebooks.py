@@ -21,7 +21,7 @@ BADGES = """\
 (https://mybinder.org/v2/gh/{repository}/main?labpath=tutorials%2Fnotebooks%2F{name}.ipynb)
 """
 INSTALL = f"""\
-# Run this first. On Colab it installs the package, which takes about a minute.
+# Run this first. On Colab it installs the package.
 import importlib.util
 import os
 

@@ -107,17 +107,9 @@ def _kind(name: str, value: Any) -> str:
 
 
 def get_object(full: str) -> Any:
-    """Returns what a dotted name of the package stands for."""
-    parts = full.split(".")
-    for cut in range(len(parts), 0, -1):
-        try:
-            value = import_module(".".join(parts[:cut]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[cut:]:
-            value = getattr(value, part)
-        return value
-    raise ImportError(full)
+    """Returns what the full name of a public name stands for."""
+    module, _, name = full.rpartition(".")
+    return getattr(import_module(module), name)  # a function may have the name of its module
 
 
 @cache
@@ -215,7 +207,8 @@ def _signature(
     # Models that can be on a hub have a `__new__` of any arguments; those of `__init__` count.
     if what != "class" or not re.fullmatch(r"\(\*args: \S+, \*\*kwargs: \S+\)", signature or ""):
         return None
-    return stringify_signature(sphinx_signature(obj.__init__, bound_method=True)), returned
+    own = sphinx_signature(obj.__init__, bound_method=True)
+    return stringify_signature(own, show_return_annotation=False, unqualified_typehints=True), ""
 
 
 def _doc_of_data(

@@ -88,7 +88,7 @@ def _read(app: Sphinx, name: str, source: list[str]) -> None:
 
 
 def _without_planned(text: str, planned: list[str], path: Path) -> str:
-    # Of pages that are not written yet, an index drops the lines, and others keep the text of links.
+    # Of pages that are not written yet, an index drops the lines; others keep the text of links.
     names = "|".join(planned)
     if not names:
         return text

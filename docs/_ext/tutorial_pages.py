@@ -51,6 +51,22 @@ def title_and_summary(notebook: dict[str, Any]) -> tuple[str, str]:
     raise ValueError("a tutorial must begin with a title '# ...'")
 
 
+def shorten(text: str, size: int = 150) -> str:
+    """Returns the first sentences of a text: one, and more while they fit.
+
+    Args:
+        text (str): The text.
+        size (int): Number of letters of all but the first.
+    """
+    sentences = re.split(r"(?<=[.?!])\s+", text)
+    taken = sentences[:1]
+    for sentence in sentences[1:]:
+        if len(" ".join([*taken, sentence])) > size:
+            break
+        taken.append(sentence)
+    return " ".join(taken)
+
+
 def _links(name: str, repository: str, root: Path) -> str:
     owner = repository.removeprefix("https://github.com/")
     path = f"tutorials/notebooks/{name}.ipynb"
@@ -103,7 +119,8 @@ def _copy(app: Sphinx, config: Any) -> None:
         if picture is not None:
             pages.mkdir(exist_ok=True)
             (pages / f"{name}.png").write_bytes(picture)
-        tutorials.append(Tutorial(name, title, question, f"{name}.png" if picture else None))
+        picture_name = f"{name}.png" if picture else None
+        tutorials.append(Tutorial(name, title, shorten(question), picture_name))
     for path in pages.glob("*.ipynb"):
         if path.stem not in {one.name for one in tutorials}:
             path.unlink()

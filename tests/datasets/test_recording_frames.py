@@ -315,3 +315,14 @@ def test_full_disk_while_frames_are_gathered_names_the_folder(tmp_path, monkeypa
     monkeypatch.setattr(tempfile, "TemporaryFile", lambda **kwargs: Full())
     with pytest.raises(OSError, match=r"No space left on device: '.*grasps"):
         RecordingFrames(root, layout=GLOVE, read_options=READ)
+
+
+def test_target_is_the_column_of_the_label_even_if_it_never_changes(tmp_path):
+    header = "time,a,b,grasp"
+    (tmp_path / "mug_0.csv").write_text(f"{header}\n0,1,2,pinch\n1,1,2,power\n")
+    (tmp_path / "mug_1.csv").write_text(f"{header}\n0,1,2,pinch\n1,1,2,pinch\n")
+    options = {"layout": grid(1, 2, 0.01), "read_options": {"label": "grasp", "time_unit": "s"}}
+    dataset = RecordingFrames(tmp_path, target="grasp", **options)
+    assert (dataset.class_names, dataset.data.y.tolist()) == (["pinch", "power"], [0, 1, 0, 0])
+    with pytest.raises(ValueError, match="changes from frame to frame: choose target='grasp'"):
+        RecordingFrames(tmp_path, target="label", **options)

@@ -37,6 +37,6 @@ def test_killed_process_is_explained(of_grasps, monkeypatch):
 
     monkeypatch.setattr(worker, "_Process", killed)
     assert run_in_process(of_grasps()) == {
-        "error": "its process was killed, for want of memory perhaps"
+        "error": "its process was killed, perhaps for lack of memory"
     }
     close_process()

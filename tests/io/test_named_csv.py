@@ -74,7 +74,11 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
         ([HEADER, "1,1,2,3,4", "1,1,2,3,4"], {}, r"glove.csv': 'time' must increase"),
         ([HEADER, "1,1,2,3,"], {"label": "grasp"}, r"label in every frame in 'grasp' .* frame 0"),
         ([HEADER, "1,1,2,3,4"], {"label": "y"}, r"must have the column 'y' \(got Time, thumb,"),
-        ([HEADER, "1,1,2,3,4"], {"tactile": "pad.*"}, r"columns of readings .* \(got 0: "),
+        (
+            [HEADER, "1,1,2,3,4"],
+            {"tactile": "pad.*"},
+            r"'tactile' must match whole .* \(got 'pad.*matches none",
+        ),
         ([HEADER, "1,1,2,3,4"], {"num_channels": 3}, r"of 3 channels \(got 4: thumb, index, "),
         (
             [HEADER, "1,1,2,3,4"],
@@ -198,3 +202,15 @@ def test_cut_file(write):
         ValueError, match=r"line 2 must end with a line break: is the file truncated"
     ):
         read_named_csv(path)
+
+
+def test_a_column_of_texts_that_nobody_named_comes_with_advice(write):
+    path = write(HEADER, "0,1,2,3,mug")
+    with pytest.raises(ValueError, match=r"'grasp' must be a number .* give it as 'label'"):
+        read_named_csv(path)
+
+
+@pytest.mark.parametrize(("step", "unit", "warns"), [(10, None, True), (10, "s", False)])
+def test_frames_that_are_seconds_apart_are_noticed(write, caplog, step, unit, warns):
+    read_named_csv(write("time,a", "0,1", f"{step},1"), time_unit=unit)
+    assert ("give time_unit='ms'" in caplog.text) == warns

@@ -41,6 +41,8 @@ def test_open_source_of_a_simulation():
     ("url", "match"),
     [
         ("", "a source must be one of serial:"),
+        ("/dev/ttyUSB0", r"given as serial:/dev/ttyUSB0\?protocol=NAME"),
+        ("COM3", r"given as serial:COM3\?protocol=NAME"),
         (None, "a source must be one of serial:"),
         ("usb:/dev/x", r"a source must be one of serial:.*, ws:.*, file:.*, .* or sim:"),
         (

@@ -154,9 +154,7 @@ def test_no_xela_server_raises():
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     source = XelaSource(f"ws://127.0.0.1:{port}")
-    with pytest.raises(
-        ConnectionError, match=f"no server of XELA answers at 'ws://127.0.0.1:{port}"
-    ):
+    with pytest.raises(ConnectionError, match=f"no XELA server answers at 'ws://127.0.0.1:{port}"):
         source.open()
     source.close()
     with pytest.raises(OSError, match="is not open"):

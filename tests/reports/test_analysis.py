@@ -129,7 +129,7 @@ def test_bad_input_is_named(tmp_path, capsys):
     with pytest.raises(ValueError, match=r"'frames' must be at least 2 \(got 1\)"):
         analyze(predictor, samples, tmp_path, frames=1)
     predictor.task = "regression"
-    with pytest.raises(ValueError, match=r"'predictor' must tell classes or labels"):
+    with pytest.raises(ValueError, match=r"'predictor' must predict classes or labels"):
         analyze(predictor, samples, tmp_path)
     assert main(["analyze", str(tmp_path / "a.ckpt"), "--out", str(tmp_path)]) == 1
     assert "there is no predictor or checkpoint" in capsys.readouterr().err

@@ -43,7 +43,7 @@ def test_yaml_that_cannot_be_read_names_the_file(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     Path("bad.yaml").write_bytes(BAD[name])
     for read in (read_yaml, lambda path: load_config(str(path))):
-        with pytest.raises(ValueError, match=r"'bad\.yaml' is no YAML that can be read here"):
+        with pytest.raises(ValueError, match=r"'bad\.yaml' cannot be read as YAML"):
             read(Path("bad.yaml"))
     assert not Path("attacked").exists()
 
@@ -65,7 +65,7 @@ def test_plain_yaml_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: [", r"'bad\.yaml' is no YAML that can be read here"),
+        ("a: [", r"'bad\.yaml' cannot be read as YAML"),
         ("[1]", r"configuration 'bad\.yaml' must be a mapping with the keys"),
         ("model: 3", r"'model' of configuration 'bad\.yaml' must be a mapping \(got 3\)"),
         ("trainer: [1]", r"'trainer' of configuration 'bad\.yaml' must be a mapping"),

@@ -294,7 +294,7 @@ def test_bare_model_of_scaled_data_warns(labelled, tmp_path, transform):
     with pytest.warns(UserWarning, match=r"on what ZScore made of .*Predictor.from_checkpoint"):
         bare = TactileModule.load_from_checkpoint(path, weights_only=True).eval()
     with warnings.catch_warnings():  # a trainer restores the scaling
-        warnings.filterwarnings("error", message="this model was trained on what")
+        warnings.filterwarnings("error", message="this model was trained on readings")
         trainer().validate(classifier_from_config(config, data), data, ckpt_path=path)
     part = data.part("val")
     predictor = Predictor.from_checkpoint(path)

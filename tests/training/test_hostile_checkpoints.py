@@ -195,7 +195,7 @@ def test_other_model_in_the_checkpoint_is_an_error(run, tmp_path, monkeypatch, c
     capsys.readouterr()
     assert main(["test", "--config", "a.yaml", "--ckpt_path", str(run)]) == 1
     said = capsys.readouterr().err
-    assert "last.ckpt' must be of the model of the configuration" in said
+    assert "last.ckpt' must hold the model of the configuration" in said
     assert "'model.model.init_args.hidden_channels' is 5, in the checkpoint " in said
 
 

@@ -145,7 +145,7 @@ def test_validation_alone_changes_no_threshold():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"threshold": "recall"}, "'threshold' must be a probability, or what it is chosen by"),
+        ({"threshold": "recall"}, "'threshold' must be a probability, or the metric that"),
         ({"threshold": 1.5}, r"'threshold' must be a probability, .* \(got 1.5\)"),
         ({"threshold": 0.5, "task": "multilabel"}, "'threshold' must be left out for task='multil"),
     ],

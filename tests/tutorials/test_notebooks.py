@@ -115,12 +115,9 @@ def test_written_notebooks_are_in_step_until_a_script_changes(script, tmp_path, 
     assert to_notebooks.main(["--check", *folders]) == 0
 
 
-def test_links_lead_to_files_that_a_reader_of_each_form_has(script):
+def test_links_of_a_notebook_lead_to_the_repository(script):
     path = script(GOOD)
-    notebook = form.read_script(path)
-    form.replace_links(notebook, pages="../", tutorials="")
-    assert form.relative_links(notebook) == ["04_new_day.ipynb", "../scaling.md"]
-    assert "(../scaling.md#common-mode)" in notebook.cells[-1].source
+    assert form.relative_links(form.read_script(path)) == ["04_new_day.py", "../docs/scaling.md"]
     text = to_notebooks.notebook_text(path)
     assert f"({to_notebooks.GITHUB}/blob/main/docs/scaling.md#common-mode)" in text
     assert f"({to_notebooks.GITHUB}/blob/main/tutorials/notebooks/04_new_day.ipynb)" in text
@@ -160,7 +157,7 @@ def test_good_tutorial_runs(script, tmp_path, monkeypatch, capsys):
     executed = json.loads((tmp_path / "out" / "01_real_grasps.ipynb").read_text("utf-8"))
     pictures = ["image/png" in str(cell.get("outputs")) for cell in executed["cells"]]
     assert pictures == [False, False, True, True, False]
-    assert "../scaling.md" in str(executed["cells"][-1])
+    assert "(../docs/scaling.md#common-mode)" in str(executed["cells"][-1])  # as in the script
 
 
 # All faults in one tutorial, since each run starts a kernel.
@@ -220,3 +217,45 @@ def test_data_is_linked_and_never_written_to(tmp_path, monkeypatch):
     (linked / "BioTacSP").mkdir()
     assert (linked / "biotacsp" / "a.csv").read_text() == "1"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["biotacsp"]
+
+
+class FakeShell:
+    def __init__(self):
+        self.calls = []
+
+    def system(self, command):
+        self.calls.append(f"!{command}")
+
+    def run_line_magic(self, name, line):
+        self.calls.append(f"%{name} {line}")
+
+
+@pytest.mark.parametrize(
+    ("installed", "start", "calls", "end"),
+    [
+        (True, "tutorials", [], "tutorials"),
+        (True, "tutorials/notebooks", [], "tutorials"),
+        (False, "", ["!git clone --quiet", "%pip install --quiet"], "tactile/tutorials"),
+    ],
+)
+def test_install_cell_leads_to_the_tutorials(tmp_path, monkeypatch, installed, start, calls, end):
+    from IPython.core.inputtransformer2 import TransformerManager
+
+    (tmp_path / "tutorials" / "notebooks").mkdir(parents=True)
+    (tmp_path / "tactile" / "tutorials").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / start)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object() if installed else None)
+    shell = FakeShell()
+    code = TransformerManager().transform_cell(to_notebooks.INSTALL)
+    exec(code, {"get_ipython": lambda: shell})
+    assert [" ".join(call.split()[:3]) for call in shell.calls] == calls
+    assert Path.cwd() == tmp_path / end
+
+
+def test_extras_of_notebooks_are_those_of_binder_and_exist():
+    import tomllib
+
+    pyproject = tomllib.loads((FOLDER.parent / "pyproject.toml").read_text("utf-8"))
+    extras = to_notebooks.EXTRAS.split(",")
+    assert set(extras) <= set(pyproject["project"]["optional-dependencies"])
+    assert f'".[{to_notebooks.EXTRAS}]"' in (FOLDER.parent / "binder" / "postBuild").read_text()

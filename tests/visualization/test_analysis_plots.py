@@ -38,6 +38,23 @@ def test_embedding_is_seen_along_each_axis(tmp_path, dims, views):
     save_figure(figure, tmp_path / "a.png")
 
 
+@pytest.mark.parametrize(("dims", "views"), [(2, 1), (3, 3)])
+def test_embedding_has_its_untrained_twin_beside(dims, views):
+    places, twin = PLACES[:, :dims], PLACES[:, :dims].flip(0)
+    figure = plot_embedding(places, LAYOUT, untrained=twin)
+    axes = figure.axes[: 2 * views]
+    assert [ax.get_title() for ax in (axes[0], axes[views])] == ["trained", "untrained"]
+    chosen = LAYOUT.digit == 0
+    for ax, expected in ((axes[0], places), (axes[views], twin)):
+        drawn = torch.tensor(points(ax)[0].get_offsets().data)
+        assert drawn.equal(expected[chosen][:, :2].double())
+    assert figure.get_figwidth() <= 8
+    with pytest.raises(ValueError, match=r"'untrained' must have the shape of 'places'"):
+        plot_embedding(PLACES, LAYOUT, untrained=PLACES[:, :2])
+    with pytest.raises(ValueError, match="'untrained' must hold finite"):
+        plot_embedding(PLACES, LAYOUT, untrained=PLACES / 0)
+
+
 @pytest.mark.parametrize("by", ["patch", "digit"])
 def test_colours_are_those_of_the_hand(by):
     figure = plot_embedding(PLACES[:, :2], LAYOUT, color_by=by)

@@ -34,6 +34,26 @@ class IntegratedGradients(ExplainerAlgorithm):
     Raises:
         ValueError: If :obj:`num_steps` is below one, or :obj:`baseline` has another shape than
             :obj:`x`.
+
+    Examples:
+        >>> from torch_geometric.explain import Explainer
+        >>> from torch_geometric_tactile.nn import TaxelNet
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> layout = grid(2, 2, pitch=0.004)
+        >>> explainer = Explainer(
+        ...     TaxelNet(layout, 2).eval(),
+        ...     IntegratedGradients(num_steps=8),
+        ...     explanation_type="model",
+        ...     node_mask_type="attributes",
+        ...     model_config={
+        ...         "mode": "multiclass_classification",
+        ...         "task_level": "graph",
+        ...         "return_type": "raw",
+        ...     },
+        ... )
+        >>> explanation = explainer(torch.randn(4, 3), torch.tensor([[0, 1], [1, 0]]))
+        >>> explanation.node_mask.shape
+        torch.Size([4, 3])
     """
 
     def __init__(self, num_steps: int = 16, baseline: Tensor | None = None) -> None:
@@ -134,6 +154,14 @@ def taxel_attribution(
     Raises:
         ValueError: If :obj:`batch` lacks what the model takes or holds no sample, or
             :obj:`target` does not fit.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn import TaxelNet
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> layout = grid(2, 2, pitch=0.004)
+        >>> data = Data(x=torch.randn(4, 3), edge_index=torch.tensor([[0, 1], [1, 0]]))
+        >>> taxel_attribution(TaxelNet(layout, 2).eval(), data, target=1).shape
+        torch.Size([4])
     """
     samples = _Samples(model, batch, target)
     explainer = Explainer(
@@ -183,6 +211,16 @@ def patch_occlusion(
     Raises:
         ValueError: If :obj:`segment` or :obj:`reference` does not fit, :obj:`reference` is missing
             for a single sample, or as :func:`taxel_attribution`.
+
+    Examples:
+        >>> from torch_geometric_tactile.data import StaticData
+        >>> from torch_geometric_tactile.nn import TaxelNet
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> layout = grid(2, 2, pitch=0.004)
+        >>> batch = StaticData(x=torch.randn(5, 4, 3), edge_index=torch.tensor([[0, 1], [1, 0]]))
+        >>> patches = torch.tensor([0, 0, 1, 1])
+        >>> patch_occlusion(TaxelNet(layout, 2).eval(), batch, target=1, segment=patches).shape
+        torch.Size([2])
     """
     samples = _Samples(model, batch, target)
     x = samples.x.detach()

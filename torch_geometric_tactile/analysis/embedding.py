@@ -92,6 +92,10 @@ def embed_nodes(
         ImportError: If :obj:`method` is :obj:`"umap"` and umap-learn is missing.
         ValueError: If :obj:`method` or :obj:`num_components` is unknown, there are fewer than 8
             nodes, :obj:`num_neighbors` is below 2, or as :func:`node_matrix`.
+
+    Examples:
+        >>> embed_nodes(torch.randn(8, 30, 4), num_components=2).shape
+        torch.Size([30, 2])
     """
     if method not in ("tsne", "umap"):
         raise ValueError(f"'method' must be 'tsne' or 'umap' (got '{method}')")

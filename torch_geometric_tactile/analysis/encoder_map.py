@@ -20,6 +20,10 @@ class EdgeSeparation(NamedTuple):
         within_mean (float): Mean value of the edges within a segment.
         num_between (int): Number of edges between segments.
         num_within (int): Number of edges within a segment.
+
+    Examples:
+        >>> EdgeSeparation(1.0, 2.0, 0.5, num_between=4, num_within=8).auc
+        1.0
     """
 
     auc: float
@@ -219,6 +223,13 @@ def untrained_separation(
     Raises:
         ValueError: If :obj:`num_seeds` is below one, or as :func:`encoder_map` and
             :func:`edge_separation`.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn import EdgeFeatureEncoder
+        >>> edge_index = torch.tensor([[0, 1, 1, 2, 2, 3], [1, 0, 2, 1, 3, 2]])
+        >>> encoder = EdgeFeatureEncoder(4, 6)
+        >>> untrained_separation(encoder, edge_index, torch.tensor([0, 0, 1, 1]), num_seeds=2).shape
+        torch.Size([2])
     """
     if num_seeds < 1:
         raise ValueError(f"'num_seeds' must be at least 1 (got {num_seeds})")

@@ -18,6 +18,12 @@ class RocCurve(NamedTuple):
         fpr (numpy.ndarray): False positive rates :math:`(P,)`, rising.
         tpr (numpy.ndarray): True positive rates :math:`(P,)`.
         auc (float): Area under the curve.
+
+    Examples:
+        >>> import numpy as np
+        >>> curve = RocCurve(fpr=np.array([0.0, 0.0, 1.0]), tpr=np.array([0.0, 1.0, 1.0]), auc=1.0)
+        >>> curve.auc
+        1.0
     """
 
     fpr: np.ndarray

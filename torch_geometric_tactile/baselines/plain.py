@@ -103,6 +103,12 @@ def linear_svm(
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         C (float): Penalty of an error.
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+
+    Examples:
+        >>> import numpy as np
+        >>> x = np.array([-1.0, -2.0, 1.0, 2.0]).reshape(4, 1, 1)  # samples, taxels, channels
+        >>> linear_svm().fit(x, [0, 0, 1, 1]).predict(x[3:])
+        array([1])
     """
     if _is_classes(task):
         model: Any = LinearSVC(C=C, class_weight=class_weight, max_iter=_MOST_STEPS, dual="auto")
@@ -130,6 +136,12 @@ def rbf_svm(
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
         most_samples (int, optional): Fit on a random part of so many samples if there are more,
             since the time grows with the square of their number.
+
+    Examples:
+        >>> import numpy as np
+        >>> x = np.array([-1.0, -2.0, 1.0, 2.0]).reshape(4, 1, 1)  # samples, taxels, channels
+        >>> rbf_svm().fit(x, [0, 0, 1, 1]).predict(x[3:])
+        array([1])
     """
     if _is_classes(task):
         model: Any = _FewerSVC(C=C, width=width, most=most_samples, class_weight=class_weight)
@@ -169,6 +181,11 @@ def constant(task: Task = "multiclass") -> Pipeline:
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
+
+    Examples:
+        >>> import numpy as np
+        >>> constant().fit(np.zeros((3, 4, 1)), [1, 1, 0]).predict(np.zeros((1, 4, 1)))
+        array([1])
     """
     model = DummyClassifier(strategy="most_frequent") if _is_classes(task) else DummyRegressor()
     return make_pipeline(FlatReadings(), model)

@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     model.add_argument(
         "--model",
         metavar="FILE",
-        help="a predictor of 'tactile predict --save', or an .onnx file of 'tactile export'",
+        help="an .onnx file of 'tactile export', a predictor of 'tactile predict --save', or a "
+        "checkpoint; all contain the scaling of the readings",
     )
     recording = parser.add_argument_group("recording")
     recording.add_argument("--record", metavar="FILE", help="record to this .mcap or .h5 file")

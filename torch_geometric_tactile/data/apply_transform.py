@@ -28,6 +28,10 @@ class StaticRule(NamedTuple):
         shared (tuple of str): The attributes that it adds with one value for all samples.
         x (str, optional): Whether it appends columns that follow from :obj:`reads` to :obj:`x`
             (:obj:`"append"`), or replaces :obj:`x` by them (:obj:`"replace"`).
+
+    Examples:
+        >>> StaticRule(reads=("pos", "edge_index"), edge=("edge_attr",)).edge
+        ('edge_attr',)
     """
 
     reads: tuple[str, ...] | None = None
@@ -128,6 +132,13 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
 
     Raises:
         ValueError: If the transform gives the samples different topologies.
+
+    Examples:
+        >>> from torch_geometric.transforms import ToUndirected
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> data = FakeTactileDataset(num_samples=3)[:3].data
+        >>> apply_transform(ToUndirected(), data).num_samples
+        3
     """
     if transform is None:
         return data

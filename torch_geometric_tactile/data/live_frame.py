@@ -24,6 +24,11 @@ class LiveFrame:
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
         extra (Mapping of str to numpy.ndarray): Further signals, such as the temperature of each
             taxel.
+
+    Examples:
+        >>> frame = LiveFrame(7, 0.07, 70_000_000, None, np.ones((4, 3), np.float32))
+        >>> frame.sequence, frame.tactile.shape
+        (7, (4, 3))
     """
 
     sequence: int

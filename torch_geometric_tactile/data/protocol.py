@@ -23,7 +23,13 @@ _TRAIN, _VAL, _TEST, _NONE = range(4)
 
 
 class Split(NamedTuple):
-    r"""Indices into a data set, sorted: :obj:`train`, :obj:`val` and :obj:`test`."""
+    r"""Indices into a data set, sorted: :obj:`train`, :obj:`val` and :obj:`test`.
+
+    Examples:
+        >>> split = Split(torch.tensor([0, 1]), torch.tensor([2]), torch.tensor([3]))
+        >>> split.test
+        tensor([3])
+    """
 
     train: Tensor
     val: Tensor

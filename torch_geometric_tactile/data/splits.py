@@ -21,7 +21,13 @@ __all__ = [
 
 
 class Fold(NamedTuple):
-    r"""Indices into a data set, sorted: :obj:`train` and what is held out, :obj:`test`."""
+    r"""Indices into a data set, sorted: :obj:`train` and what is held out, :obj:`test`.
+
+    Examples:
+        >>> import torch
+        >>> Fold(train=torch.tensor([0, 1]), test=torch.tensor([2])).test
+        tensor([2])
+    """
 
     train: Tensor
     test: Tensor
@@ -35,6 +41,12 @@ def by_frame(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
         val (float): The part held out for validation.
         test (float): The part held out for the test.
         seed (int): Which of the random splits.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> dataset = FakeTactileDataset(num_samples=10)
+        >>> [len(part) for part in by_frame(dataset)]
+        [7, 1, 2]
     """
     return Protocol("frame", val=val, test=test).split(dataset, seed)
 
@@ -47,6 +59,13 @@ def by_trial(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
         val (float): The part of the trials held out for validation.
         test (float): The part of the trials held out for the test.
         seed (int): Which of the random splits.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> dataset = FakeTactileDataset(num_samples=40)
+        >>> split = by_trial(dataset)
+        >>> set(dataset.trial[split.train].tolist()) & set(dataset.trial[split.test].tolist())
+        set()
     """
     return Protocol("trial", val=val, test=test).split(dataset, seed)
 
@@ -59,6 +78,13 @@ def by_group(dataset: Samples, val: float = 0.1, test: float = 0.2, seed: int = 
         val (float): The part of the groups held out for validation.
         test (float): The part of the groups held out for the test.
         seed (int): Which of the random splits.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> dataset = FakeTactileDataset(num_samples=40)
+        >>> split = by_group(dataset)
+        >>> set(dataset.group[split.train].tolist()) & set(dataset.group[split.test].tolist())
+        set()
     """
     return Protocol("group", val=val, test=test).split(dataset, seed)
 
@@ -68,6 +94,13 @@ def leave_one_group_out(dataset: Samples) -> Iterator[Fold]:
 
     Args:
         dataset (StaticDataset or StaticData): The samples, with :obj:`group`.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> dataset = FakeTactileDataset(num_samples=40)
+        >>> folds = list(leave_one_group_out(dataset))
+        >>> len(folds) == len(dataset.group.unique())
+        True
     """
     protocol = Protocol("group", leave_one_out=True)
     for fold in range(protocol.num_folds(dataset)):
@@ -91,6 +124,12 @@ def k_fold(
             :obj:`"group"`.
         seed (int): Which of the random partitions.
         stratify (str, optional): The attribute whose classes every fold has its share of.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> folds = k_fold(FakeTactileDataset(num_samples=40), folds=4)
+        >>> len(folds)
+        4
     """
     protocol = Protocol(by, folds=folds, stratify=stratify)
     splits = (protocol.split(dataset, seed, fold) for fold in range(folds))

@@ -45,6 +45,14 @@ class StaticDataset(FromArrays, ProcessedDataset):
     Raises:
         ValueError: If the processed file is damaged, holds samples of another layout, or was made
             with other settings and the raw files are missing.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = torch.randn(6, 4, 3)  # samples, taxels, channels
+        >>> y = [0, 1, 0, 1, 0, 1]
+        >>> dataset = StaticDataset.from_arrays(x, y, layout=grid(2, 2, pitch=0.004))
+        >>> len(dataset), dataset[0].x.shape
+        (6, torch.Size([4, 3]))
     """
 
     _indices: Sequence[int] | None

@@ -2,8 +2,11 @@ r"""The frames of recordings, for any sensor."""
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
@@ -71,7 +74,8 @@ class RecordingFrames(TrialFolder):
         target (str): What :obj:`y` is: :obj:`"object"`, its index in :obj:`group_names`;
             :obj:`"property"`, a 0 or 1 for each of the :obj:`"label_names"` in the metadata, from
             the metadata's :obj:`"labels"`; :obj:`"label"`, the label of the recording; or another
-            key of the metadata, of the file's name, or of :obj:`privileged` (frame by frame).
+            key of the metadata, of the file's name, or of :obj:`privileged` (frame by frame), such
+            as the name of the label's column in CSV files.
         split (str, optional): :obj:`"train"`, :obj:`"val"` or :obj:`"test"`; everything with
             :obj:`None`.
         protocol (Protocol, optional): What is held out; if left out, whole trials, of every class
@@ -227,7 +231,13 @@ class RecordingFrames(TrialFolder):
         Args:
             path (str or PathLike): The file.
         """
-        return read_recording(path, **self.read_options)
+        recording = read_recording(path, **self.read_options)
+        column = self.read_options.get("label")
+        if self.target != column or column == "label" or recording.label is None:
+            return recording
+        # The labels of a file whose column happens to be the same in all frames.
+        labels = np.full(recording.num_frames, recording.label)
+        return replace(recording, privileged={**recording.privileged, self.target: labels})
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all trials."""

@@ -69,6 +69,14 @@ class Trial:
         numbers = torch.tensor([names.index(name) for name in self.phase_names])
         return numbers[torch.from_numpy(self.phase).long()]
 
+    def _advice(self, key: str) -> str:
+        if key != "label" and self.label is not None:
+            return f"; its label is {self.label!r}: choose target='label'"
+        named = [name for name, value in self.privileged.items() if value.dtype.kind == "U"]
+        if key == "label" and named:
+            return f"; '{named[0]}' changes from frame to frame: choose target='{named[0]}'"
+        return ""
+
     def target(self, key: str) -> np.ndarray:
         r"""Returns the label of each frame as text: the recording's own label, a value in its
         metadata, or what :obj:`privileged` says frame by frame.
@@ -89,7 +97,7 @@ class Trial:
             if isinstance(label, bool) or not isinstance(label, str | int):
                 raise ValueError(
                     f"{self.where} must have '{key}', a text or an integer, as its label, in its "
-                    f"metadata or in the name of its file (got {label!r})"
+                    f"metadata or in the name of its file (got {label!r}){self._advice(key)}"
                 )
             return np.full(self.num_frames, label)
         if value.dtype.kind not in "biuU":

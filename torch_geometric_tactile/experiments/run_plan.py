@@ -128,7 +128,7 @@ def run_plan(
         ) from None
     except BrokenProcessPool as error:
         raise OSError(
-            "a process was killed, for want of memory perhaps: run the same command with fewer "
+            "a process was killed, perhaps for lack of memory: run the same command with fewer "
             "jobs (finished runs are kept)"
         ) from error
     finally:

@@ -119,7 +119,7 @@ class _Process:
         if status == 0:
             return None
         if status == _SIGKILL:
-            return {"error": "its process was killed, for want of memory perhaps"}
+            return {"error": "its process was killed, perhaps for lack of memory"}
         self._said.seek(0)
         said = self._said.read().decode("utf-8", "replace").strip().splitlines()
         return {"error": said[-1] if said else f"its process ended with status {status}"}

@@ -1,5 +1,6 @@
 r"""Recordings as CSV files with column names of their own, as the logger of a glove writes them."""
 
+import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +25,7 @@ from torch_geometric_tactile.typing import PathLike
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _MISSING = ("na", "n/a", "<na>", "null", "none")
 _LONGEST_LABEL = 1000
+_logger = logging.getLogger(__name__)
 
 
 class _Columns(NamedTuple):
@@ -100,6 +102,11 @@ def read_named_csv(
     lines = csv_rows(path)
     header = next((row for _, row in lines), [])
     columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
+    if not columns.tactile and isinstance(tactile, str):
+        raise ValueError(
+            f"'tactile' must match whole names of columns of '{path}', {_few(columns.names)} (got "
+            f"{tactile!r}, which matches none)"
+        )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
             f"'{path}' must have columns of readings for taxels of {num_channels} channels (got "
@@ -109,7 +116,10 @@ def read_named_csv(
     numeric += [] if columns.time is None else [columns.time]
     rows, times, labels = [], [], []
     for line, row in lines:
-        numbers = csv_numbers(path, line, row, columns.names, numeric)
+        try:
+            numbers = csv_numbers(path, line, row, columns.names, numeric)
+        except ValueError as error:
+            raise _with_advice(error, tactile is None) from None
         rows.append(numbers)
         if columns.time is not None:
             cell = row[columns.time]
@@ -126,6 +136,8 @@ def read_named_csv(
     seconds = np.arange(len(table)) / rate
     if columns.time is not None:
         seconds = np.array(times)
+        if time_unit is None and columns.time_unit == "s":
+            _warn_of_unit(path, seconds)
     joint_angles = table[:, stop : stop + len(columns.joint)]
     joint_angles[:, columns.degrees] = np.deg2rad(joint_angles[:, columns.degrees])
     content: dict[str, Any] = {} if label is None else _labels(path, label, labels)
@@ -139,6 +151,23 @@ def read_named_csv(
         )
     except ValueError as error:
         raise ValueError(f"'{path}': {error}") from error
+
+
+def _warn_of_unit(path: Path, seconds: np.ndarray) -> None:
+    step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    if step >= 1:
+        _logger.warning(
+            "'%s' has a frame every %g s: if its time is in milliseconds, give time_unit='ms'",
+            path,
+            step,
+        )
+
+
+def _with_advice(error: ValueError, is_guess: bool) -> ValueError:
+    # Columns of readings that nobody named are often the label.
+    if not is_guess or "must be a number" not in str(error):
+        return error
+    return ValueError(f"{error}; if the column is no reading, give it as 'label' or 'ignore'")
 
 
 def _columns(

@@ -1,6 +1,7 @@
 r"""Sources by their URL."""
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import parse_qsl, unquote
@@ -75,6 +76,10 @@ def _file(path: str, options: Mapping[str, Any]) -> Source:
     known = _converted("file:", options, {"speed": _number, "loop": _truth})
     if not path:
         raise ValueError("a source of a file must name it, such as file:grasp.h5")
+    if re.match(r"/dev/|COM[0-9]+$", path):
+        raise ValueError(
+            f"a serial port must be given as serial:{path}?protocol=NAME (got '{printable(path)}')"
+        )
     return ReplaySource(path, **known)
 
 

@@ -92,7 +92,10 @@ class SerialSource(Source):
                 raise FileNotFoundError(self._missing(path)) from error
             text = f"'{path}' cannot be opened as a serial port: {error.strerror or error}"
             if error.errno == errno.EACCES:
-                text += "; on Linux, its group (often 'dialout') may open it"
+                text += (
+                    "; on Linux, join its group (often 'dialout'), as with "
+                    "'sudo usermod -aG dialout $USER', and log in again"
+                )
             raise (OSError(text) if error.errno is None else OSError(error.errno, text)) from error
 
     def _path(self) -> str | None:

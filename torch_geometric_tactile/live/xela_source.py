@@ -57,7 +57,7 @@ class XelaSource(Source):
             self._socket.open(_OPEN)
         except (OSError, EOFError) as error:
             raise ConnectionError(
-                f"no server of XELA answers at '{self.name}' ({error}); is it running?"
+                f"no XELA server answers at '{self.name}' ({error}); is it running?"
             ) from error
         self._is_open = True
         try:

@@ -33,6 +33,10 @@ def may_run_fast(x: Tensor) -> bool:
 
     Args:
         x (torch.Tensor): Node features.
+
+    Examples:
+        >>> may_run_fast(torch.zeros(64, 4, 3)), may_run_fast(torch.zeros(4, 3))
+        (True, False)
     """
     return (
         not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
@@ -55,6 +59,14 @@ def may_merge(
 
     Args:
         layers (iterable): The convolutions, each with the pooling behind it.
+
+    Examples:
+        >>> layers = [(StaticGCNConv(3, 8), ChannelMaxPool(2))]
+        >>> may_merge(layers)
+        True
+        >>> _ = layers[0][0].register_forward_hook(lambda *_: None)
+        >>> may_merge(layers)
+        False
     """
     return all(
         conv.is_plain() and type(pool) is ChannelMaxPool and not is_hooked(pool)

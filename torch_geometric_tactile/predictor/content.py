@@ -275,6 +275,13 @@ def is_checkpoint(path: PathLike) -> bool:
 
     Args:
         path (str or PathLike): The file.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     torch.save({"weights": torch.ones(2)}, f"{folder}/model.pth")
+        ...     is_checkpoint(f"{folder}/model.pth")
+        True
     """
     with Path(path).open("rb") as file:
         return file.read(4) == b"PK\x03\x04"

@@ -52,8 +52,23 @@ def main(
         "Data": _source(data),
     }
     return analyze(
-        predictor, test_part(data, predictor), out, facts=facts, frames=frames, seed=seed
+        predictor,
+        test_part(data, predictor),
+        out,
+        facts=facts,
+        frames=frames,
+        seed=seed,
+        name=_name(Path(model)),
     )
+
+
+def _name(path: Path) -> str | None:
+    # RUN/version_0/checkpoints/last.ckpt, as `tactile fit` names them
+    if not is_checkpoint(path):
+        return path.stem
+    parts = path.resolve().parts
+    is_of_run = len(parts) > 4 and parts[-2] == "checkpoints" and parts[-3].startswith("version_")
+    return parts[-4] if is_of_run else None
 
 
 def _origin(path: Path) -> dict[str, str]:
@@ -74,6 +89,7 @@ def analyze(
     facts: dict[str, str] | None = None,
     frames: int = 200,
     seed: int = 0,
+    name: str | None = None,
 ) -> Path:
     r"""Analyses a predictor on labelled samples that it was not trained on, and returns the page.
 
@@ -85,6 +101,8 @@ def analyze(
         facts (dict, optional): Lines at the top of the page.
         frames (int): How many of the samples, evenly spaced, are embedded and explained.
         seed (int): Seed of embeddings and of untrained models.
+        name (str, optional): Name of the model in the titles of pictures; that of its class if left
+            out.
 
     Raises:
         ValueError: If :obj:`frames` is below two, or the predictor names no classes or labels.
@@ -92,11 +110,11 @@ def analyze(
     if frames < 2:
         raise ValueError(f"'frames' must be at least 2 (got {frames})")
     if predictor.task == "regression":
-        raise ValueError("'predictor' must tell classes or labels (got task='regression')")
+        raise ValueError("'predictor' must predict classes or labels (got task='regression')")
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     index = torch.linspace(0, len(samples) - 1, min(frames, len(samples))).round().long()
-    sections = list(Subject(predictor, samples, index, out, seed).sections())
+    sections = list(Subject(predictor, samples, index, out, seed, name).sections())
     facts = {
         **(facts or {}),
         "Test part": f"{len(samples):,} frames; {len(index)} of them, evenly spaced, for "

@@ -57,6 +57,7 @@ class Subject:
         index (torch.Tensor): Indices of those that are embedded and explained.
         out (Path): Folder of the pictures.
         seed (int): Seed of embeddings and of untrained models.
+        name (str, optional): Name of the model in titles; that of its class if left out.
     """
 
     def __init__(
@@ -66,7 +67,9 @@ class Subject:
         index: Tensor,
         out: Path,
         seed: int,
+        name: str | None = None,
     ) -> None:
+        self.name = name or type(predictor.model).__name__
         self.predictor = predictor
         self.model: Module = predictor.model
         self.samples = samples
@@ -110,14 +113,18 @@ class Subject:
             counts = analysis.label_confusion(y, prediction)
             right = (prediction == y).double()
             text = f"All labels right: {right.amin(dim=1).mean():.1%}; each: {right.mean():.1%}."
-            figure = plot_label_confusions(counts, self.names, "Labels of the test part")
+            figure = plot_label_confusions(
+                counts, self.names, f"{self.name}: labels of the test part"
+            )
         else:
             prediction = logits.argmax(dim=1)
             counts = analysis.class_confusion(y, prediction, len(self.names))
             text = f"Accuracy: {(prediction == y).double().mean():.1%}."
-            figure = plot_confusion(counts, self.names, "Classes of the test part")
+            figure = plot_confusion(counts, self.names, f"{self.name}: classes of the test part")
         save_figure(figure, self.out / "confusion.png")
-        save_figure(plot_roc(curves, "Each against all others", bold=MACRO), self.out / "roc.png")
+        kind = "each label, with it against without" if is_multilabel else "each class against all"
+        figure = plot_roc(curves, f"{self.name}: ROC of {kind}", bold=MACRO)
+        save_figure(figure, self.out / "roc.png")
         text += f" Area under the ROC curve, mean of all: {curves[MACRO].auc:.3f}."
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
@@ -164,12 +171,15 @@ class Subject:
                 "cannot move their weights.",
             ]
         )
+        # Relative, so that the maps of two models can be compared.
         figure = plot_hand(
             self.layout,
             adjacency=edge_index,
-            edge_value=value,
-            edge_label="first principal component of the mean |weight|",
-            title="Encoder map",
+            edge_value=value / (value.abs().max() or 1.0),
+            edge_limits=(-1.0, 1.0),
+            edge_cmap="diverging",
+            edge_label="first principal component of the mean |weight|, relative to its largest",
+            title=f"Encoder map of {self.name}",
         )
         save_figure(figure, self.out / "encoder_map.png")
         return Section("Encoder of edge features", text, ("encoder_map.png",))
@@ -179,9 +189,8 @@ class Subject:
         segments = {by: self.layout.segments(by) for by in ("patch", "digit")}
         trained = self._features(self.model)
         described = {"this model": [trained], "readings": [self.batch.x]}
-        described[f"{_NUM_UNTRAINED} untrained models"] = [
-            self._features(self._untrained(self.seed + i)) for i in range(_NUM_UNTRAINED)
-        ]
+        fresh = [self._features(self._untrained(self.seed + i)) for i in range(_NUM_UNTRAINED)]
+        described[f"{_NUM_UNTRAINED} untrained models"] = fresh
         rows = []
         for name, features in described.items():
             cells = []
@@ -192,10 +201,15 @@ class Subject:
             rows.append(f"| {name} | {' | '.join(cells)} |")
         pictures = []
         for method, dims in _PLACES:
-            places = analysis.embed_nodes(trained, method, dims, self.seed)
+            places, twin = (
+                analysis.embed_nodes(features, method, dims, self.seed)
+                for features in (trained, fresh[0])
+            )
             name = _METHOD_NAMES[method]
-            title = f"{name} of node features in {dims} dimensions"
-            figure = plot_embedding(places, self.layout, axis_name=name, title=title)
+            title = f"{self.name}: {name} of node features in {dims} dimensions"
+            figure = plot_embedding(
+                places, self.layout, axis_name=name, title=title, untrained=twin
+            )
             pictures.append(f"{method}_{dims}d.png")
             save_figure(figure, self.out / pictures[-1])
         text = "\n".join(
@@ -247,7 +261,12 @@ class Subject:
             # A few taxels must not take the colour from all others.
             limit = float(torch.cat(list(values.values())).abs().quantile(0.99)) or None
             figure = plot_hand_panels(
-                self.layout, values, label=label, columns=columns, limit=limit
+                self.layout,
+                values,
+                label=label,
+                columns=columns,
+                limit=limit,
+                title=f"{self.name}: what speaks for each class or label",
             )
             save_figure(figure, self.out / file)
         text = "\n".join(

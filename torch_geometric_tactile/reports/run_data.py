@@ -104,8 +104,8 @@ def load_data(
     settings = run_config(path, config, allow)
     if settings is None:
         raise FileNotFoundError(
-            f"there is no '{Path(path).absolute().parent.parent / 'config.yaml'}', which a run has "
-            "beside its checkpoints: give '--config'"
+            f"there is no '{Path(path).absolute().parent.parent / 'config.yaml'}', the "
+            "configuration of the run: give it with '--config'"
         )
     settings = settings["data"]
     if root is not None:
@@ -131,7 +131,7 @@ def test_part(data: Any, predictor: Predictor) -> StaticDataset:
     """
     if not predictor.layout.matches(data.layout):
         raise ValueError(
-            f"the predictor must be of layout '{data.layout.name}', as the data "
+            f"the predictor must have layout '{data.layout.name}', as the data "
             f"(got '{predictor.layout.name}')"
         )
     part = copy.copy(data.test_dataloader().dataset)

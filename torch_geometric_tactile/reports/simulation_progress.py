@@ -51,7 +51,7 @@ def run_with_progress(
         raise KeyboardInterrupt(f"stopped; {finished} finished {unit}s are kept") from None
     except BrokenProcessPool as error:
         raise OSError(
-            "a process of the simulation was killed, for want of memory perhaps: run the same "
+            "a process of the simulation was killed, perhaps for lack of memory: run the same "
             f"command with fewer jobs (finished {unit}s are kept)"
         ) from error
     return reports

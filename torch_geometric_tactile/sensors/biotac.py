@@ -14,6 +14,10 @@ def biotac() -> TaxelLayout:
 
     Shapes:
         - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(19, 3)`
+
+    Examples:
+        >>> biotac().num_taxels
+        19
     """
     return stock_layout("biotac")
 

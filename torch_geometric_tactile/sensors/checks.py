@@ -21,6 +21,11 @@ def check_edges(edge_index: Any, num_taxels: int, what: str = "'edge_index'") ->
     Raises:
         ValueError: If they have another shape, are not whole numbers, or join taxels that are not
             there.
+
+    Examples:
+        >>> check_edges([[0, 1], [1, 2]], num_taxels=3)
+        tensor([[0, 1],
+                [1, 2]])
     """
     # On the meta device, torch.as_tensor would move a tensor there.
     edges = edge_index if isinstance(edge_index, Tensor) else torch.as_tensor(edge_index)
@@ -56,6 +61,10 @@ def check_segment(
 
     Raises:
         ValueError: If they are not one whole number for each taxel, or have gaps.
+
+    Examples:
+        >>> check_segment([0, 0, 1], num_taxels=3)
+        tensor([0, 0, 1])
     """
     numbers = segment if isinstance(segment, Tensor) else torch.as_tensor(segment)
     if numbers.dim() != 1 or len(numbers) == 0 or not is_whole_tensor(numbers):

@@ -27,6 +27,10 @@ class Joint:
         axis (tuple of float, optional): Axis in the child's frame; :obj:`None` if fixed.
         lower (float): Lower limit in radians.
         upper (float): Upper limit in radians.
+
+    Examples:
+        >>> Joint("bend", "palm", "tip", xyz=(0.0, 0.0, 0.1), axis=(0.0, 1.0, 0.0), upper=1.6).upper
+        1.6
     """
 
     name: str

@@ -37,6 +37,11 @@ class LinkPose(NamedTuple):
 
     :obj:`rotation` :math:`(..., L, 3, 3)` turns vectors of a link's frame into the root's, and
     :obj:`translation` :math:`(..., L, 3)` is the link's origin in metres.
+
+    Examples:
+        >>> pose = HandKinematics.allegro().link_pose(torch.zeros(16))
+        >>> pose.rotation.shape[-2:], pose.translation.shape[-1]
+        (torch.Size([3, 3]), 3)
     """
 
     rotation: Tensor

@@ -22,6 +22,13 @@ class SectorEdges(NamedTuple):
         edge_index (torch.Tensor): Edges from the neighbour to the taxel :math:`(2,
             |\mathcal{E}|)`, sorted by taxel and sector.
         sector (torch.Tensor): The sector of each :math:`(|\mathcal{E}|,)`.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> layout = grid(3, 3, pitch=0.004)
+        >>> edges = sector_edges(layout.pos, layout.axes())
+        >>> edges.edge_index.shape[1] == len(edges.sector)
+        True
     """
 
     edge_index: Tensor

@@ -21,6 +21,10 @@ def stock_path(kind: str, name: str) -> Path:
 
     Raises:
         ValueError: If there is no such file; the message lists those that there are.
+
+    Examples:
+        >>> stock_path("layouts", "allegro_uskin").name
+        'allegro_uskin.json'
     """
     if kind not in _KINDS:
         raise ValueError(f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
@@ -34,6 +38,10 @@ def stock_names(kind: str = "layouts") -> list[str]:
 
     Args:
         kind (str): :obj:`"layouts"` or :obj:`"chains"`.
+
+    Examples:
+        >>> "allegro_uskin" in stock_names()
+        True
     """
     return sorted(file.stem for file in _folder(kind).glob("*.json"))
 
@@ -47,6 +55,10 @@ def stock_layout(name: str) -> TaxelLayout:
 
     Args:
         name (str): Its name, such as :obj:`"biotac"`.
+
+    Examples:
+        >>> stock_layout("biotac").num_taxels
+        19
     """
     return copy.deepcopy(_loaded(stock_path("layouts", name)))
 

@@ -6,8 +6,8 @@ from typing import Any
 
 
 def warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:
-    r"""Warns if the model of a checkpoint was trained on what fitted transforms, such as scalers,
-    made of the readings.
+    r"""Warns if the model of a checkpoint was trained on readings that fitted transforms, such as
+    scalers, had changed.
 
     Args:
         checkpoint (Mapping): The checkpoint.
@@ -15,9 +15,9 @@ def warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:
     names = fitted_names(checkpoint)
     if names:
         warnings.warn(
-            f"this model was trained on what {', '.join(names)} made of the readings, and a module "
-            "from a checkpoint has no transforms: for raw readings take "
-            "Predictor.from_checkpoint(path), and to test it, "
+            f"this model was trained on readings that {', '.join(names)} transformed, but a module "
+            "from a checkpoint has no transforms: for raw readings use "
+            "Predictor.from_checkpoint(path); to test it, use "
             "trainer.test(module, datamodule=data, ckpt_path=path)",
             stacklevel=3,
         )

@@ -157,11 +157,13 @@ def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
         if key in _MODEL:
             other += found
         elif found:
-            _logger.warning("taken from the configuration, not '%s': %s", path, "; ".join(found))
+            _logger.warning(
+                "taken from the configuration instead of '%s': %s", path, "; ".join(found)
+            )
     if other:
         raise ValueError(
-            f"checkpoint '{path}' must be of the model of the configuration ({'; '.join(other)}): "
-            "give the configuration it was trained by, such as the config.yaml of its run"
+            f"checkpoint '{path}' must hold the model of the configuration ({'; '.join(other)}): "
+            "give the configuration of its training, such as the config.yaml of its run"
         )
 
 

@@ -56,7 +56,7 @@ class CheckpointedModule(ResumableModule):
             raise ValueError(
                 f"the checkpoint must be of layout '{self.layout.name}' with "
                 f"{self.layout.num_taxels} taxels, as the data (got '{trained_on.name}' with "
-                f"{trained_on.num_taxels}); train anew, or load the data it was trained on"
+                f"{trained_on.num_taxels}); train again, or load the data it was trained on"
             )
         self.layout = trained_on
 

@@ -110,7 +110,7 @@ def read_yaml(path: Path) -> Any:
             problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
     if problem or not _is_small(content):
         problem = problem or f"more than {_MAX_VALUES} values, or nested {_MAX_DEPTH} deep"
-        raise ValueError(f"'{path}' is no YAML that can be read here ({problem})")
+        raise ValueError(f"'{path}' cannot be read as YAML ({problem})")
     return content
 
 
@@ -127,7 +127,9 @@ class _Loader(yaml.SafeLoader):
         twice = [key for i, key in enumerate(keys) if key in keys[:i]]
         if twice:
             line = node.start_mark.line + 1
-            raise ValueError(f"the key {twice[0]!r} is there twice in what begins at line {line}")
+            raise ValueError(
+                f"the key {twice[0]!r} is given twice in the mapping that begins at line {line}"
+            )
         content: dict[Any, Any] = super().construct_mapping(node, deep)
         return content
 

@@ -16,7 +16,7 @@ class DecidingModule(CheckpointedModule):
     val_threshold: BestThreshold | None
 
     def set_threshold(self, threshold: float | ThresholdMetric | None) -> None:
-        r"""Sets the threshold, or what it is chosen by.
+        r"""Sets the threshold, or the metric that chooses it.
 
         Args:
             threshold (float or str, optional): The threshold, or a metric.

@@ -137,7 +137,7 @@ def task_loss(
         other = "multiclass" if task == "multilabel" else "multilabel"
         raise ValueError(
             f"'y' must have shape {tuple(expected)} for task='{task}' (got {tuple(y.shape)}); is "
-            f"it task='{other}', or has the model another number of outputs?"
+            f"it task='{other}', or does the model have another number of outputs?"
         )
     if task == "multiclass":
         return F.cross_entropy(out, y, weights, label_smoothing=label_smoothing)

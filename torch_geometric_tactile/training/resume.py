@@ -45,7 +45,7 @@ class ResumableModule(L.LightningModule):
                 RandomStates.from_dict(self._random_states)
             except ValueError as error:
                 raise ValueError(
-                    f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train anew"
+                    f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train again"
                 ) from error
         _mark_ended(checkpoint.get("loops", {}).get("fit_loop", {}))
         if self.trainer.strategy.restore_checkpoint_after_setup:  # then training starts next

@@ -15,7 +15,7 @@ THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 
 
 def check_threshold(threshold: float | str | None, task: Task) -> None:
-    r"""Checks that a threshold is a probability, or what it is chosen by, and fits its task.
+    r"""Checks that a threshold is a probability or the name of a metric, and fits its task.
 
     Args:
         threshold (float or str, optional): The threshold.
@@ -28,14 +28,14 @@ def check_threshold(threshold: float | str | None, task: Task) -> None:
         return
     if task != "multiclass":
         raise ValueError(
-            f"'threshold' must be left out for task='{task}', it is of two classes (got "
+            f"'threshold' must be left out for task='{task}', it needs two classes (got "
             f"{threshold!r})"
         )
     is_name = isinstance(threshold, str)
     if threshold not in THRESHOLD_METRICS if is_name else not 0 <= float(threshold) <= 1:
         raise ValueError(
-            f"'threshold' must be a probability, or what it is chosen by on the validation part, "
-            f"one of {list(THRESHOLD_METRICS)} (got {threshold!r})"
+            "'threshold' must be a probability, or the metric that chooses it on the "
+            f"validation part, one of {list(THRESHOLD_METRICS)} (got {threshold!r})"
         )
 
 

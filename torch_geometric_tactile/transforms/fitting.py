@@ -20,6 +20,11 @@ def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
+
+    Examples:
+        >>> from torch_geometric_tactile.transforms import CommonMode, ZScore
+        >>> fitted_parts(Compose([CommonMode(), ZScore()]))
+        [ZScore()]
     """
     return [part for part in _flat(transform) if isinstance(part, FittedTransform)]
 
@@ -43,6 +48,14 @@ def fit_parts(
         adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
         before (BaseTransform, optional): Applied to the samples first, and not fitted, such as the
             :obj:`transform` of the data set.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.transforms import CommonMode, ZScore
+        >>> transform = Compose([CommonMode(), ZScore()])
+        >>> fit_parts(transform, FakeTactileDataset(num_samples=8))
+        >>> len(fitted_parts(transform))
+        1
     """
     earlier = _flat(before)
     for part in _flat(transform):
@@ -64,6 +77,13 @@ def fit_transform(
         data (Dataset or StaticData or list of Data): The samples, before the :obj:`transform` of
             their data set.
         adapt (bool): Whether to call :meth:`FittedTransform.adapt` instead of :obj:`fit`.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.transforms import ZScore
+        >>> data = fit_transform(ZScore(), FakeTactileDataset(num_samples=8))
+        >>> bool(data.x.mean().abs() < 1e-5)
+        True
     """
     out = as_static_data(data)
     for part in _flat(transform):

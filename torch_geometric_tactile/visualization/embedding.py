@@ -14,6 +14,7 @@ from torch_geometric_tactile.visualization.style import (
     MARKERS,
     current_theme,
     plain_text,
+    title_axes,
     title_figure,
 )
 
@@ -32,6 +33,7 @@ def plot_embedding(
     color_by: Literal["patch", "digit"] = "patch",
     axis_name: str = "component",
     title: str | None = None,
+    untrained: Tensor | None = None,
 ) -> "Figure":
     r"""Draws each taxel at the place of its features, beside a hand that explains the colours, as
     in the "Tactile Object Property Recognition using Geometrical Graph Edge Features and
@@ -49,9 +51,12 @@ def plot_embedding(
             colour) or of a :obj:`"digit"`. Markers tell the digits apart in both.
         axis_name (str): What the axes are called, before their number, such as :obj:`"t-SNE"`.
         title (str, optional): Title of the picture.
+        untrained (torch.Tensor, optional): Places by the features of an untrained model of the same
+            form, drawn beside: only what differs was learnt.
 
     Shapes:
         - **places:** :math:`(N, 2)` or :math:`(N, 3)`
+        - **untrained:** as :obj:`places`
 
     Raises:
         ImportError: If matplotlib is missing.
@@ -64,18 +69,19 @@ def plot_embedding(
         >>> figure.axes[0].get_xlabel()
         't-SNE 1'
     """
-    places = torch.as_tensor(places).detach().cpu().double()
-    if places.shape not in ((layout.num_taxels, 2), (layout.num_taxels, 3)):
+    places = _checked("places", places, layout)
+    twin = None if untrained is None else _checked("untrained", untrained, layout)
+    if twin is not None and twin.shape != places.shape:
         raise ValueError(
-            f"'places' must have shape ({layout.num_taxels}, 2) or ({layout.num_taxels}, 3) "
-            f"(got {tuple(places.shape)})"
+            f"'untrained' must have the shape of 'places', {tuple(places.shape)} (got "
+            f"{tuple(twin.shape)})"
         )
-    if not places.isfinite().all():
-        raise ValueError("'places' must hold finite numbers only (got NaN or infinity)")
     if color_by not in ("patch", "digit"):
         raise ValueError(f"'color_by' must be 'patch' or 'digit' (got '{color_by}')")
     views = _VIEWS[: 3 if places.size(1) == 3 else 1]
-    if len(views) == 1:
+    if twin is not None:
+        figure, axes, hand = _beside(len(views))
+    elif len(views) == 1:
         figure = new_figure(8.0, 4.3)
         axes = list(figure.subplots(1, 2, width_ratios=[1.25, 1]).flat)
         hand = axes.pop()
@@ -84,8 +90,13 @@ def plot_embedding(
         axes = list(figure.subplots(2, 2).flat)
         hand = axes.pop()
     colors = segment_colors(layout, color_by)
-    for ax, (first, second) in zip(axes, views, strict=True):
-        _draw_places(ax, places[:, [first, second]], layout, colors)
+    shown = [(places, view) for view in views]
+    if twin is not None:
+        shown += [(twin, view) for view in views]
+        title_axes(axes[0], "trained")
+        title_axes(axes[len(views)], "untrained")
+    for ax, (drawn, (first, second)) in zip(axes, shown, strict=True):
+        _draw_places(ax, drawn[:, [first, second]], layout, colors)
         ax.set_xlabel(plain_text(f"{axis_name} {first + 1}"))
         ax.set_ylabel(plain_text(f"{axis_name} {second + 1}"))
     plot_hand(layout, kinematics, ax=hand, color_by=color_by, names="digit")
@@ -94,6 +105,27 @@ def plot_embedding(
     if title is not None:
         title_figure(figure, title)
     return figure
+
+
+def _checked(name: str, places: Tensor, layout: TaxelLayout) -> Tensor:
+    places = torch.as_tensor(places).detach().cpu().double()
+    if places.shape not in ((layout.num_taxels, 2), (layout.num_taxels, 3)):
+        raise ValueError(
+            f"'{name}' must have shape ({layout.num_taxels}, 2) or ({layout.num_taxels}, 3) "
+            f"(got {tuple(places.shape)})"
+        )
+    if not places.isfinite().all():
+        raise ValueError(f"'{name}' must hold finite numbers only (got NaN or infinity)")
+    return places
+
+
+def _beside(num_views: int) -> "tuple[Figure, list[Axes], Axes]":
+    # Both models of one view side by side, of several below one another; the hand at the right.
+    rows, columns = (1, 2) if num_views == 1 else (2, num_views)
+    figure = new_figure(8.0, 3.3 if rows == 1 else 4.9)
+    grid = figure.add_gridspec(rows, columns + 1)
+    axes = [figure.add_subplot(grid[i // columns, i % columns]) for i in range(rows * columns)]
+    return figure, axes, figure.add_subplot(grid[:, columns])
 
 
 def _draw_places(

@@ -55,9 +55,9 @@ def plot_grasp_film(
     azimuth: float = -62.0,
     elevation: float = 6.0,
 ) -> "Figure":
-    r"""Draws a simulated trial as a strip of pictures that follow the hand and the object. Touched
-    taxels are drawn large, before all else and in the colour of their normal force. Each phase has
-    about as many pictures, however long it lasts.
+    r"""Draws a simulated trial as a strip of pictures, each as near as hand and object allow.
+    Touched taxels are drawn large, before all else and in the colour of their normal force. Each
+    phase has about as many pictures, however long it lasts.
 
     Args:
         recording (Recording): A simulated trial, with the privileged :obj:`palm_pose`,
@@ -80,14 +80,15 @@ def plot_grasp_film(
     scale = value_scale(None, (0.0, _FULL_FORCE), "sequential")
     scenes = [list(_scene(recording, frame, layout, kinematics, scale)) for frame in shown]
     plane, towards = _view(azimuth, elevation)
-    size = np.max([np.ptp(_corners(scene, plane), axis=0) for scene in scenes], axis=0)
-    size = size + 2 * _MARGIN
-    tall = 1.9 * float(size[1] / size[0])
+    sizes = [np.ptp(_corners(scene, plane), axis=0) + 2 * _MARGIN for scene in scenes]
+    ratio = float(np.mean([size[1] / size[0] for size in sizes]))
+    tall = 1.9 * ratio
     figure = new_figure(max(2.0 * columns, 4.0), (tall + 0.3) * rows + 1.0)
     axes = []
     for i, (frame, scene) in enumerate(zip(shown, scenes, strict=True)):
+        wide = max(sizes[i][0], sizes[i][1] / ratio)
         ax = figure.add_subplot(rows, columns, i + 1)
-        _draw(ax, scene, plane, towards, size)
+        _draw(ax, scene, plane, towards, np.array([wide, ratio * wide]))
         force = float(recording.privileged["force"][frame, :, 2].clip(0).sum())
         phase = _phase_name(recording, int(recording.privileged["phase"][frame]))
         title_axes(

@@ -28,6 +28,13 @@ class CNNThread(Thread):
     Raises:
         ValueError: If widths and pools do not fit each other, or :obj:`x` has other taxels or
             channels.
+
+    Examples:
+        >>> import torch
+        >>> image_map = torch.tensor([[0, 0], [0, 1], [1, 0], [1, 1]])
+        >>> thread = CNNThread(3, image_map, widths=(4, 8), pools=(1, 2))
+        >>> thread(torch.randn(5, 4, 3)).shape
+        torch.Size([5, 4, 4])
     """
 
     cell: Tensor

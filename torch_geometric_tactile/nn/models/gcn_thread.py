@@ -99,5 +99,8 @@ def given_edges(edge_index: OptTensor) -> Tensor:
         ValueError: If there are none.
     """
     if edge_index is None:
-        raise ValueError("'edge_index' must be given (got None)")
+        raise ValueError(
+            "'edge_index' must be given (got None): the samples need edges, of an adjacency of the "
+            "layout or of the transform KNNGraph"
+        )
     return edge_index

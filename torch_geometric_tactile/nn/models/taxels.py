@@ -10,6 +10,8 @@ from torch_geometric.typing import OptTensor
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 from torch_geometric_tactile.typing import PathLike
 
+# What models call the features whose number is their argument `in_channels`.
+_CHANNELS = ("features", "channels")
 # A layout, the name of a stock layout or the path of a layout file, or the number of taxels.
 LayoutLike = Union[TaxelLayout, int, PathLike]
 
@@ -78,7 +80,10 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
         ValueError: If they have other taxels or channels.
     """
     if x.dim() not in (2, 3) or x.size(-1) != num_channels:
-        raise ValueError(f"'x' must have {num_channels} {what} (got shape {tuple(x.shape)})")
+        advice = f": give the model in_channels={x.size(-1)}" if what in _CHANNELS else ""
+        raise ValueError(
+            f"'x' must have {num_channels} {what} (got shape {tuple(x.shape)}){advice}"
+        )
     if x.dim() == 3 and x.size(1) == num_taxels:
         return x
     if x.dim() == 2 and x.size(0) % num_taxels == 0:
