@@ -57,7 +57,7 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets import BiGS
 from torch_geometric_tactile.transforms import Tare
 
-grasps = BiGS(folder.name, until=None)
+grasps = BiGS(folder.name, signals=("pressure", "pac"), until=None)
 data = grasps.data
 meta = [recordings[Path(name).stem].meta for name in grasps.trial_names]
 onset = torch.tensor([one["slip_time"] or torch.inf for one in meta], dtype=torch.double)
@@ -123,7 +123,7 @@ from torch_geometric_tactile.nn import TemporalTaxelNet
 def fit(train, epochs=8):
     model = TemporalTaxelNet(windows.layout, 2, in_channels=3)
     weight = len(train) / (2 * train.y.bincount())
-    loader = StaticLoader(train[::2], batch_size=32, shuffle=True, drop_last=True)
+    loader = StaticLoader(train[::3], batch_size=32, shuffle=True, drop_last=True)
     optimizer = torch.optim.AdamW(model.parameters(), weight_decay=0.03)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 4e-3, epochs * len(loader))
     for _ in range(epochs):
