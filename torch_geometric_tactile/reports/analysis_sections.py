@@ -177,7 +177,7 @@ class Subject:
             adjacency=edge_index,
             edge_value=value / (value.abs().max() or 1.0),
             edge_limits=(-1.0, 1.0),
-            edge_cmap="diverging",
+            edge_cmap="sequential",
             edge_label="first principal component of the mean |weight|, relative to its largest",
             title=f"Encoder map of {self.name}",
         )

@@ -67,7 +67,7 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
         loud = recording.extra["pac"].astype(np.float64).std(axis=2)
         _lines(axes[5, column], recording, loud, names)
         axes[5, column].set_yscale("log")
-        axes[3, column].set_ylim(0, 1.08 * force)
+        axes[3, column].set_ylim(0, 1.35 * force)
         axes[4, column].set_ylim(0, 0.6 * force)
         axes[5, column].set_xlabel("time (s)")
         _title(axes[0, column], recording)
@@ -78,7 +78,7 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
     for row, label in ((3, "normal force (N)"), (4, "shear (N)"), (5, "vibration\n(sd, counts)")):
         axes[row, 0].set_ylabel(label)
     look = current_theme()
-    axes[3, 0].legend(loc="upper left", fontsize=SMALL, frameon=False, labelcolor=look.ink)
+    axes[3, 0].legend(loc="upper left", ncols=3, fontsize=SMALL, frameon=False, labelcolor=look.ink)
     figure.colorbar(image, ax=axes[:3, :], label="change (counts)", aspect=40, pad=0.01)
     title_figure(
         figure,

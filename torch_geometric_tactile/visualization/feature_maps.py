@@ -68,8 +68,9 @@ def plot_feature_maps(
             ax = figure.add_subplot(grid[first + i // columns, 1 + i % columns])
             _draw(ax, values, float(kind.min()), float(kind.max()))
             if i == 0:
-                text = title_axes(ax, plain_text(name), loc="left")
-                text.set_in_layout(False)  # it may be wider than its map
+                text = ax.text(0, 1.12, plain_text(name), fontsize=TEXT, transform=ax.transAxes)
+                # It may be wider than its map.
+                text.set(color=current_theme().ink, va="bottom", in_layout=False)
         first += rows[name]
     title_figure(figure, title)
     return figure

@@ -309,7 +309,9 @@ def plot_protocols(
                 kind = kinds.index(readings)
                 _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
         ax.set_xlim(*limits)
-        ax.xaxis.set_major_locator(MaxNLocator(4, prune="both"))  # ends touch the next panel's
+        ax.xaxis.set_major_locator(
+            MaxNLocator(3, steps=[1, 2, 5, 10], prune="both")
+        )  # ends touch the next panel's
         ax.tick_params(axis="y", length=0, labelcolor=look.ink)
         open_plot(ax, "x")
         title_axes(ax, fitted(protocol, panel - 0.1, TEXT))
