@@ -83,6 +83,14 @@ def test_module_is_the_command():
     assert tactile("--version").stdout == f"tactile {__version__}\n"
 
 
+def test_unknown_options_show_the_usage_of_their_command(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["compare", "touches.npz", "--modles", "gcn"])
+    error = capsys.readouterr().err
+    assert error.startswith("usage: tactile compare ")
+    assert "tactile compare: error: unrecognized arguments: --modles gcn" in error
+
+
 @pytest.mark.parametrize("flag", ["--seeds", "--folds", "--epochs", "--jobs"])
 def test_demo_refuses_numbers_below_one(flag, capsys):
     with pytest.raises(SystemExit, match="2"):

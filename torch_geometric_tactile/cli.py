@@ -68,14 +68,14 @@ def _verb(name: str) -> ModuleType:
 def _run(argv: list[str]) -> int:
     if argv and argv[0] in VERBS and hasattr(_verb(argv[0]), "run_raw"):
         return int(_verb(argv[0]).run_raw(argv[1:]))
-    kinds = getattr(_verb(argv[0]), "KINDS", {}) if argv and argv[0] in VERBS else {}
-    if argv[1:] and argv[1] in kinds:
-        kind = _verb(kinds[argv[1]])
-        parser = argparse.ArgumentParser(prog=f"tactile {argv[0]} {argv[1]}", **_texts(kind))
-        kind.add_arguments(parser)
-        return int(kind.run(parser.parse_args(argv[2:])))
-    arguments = build_parser().parse_args(argv)
-    return int(_verb(arguments.command).run(arguments))
+    if not argv or argv[0] not in VERBS:
+        build_parser().parse_args(argv)  # help, the version, or an error
+    words, verb = argv[:1], _verb(argv[0])
+    if argv[1:] and argv[1] in getattr(verb, "KINDS", {}):
+        words, verb = argv[:2], _verb(verb.KINDS[argv[1]])
+    parser = argparse.ArgumentParser(prog=" ".join(["tactile", *words]), **_texts(verb))
+    verb.add_arguments(parser)
+    return int(verb.run(parser.parse_args(argv[len(words) :])))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

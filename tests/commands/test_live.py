@@ -64,8 +64,8 @@ def test_recording_is_judged_and_recorded(whole, model, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--label", "mug"], "'--label' is for a recording: give '--record FILE' as well"),
-        (["--tare"], "'--tare' is for what the model gets: give '--model PREDICTOR' as well"),
+        (["--label", "mug"], "'--label' must come with '--record FILE' (got no file)"),
+        (["--tare"], "'--tare' must come with '--model FILE' (got no model)"),
         (["--model", "none.onnx"], "none.onnx"),
         (["--map", "none.json"], "none.json"),
         (["--layout", "none.json", "--record", "a.mcap"], "none.json"),

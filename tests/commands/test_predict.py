@@ -92,12 +92,12 @@ def test_mistakes_are_one_line(folder, capsys):
         (["a.predictor", "nothing.h5"], "nothing.h5"),
         (["a.predictor", "notes.txt.zip"], "must end in one of"),
         (["a.predictor", "three.npz"], "'three.npz': a recording on layout .* 4 taxels"),
-        (["a.predictor"], "give '--config'"),
+        (["a.predictor"], "give it with '--config'"),
         (
             ["a.predictor", "trial_0.npz", "--root", "b"],
-            "'--root' must be left out with recordings",
+            "'--root' must be left out where recordings are given",
         ),
-        (["a.predictor", "--adapt"], "'--adapt' must be left out for the test part"),
+        (["a.predictor", "--adapt"], "'--adapt' must be left out without recordings"),
     ):
         assert main(["predict", *arguments]) == 1
         error = capsys.readouterr().err

@@ -135,7 +135,7 @@ def test_bad_input_is_named(tmp_path, capsys):
     assert "there is no predictor or checkpoint" in capsys.readouterr().err
     subject()[0].save(tmp_path / "a.predictor")
     assert main(["analyze", str(tmp_path / "a.predictor"), "--out", str(tmp_path)]) == 1
-    assert "give '--config'" in capsys.readouterr().err
+    assert "give it with '--config'" in capsys.readouterr().err
 
 
 CONFIG = """

@@ -107,7 +107,7 @@ def _serve(arguments: argparse.Namespace) -> str:
 
     server = ReplayServer(arguments.file, arguments.serve, arguments.speed, arguments.loop)
     with StatusLine() as line, server:
-        line.tell(f"serving {server.url}; starts with the first client, Ctrl-C quits")
+        line.tell(f"serving {server.url}, starting with the first client; Ctrl-C quits")
         with suppress(KeyboardInterrupt):  # the usual end of a server
             _show_until(
                 lambda: server.wait(0),

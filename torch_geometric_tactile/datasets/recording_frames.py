@@ -168,7 +168,7 @@ class RecordingFrames(TrialFolder):
         _check_arguments(root, recordings, split=split, stride=stride, unit=unit)
         check_choice(rate, samples_per_trial, sample_seed)
         if layout is None:
-            raise ValueError("'layout' must be the taxels of the recordings (got None)")
+            raise ValueError("'layout' must name the taxel layout of the recordings (got None)")
         self.layout = as_layout(layout)
         if adjacency is None and len(self.layout.adjacency) == 1:
             (adjacency,) = self.layout.adjacency

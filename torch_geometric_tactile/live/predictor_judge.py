@@ -1,6 +1,7 @@
 r"""A predictor in PyTorch, frame by frame."""
 
 import copy
+import os
 from time import perf_counter_ns
 from typing import Any
 
@@ -136,5 +137,7 @@ class PredictorModel:
 def _opened(path: PathLike) -> Any:
     from torch_geometric_tactile.predictor import Predictor, is_checkpoint
 
+    if not os.path.isfile(path):
+        raise FileNotFoundError(f"there is no model '{os.fspath(path)}'")
     read = Predictor.from_checkpoint if is_checkpoint(path) else Predictor.load
     return read(path)

@@ -59,7 +59,8 @@ def write_recordings(
                     predictor.adapt(recording.tactile, recording.joint, recording.time)
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
-                raise ValueError(f"'{path}': {error}") from error
+                hint = "; 'tactile predict --adapt' does so" if "call 'adapt'" in str(error) else ""
+                raise ValueError(f"'{path}': {error}{hint}") from error
             for i, row in zip(frames, probability, strict=True):
                 yield [_cell(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 

@@ -46,7 +46,12 @@ def _next_step(trainer: L.Trainer, checkpoint: str, folder: str | None) -> str:
         return "There is no test part: give 'data.test_dataset', or a 'data.test' above 0."
     config = None if folder is None else Path(folder) / "config.yaml"
     named = _short(config) if config is not None and config.is_file() else "CONFIG"
-    return f"Test it:\n  tactile test --config {named} --ckpt_path {_short(checkpoint)}"
+    short = _short(checkpoint)
+    return (
+        f"Test it:\n  tactile test --config {named} --ckpt_path {short}\n"
+        "Use it on raw readings (scaling included), or on a robot without PyTorch:\n"
+        f"  tactile predict {short} RECORDING\n  tactile export {short} model.onnx"
+    )
 
 
 def _short(path: str | Path) -> str:
