@@ -1,5 +1,6 @@
 """Writes formulas as MathML when the site is built, so that pages need no script."""
 
+import re
 from typing import Any
 
 from docutils import nodes
@@ -21,8 +22,9 @@ def to_mathml(latex: str, block: bool = False) -> str:
     Raises:
         ValueError: If the formula has a command that is not known.
     """
+    latex = re.sub(r"\\(begin|end)\{aligned\}", r"\\\1{split}", latex)  # the same, and known
     if block and ("\\\\" in latex or "&" in latex) and "\\begin" not in latex:
-        latex = rf"\begin{{aligned}}{latex}\end{{aligned}}"
+        latex = rf"\begin{{split}}{latex}\end{{split}}"
     try:
         text = convert(latex, display="block" if block else "inline")
     except Exception as error:  # the converter raises classes of many kinds
@@ -30,7 +32,8 @@ def to_mathml(latex: str, block: bool = False) -> str:
     plain = latex.replace(r"\{", "").replace(r"\}", "")
     if plain.count("{") != plain.count("}"):
         raise ValueError(f"the formula '{latex}' must close all its braces")
-    if "\\" in text:  # commands that the converter does not know are left as they are
+    # What the converter does not know is left as it is.
+    if "\\" in text or "<mi>&</mi>" in text or "linebreak" in text:
         raise ValueError(f"the formula '{latex}' has a command that is not known")
     return text
 

@@ -29,7 +29,7 @@ def test_mathml_block():
     assert "mtable" in text
 
 
-@pytest.mark.parametrize("latex", [r"\nosuchcommand x", r"\frac{a", r"\left( x"])
+@pytest.mark.parametrize("latex", [r"\nosuchcommand x", r"\frac{a", r"\left( x", r"a & b"])
 def test_mathml_refuses(latex):
     with pytest.raises(ValueError, match="formula"):
         to_mathml(latex)
