@@ -114,7 +114,8 @@ def check_imports(tree):
 def commands(code):
     """The words of each command of a shell block."""
     lines = code.replace("\\\n", " ").splitlines()
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
+    found = [words for line in lines if (words := shlex.split(line, comments=True))]
+    return [words[: words.index(">")] if ">" in words else words for words in found]
 
 
 def run_command(words):
