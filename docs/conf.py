@@ -46,11 +46,7 @@ if _FOLDER is not None:
     tutorial_folders = [] if _FOLDER == "0" else [_FOLDER]
 
 # Pages that are planned. Until they exist, the entries of the tables of contents are left out.
-planned_pages = [
-    "install",
-    "troubleshooting",
-    "your_own_classes",
-]
+planned_pages: list[str] = []
 
 # -- Docstrings --------------------------------------------------------------------------------
 autosummary_generate = True

@@ -42,7 +42,7 @@ def plot_presses(
 
     Args:
         readings (numpy.ndarray): The presses :math:`(P, N)`, or images of them
-            :math:`(P, H, W)` with :math:`H \\cdot W = N`.
+            :math:`(P, H, W)` with :math:`H \cdot W = N`.
         titles (sequence of str): What is written above each.
         layout (TaxelLayout, optional): The pixels; :func:`letter_array` if left out.
         columns (int): Number of presses in a row.
