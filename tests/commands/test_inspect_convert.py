@@ -34,6 +34,19 @@ def test_help_of_both_commands_needs_no_torch():
     assert "    convert " in done.stdout
 
 
+def test_inspect_reads_csv_files_with_names_of_the_users_own(tmp_path, capsys):
+    (tmp_path / "glove.csv").write_text(
+        "time,pad_0,pad_1,bend,grasp\n0,3,4,0.5,pinch\n1,5,6,0.5,open\n"
+    )
+    options = ["--tactile", r"pad_\d", "--joint", "bend", "--label", "grasp", "--unit", "count"]
+    assert main(["inspect", str(tmp_path / "glove.csv"), "--no-picture", *options]) == 0
+    facts = capsys.readouterr().out
+    assert "2 of 1 channels" in facts
+    assert "3 to 6 counts" in facts
+    assert main(["inspect", str(tmp_path / "glove.csv"), "--no-picture"]) == 1
+    assert "'grasp' must be a number" in capsys.readouterr().err
+
+
 def test_inspect_prints_and_draws_in_the_current_folder(recording, tmp_path, capsys):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     assert main(["inspect", str(recording)]) == 0

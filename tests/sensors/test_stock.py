@@ -60,6 +60,13 @@ def test_as_layout_takes_a_layout_a_name_or_a_path(tmp_path, monkeypatch):
     assert as_layout("biotac").name == "biotac"
 
 
+def test_as_layout_names_a_missing_file():
+    with pytest.raises(
+        FileNotFoundError, match=r"no layout file 'glov.json': write one .*'biotac'"
+    ):
+        as_layout("glov.json")
+
+
 @pytest.mark.parametrize(
     ("layout", "message"),
     [

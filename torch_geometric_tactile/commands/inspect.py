@@ -4,6 +4,7 @@ import argparse
 from pathlib import PurePath
 
 from torch_geometric_tactile.commands.arguments import READABLE
+from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
 
 HELP = "Summarise and plot a recording"
 DESCRIPTION = """\
@@ -17,6 +18,8 @@ examples:
   tactile inspect grasp.h5                       summary, and the plot grasp_inspect.png
   tactile inspect messages.jsonl --no-picture    summary only
   tactile inspect glove.csv --out glove.png
+  tactile inspect glove.csv --tactile 'pad_.*' --joint 'bend_.*' --label grasp
+                                                 a CSV file with your own column names
 """
 
 
@@ -34,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file of the plot (default: NAME_inspect.png in the current folder)",
     )
     picture.add_argument("--no-picture", action="store_true", help="print the summary only")
+    add_reading_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -45,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.reports.recording import describe_file, draw_recording
     from torch_geometric_tactile.texts import printable
 
-    recording, facts = describe_file(arguments.file)
+    recording, facts = describe_file(arguments.file, **reading_options(arguments))
     print(facts, flush=True)
     if not arguments.no_picture:
         picture = arguments.out or f"{PurePath(arguments.file).stem}_inspect.png"

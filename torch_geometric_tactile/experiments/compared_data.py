@@ -1,5 +1,6 @@
 r"""The data of a comparison: a file of samples, a folder of recordings, or a class."""
 
+import inspect
 import logging
 import re
 from collections.abc import Iterator, Mapping
@@ -78,18 +79,19 @@ def _frames(
             f"'{text}' does not exist; give an npz file of samples, a folder of recordings, or the "
             "import path of a data set"
         )
-    for key, value in {"layout": layout, "grid": grid}.items():
-        if value is not None:
-            raise ValueError(f"'{key}' must be left out for a class of data (got '{value}')")
     if "." not in text:
         from torch_geometric_tactile import datasets
 
-        if text not in datasets.__all__:
+        names = [name for name in datasets.__all__ if inspect.isclass(getattr(datasets, name))]
+        if text not in names:
             raise FileNotFoundError(
                 f"'{text}' is neither a file, nor a folder, nor one of our data sets: "
-                f"{', '.join(datasets.__all__)}"
+                f"{', '.join(names)}"
             )
         text = f"{_DATASETS}.{text}"
+    for key, value in {"layout": layout, "grid": grid}.items():
+        if value is not None:
+            raise ValueError(f"'{key}' must be left out for a class of data (got '{value}')")
     return DataSource(text, given)
 
 

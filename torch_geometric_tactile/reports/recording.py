@@ -2,6 +2,7 @@ r"""A recording as text and as a picture."""
 
 import json
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -69,18 +70,19 @@ def describe_recording(recording: Recording) -> str:
     )
 
 
-def describe_file(path: PathLike) -> tuple[Recording, str]:
+def describe_file(path: PathLike, **options: Any) -> tuple[Recording, str]:
     r"""Reads a recording's file, and returns it with the facts as lines of text.
 
     Args:
         path (str or PathLike): The file.
+        **options (optional): Those of :func:`~torch_geometric_tactile.io.read_recording`.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If the format needs an extra that is missing.
         ValueError: If the file cannot be read.
     """
-    recording = read_recording(path)
+    recording = read_recording(path, **options)
     return recording, (
         f"{'file':<13}{printable(path)}\n{'format':<13}{recording_format(path)}\n"
         f"{describe_recording(recording)}"

@@ -95,7 +95,13 @@ def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
     text = str(layout)
     is_path = not isinstance(layout, str) or text.endswith(".json") or Path(text).name != text
     if is_path:
-        return TaxelLayout.load(os.path.expanduser(text))
+        path = os.path.expanduser(text)
+        if not os.path.exists(path):
+            raise FileNotFoundError(
+                f"there is no layout file '{text}': write one with TaxelLayout.save, or "
+                f"take one of {stock_names('layouts')}"
+            )
+        return TaxelLayout.load(path)
     if text not in stock_names("layouts"):
         raise ValueError(
             f"'layout' must be one of {stock_names('layouts')}, or the path of a layout file "
