@@ -19,7 +19,7 @@ from torch_geometric_tactile.data import (
 )
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import allegro_uskin, grid
-from torch_geometric_tactile.transforms import TaxelPose
+from torch_geometric_tactile.transforms import TaxelPose, ZScore
 
 STAGES, CHECKS = {}, {}
 EXTRAS = {  # modules of extras that the blocks of a page need
@@ -28,6 +28,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
     "docs/command_line.md": ("lightning",),
     "docs/compare.md": ("sklearn",),
     "docs/experiments.md": ("lightning", "joblib"),
+    "docs/export.md": ("onnxruntime", "onnxscript"),
     "docs/hand.md": ("matplotlib",),
     "docs/lerobot.md": ("pyarrow",),
     "docs/live.md": ("serial", "websockets"),
@@ -128,6 +129,23 @@ def _(names):
     for frame in frames.data.x[:60]:
         ring.push(frame)
     names["ring"] = ring
+
+
+@stage("docs/export.md")
+def _(names):
+    from torch_geometric_tactile.nn import TactileFNN
+
+    arrays = np.random.default_rng(0).normal(33_000, 100, (8, 4, 3)).astype(np.float32)
+    dataset = StaticDataset.from_arrays(arrays, np.arange(8) % 2, layout=grid(2, 2, pitch=0.004))
+    model = TactileFNN(dataset.layout, 2, widths=(4,), pools=(1,))
+    scale = ZScore(per="channel").fit(dataset.data)
+    Predictor.from_dataset(model, dataset, scale).save("grasp.predictor")
+
+
+@check("docs/export.md")
+def _(names, printed):
+    assert names["info"]["num_taxels"] == 4
+    assert names["probability"].sum() == pytest.approx(1, abs=1e-5)
 
 
 @stage("docs/bigs.md")
