@@ -123,7 +123,8 @@ def _beside(num_views: int) -> "tuple[Figure, list[Axes], Axes]":
     # Both models of one view side by side, of several below one another; the hand at the right.
     rows, columns = (1, 2) if num_views == 1 else (2, num_views)
     figure = new_figure(8.0, 3.3 if rows == 1 else 4.9)
-    grid = figure.add_gridspec(rows, columns + 1)
+    width_of_hand = 1.0 if rows == 1 else 1.5  # of a view; its names must not touch
+    grid = figure.add_gridspec(rows, columns + 1, width_ratios=[1.0] * columns + [width_of_hand])
     axes = [figure.add_subplot(grid[i // columns, i % columns]) for i in range(rows * columns)]
     return figure, axes, figure.add_subplot(grid[:, columns])
 
