@@ -82,6 +82,17 @@ class HealthMeter:
     Attributes:
         dropped (int): Frames that slow subscribers did not get.
         reconnects (int): How often the source was opened again.
+
+    Examples:
+        >>> from torch_geometric_tactile.data import Recording
+        >>> from torch_geometric_tactile.live import ReplaySource
+        >>> recording = Recording(time=np.arange(3) / 100, tactile=np.zeros((3, 4, 3)))
+        >>> meter, source = HealthMeter(), ReplaySource(recording, speed=0)
+        >>> with source:
+        ...     for frame in source.read(timeout=1.0):
+        ...         meter.observe(frame)
+        >>> meter.snapshot("open", source).frames
+        3
     """
 
     def __init__(self) -> None:

@@ -37,6 +37,11 @@ class OnnxModel:
         FileNotFoundError: If there is no such file.
         ImportError: If onnxruntime is missing.
         ValueError: If the file is no such model, or one of a later version.
+
+    Examples:
+        >>> model = OnnxModel("slip.onnx")  # doctest: +SKIP
+        >>> model.info["class_names"]  # doctest: +SKIP
+        ['stable', 'slip']
     """
 
     def __init__(self, path: PathLike) -> None:

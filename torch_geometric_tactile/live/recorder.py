@@ -61,6 +61,21 @@ class Recorder:
         FileExistsError: If the file exists, and :obj:`overwrite` is false.
         FileNotFoundError: If its folder does not exist.
         ValueError: If the suffix is unknown.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from torch_geometric_tactile.live import ReplaySource, Stream
+        >>> recording = Recording(time=np.arange(5) / 100, tactile=np.ones((5, 4, 3)))
+        >>> with TemporaryDirectory() as folder:
+        ...     stream = Stream(ReplaySource(recording, speed=0))
+        ...     recorder = Recorder(Path(folder) / "grasp.mcap", stream, label="cup")
+        ...     subscription = stream.subscribe("all")
+        ...     recorder.start()
+        ...     with stream:
+        ...         frames = list(subscription)
+        ...     recorder.close()
+        >>> recorder.frames
+        5
     """
 
     def __init__(

@@ -42,6 +42,14 @@ class ReplayServer:
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the port is taken, when it is started.
         ValueError: If the readings are no counts from 0 to 65535, or the speed is not positive.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.live import XelaSource
+        >>> recording = Recording(time=np.arange(5) / 100, tactile=np.full((5, 4, 3), 30000))
+        >>> with ReplayServer(recording, port=0) as server, XelaSource(server.url) as source:
+        ...     source.read(timeout=1.0)[0].tactile.shape
+        (4, 3)
     """
 
     def __init__(

@@ -28,6 +28,13 @@ class ReplaySource(Source):
 
     Raises:
         ValueError: If :obj:`speed` is negative or NaN.
+
+    Examples:
+        >>> recording = Recording(time=np.arange(5) / 100, tactile=np.ones((5, 4, 3)))
+        >>> with ReplaySource(recording, speed=0) as source:
+        ...     frames = source.read(timeout=1.0)
+        >>> len(frames), frames[1].device_time
+        (5, 0.01)
     """
 
     reopens = False

@@ -26,6 +26,11 @@ class RestFrames(NamedTuple):
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`.
         time (numpy.ndarray): Times in seconds :math:`(T,)`.
         joint (numpy.ndarray, optional): Joint angles :math:`(T, J)`.
+
+    Examples:
+        >>> frames = RestFrames(np.zeros((30, 4, 3)), np.arange(30) / 30, joint=None)
+        >>> frames.tactile.mean(axis=0).shape  # the reading at rest of each taxel and channel
+        (4, 3)
     """
 
     tactile: np.ndarray
@@ -40,6 +45,11 @@ class Drift(NamedTuple):
         amount (float): The largest distance, in units of the noise at rest; NaN as long as readings
             move or there are too few.
         taxels (numpy.ndarray): The taxels that are further away than :obj:`max_drift`.
+
+    Examples:
+        >>> drift = Drift(amount=7.5, taxels=np.array([3]))
+        >>> drift.taxels.tolist()
+        [3]
     """
 
     amount: float
@@ -70,6 +80,14 @@ class Rest:
     Raises:
         ValueError: If a number is not positive; on a call, if a frame has another shape than those
             before.
+
+    Examples:
+        >>> rest, noise = Rest(seconds=0.5, min_frames=30), np.random.default_rng(0)
+        >>> for i in range(60):
+        ...     tactile = noise.normal(100.0, 1.0, (4, 3)).astype(np.float32)
+        ...     is_ready = rest.add(LiveFrame(i, i / 60, int(i / 60 * 1e9), None, tactile))
+        >>> rest.ready, rest.value.shape
+        (True, (4, 3))
     """
 
     def __init__(

@@ -32,6 +32,11 @@ class SimulatedSource(Source):
     Raises:
         ImportError: If the extra is missing.
         ValueError: If an argument is unknown or out of range.
+
+    Examples:
+        >>> source = SimulatedSource("sponge", rate=25.0)  # simulates nothing before it is opened
+        >>> source.name
+        'sim:?object=sponge'
     """
 
     reopens = False

@@ -12,6 +12,11 @@ class Status(NamedTuple):
     r"""What a session reports about twice a second: the state of its stream, what the model said
     last, the median latency of the last judgements in seconds, how many frames the recorder has
     (:obj:`None` if none runs), and what has to be known, such as why the rest is refused.
+
+    Examples:
+        >>> status = Status(Health("open", rate=100.0), None, latency=0.002, recorded=50, note="")
+        >>> status.line()
+        '100.0 Hz  jitter 0.0 ms  lost 0  corrupt 0  latency 2.0 ms  recorded 50'
     """
 
     health: Health

@@ -29,6 +29,13 @@ class XelaSource(Source):
     Raises:
         ImportError: If the extra is missing.
         ValueError: If :obj:`url` is no address of a WebSocket.
+
+    Examples:
+        >>> source = XelaSource("ws://127.0.0.1:5000")  # not connected yet
+        >>> source.meta
+        {'unit': 'count'}
+        >>> with source:  # doctest: +SKIP
+        ...     frames = source.read(timeout=1.0)
     """
 
     def __init__(self, url: str = "ws://127.0.0.1:5000", forces: bool = False) -> None:

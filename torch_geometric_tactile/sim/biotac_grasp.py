@@ -14,9 +14,17 @@ _NOISE = 12.0  # counts
 
 
 class SimulatedGrasps(NamedTuple):
-    r"""Generated grasps: :obj:`reading` in counts :math:`(S, N, K)`, :obj:`slipped`, :obj:`group`
-    (the object) and :obj:`session` :math:`(S,)`, and the normal force of each finger in newtons,
-    :obj:`force` :math:`(S, K)`.
+    r"""Readings and labels of generated grasps.
+
+    :obj:`reading` in counts :math:`(S, N, K)`, :obj:`slipped`, :obj:`group` (the object) and
+    :obj:`session` :math:`(S,)`, and the normal force of each finger in newtons, :obj:`force`
+    :math:`(S, K)`.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import biotac_sp
+        >>> grasps = simulate_grasps(biotac_sp(), objects=2, grasps_per_object=5)
+        >>> grasps.reading.shape, grasps.force.shape
+        ((10, 24, 3), (10, 3))
     """
 
     reading: np.ndarray
