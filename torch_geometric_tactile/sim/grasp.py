@@ -241,8 +241,9 @@ class GraspSimulator:
         >>> from torch_geometric_tactile.sim import paper8
         >>> hand = allegro_uskin(), HandKinematics.allegro()
         >>> simulator = GraspSimulator(*hand, paper8()[1])
-        >>> plan = plan_grasp(paper8()[1].size, np.random.default_rng(0), duration=0.1)
-        >>> simulator.run(plan, 100.0).force.shape  # newtons on each taxel in each frame
+        >>> plan = plan_grasp(paper8()[1].size, np.random.default_rng(0))
+        >>> start = GraspPlan(plan.gantry[:10], plan.joint[:10], plan.phase[:10], plan.step)
+        >>> simulator.run(start, 100.0).force.shape  # newtons on each taxel in each frame
         (10, 384, 3)
     """
 

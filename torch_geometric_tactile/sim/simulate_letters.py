@@ -33,7 +33,7 @@ class LetterReport(NamedTuple):
     presses. :obj:`kept` tells whether the file existed already.
 
     Examples:
-        >>> report = LetterReport("A", first=100, presses=100, path=Path("A/A_0100.npy"), kept=False)
+        >>> report = LetterReport("A", 100, presses=50, path=Path("A/A_0100.npy"), kept=False)
         >>> report.letter, report.first
         ('A', 100)
     """
