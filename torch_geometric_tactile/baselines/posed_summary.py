@@ -119,6 +119,12 @@ def posed_summary(x: Any, layout: TaxelLayout | PathLike) -> np.ndarray:
     Args:
         x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
         layout (TaxelLayout or str or PathLike): The taxels.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = np.array([[0.0, 0.0], [0.0, 2.0], [0.0, 0.0]])[:, :, None]
+        >>> posed_summary(x, grid(1, 2, pitch=0.01)).shape
+        (3, 8)
     """
     features: np.ndarray = PosedSummary(layout).fit(x).transform(x)
     return features

@@ -49,7 +49,14 @@ class _HasImage:
 
 
 class ImageData(_HasImage, Data):
-    r"""A sample, or a PyG batch of samples, with :obj:`image`, a view of :obj:`x`."""
+    r"""A sample, or a PyG batch of samples, with :obj:`image`, a view of :obj:`x`.
+
+    Examples:
+        >>> import torch
+        >>> data = ImageData(x=torch.zeros(1024, 1))
+        >>> data.image.shape
+        torch.Size([1, 1, 32, 32])
+    """
 
 
 class StaticImages(_HasImage, StaticData):

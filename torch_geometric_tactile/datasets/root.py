@@ -12,6 +12,10 @@ def default_root(name: str) -> Path:
 
     Args:
         name (str): Name of the data set.
+
+    Examples:
+        >>> default_root("bts3").name
+        'bts3'
     """
     parent = os.environ.get("TACTILE_DATA")
     base = (

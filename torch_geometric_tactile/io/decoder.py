@@ -41,6 +41,21 @@ class Decoder(ABC):
         baudrate (int): Speed of the serial line in bits per second.
         clock_period (float, optional): After how many seconds the clock of the device starts
             over; :obj:`None` if it has no clock or never does.
+
+    Examples:
+        >>> import numpy as np
+        >>> class OneByte(Decoder):
+        ...     def feed(self, data, now):
+        ...         self.counts.good += len(data)
+        ...         return [
+        ...             LiveFrame(i, now / 1e9, now, None, np.float32([[value]]))
+        ...             for i, value in enumerate(data)
+        ...         ]
+        ...     def reset(self):
+        ...         pass
+        >>> decoder = OneByte()
+        >>> [float(frame.tactile[0, 0]) for frame in decoder.feed(b"\x01\x02", now=0)]
+        [1.0, 2.0]
     """
 
     checksum: ClassVar[str] = "none"

@@ -27,6 +27,11 @@ class RepairReport:
         skipped_bytes (int): Bytes in which nothing could be read.
         damage (tuple of str): What was wrong; empty for a whole file.
         seconds (float): From the first to the last message that was saved.
+
+    Examples:
+        >>> report = RepairReport({"tactile.Frame": 20}, 1, 0, damage=(), seconds=0.19)
+        >>> print(report)
+        saved 20 tactile.Frame (0.19 s, 1 chunks); left out 0 bytes: it was whole
     """
 
     messages: dict[str, int]

@@ -70,6 +70,16 @@ class McapWriter:
         FileExistsError: If the file exists, and :obj:`overwrite` is false.
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the file cannot be made.
+
+    Examples:
+        >>> import tempfile
+        >>> from torch_geometric_tactile.io import read_mcap
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.mcap"
+        ...     with McapWriter(path, label="cup") as writer:
+        ...         writer.write_frame(LiveFrame(0, 0.0, 0, None, np.ones((4, 3), np.float32)))
+        ...     read_mcap(path).label
+        'cup'
     """
 
     def __init__(

@@ -39,6 +39,12 @@ class XelaFrame(NamedTuple):
     :obj:`time` are seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature in
     kelvins and the updates per second of each taxel :math:`(N,)`, as the server says them: NaN
     where it says none that can be read, :obj:`None` if it says nothing of them.
+
+    Examples:
+        >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
+        >>> frame = parse_xela_message(message)
+        >>> frame.number, frame.time, frame.reading.shape
+        (7, 1500000000.0, (4, 3))
     """
 
     number: int

@@ -25,6 +25,11 @@ class MissingOwnError(ValueError):
     Args:
         text (str): The message.
         argument (str): What must be given: :obj:`"model"` or :obj:`"transforms"`.
+
+    Examples:
+        >>> error = MissingOwnError("pass the model that the predictor was saved with", "model")
+        >>> error.argument
+        'model'
     """
 
     def __init__(self, text: str, argument: str) -> None:

@@ -98,6 +98,14 @@ def checkpoint_entry(
         transform (callable, optional): What comes after the data set's own transform, fitted.
         task (str): What the model does.
         threshold (float, optional): As of :class:`Content`.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.nn.models import TaxelNet
+        >>> model = TaxelNet("biotac_sp", in_channels=3, out_channels=2)
+        >>> entry = checkpoint_entry(model, FakeTactileDataset(20), None, "multiclass")
+        >>> sorted(entry)
+        ['header', 'tensors']
     """
     names = tuple(dataset.class_names)
     content = Content(Preparation.of_dataset(dataset, transform), model, names, task, threshold)

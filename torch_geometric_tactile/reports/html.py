@@ -24,6 +24,11 @@ class ReportTable(NamedTuple):
         header (list of str): Names of the columns.
         rows (list of list of str): The cells. A row whose first cell begins with :obj:`*` is drawn
             bold, without the star.
+
+    Examples:
+        >>> table = ReportTable("Accuracy", "in %", ["model", "accuracy"], [["GCN", "84.0"]])
+        >>> table.rows[0]
+        ['GCN', '84.0']
     """
 
     title: str
@@ -39,6 +44,11 @@ class ReportPicture(NamedTuple):
         path (str or PathLike): The PNG file; the report holds a copy.
         title (str): Title above the picture.
         caption (str): What the picture shows; may be empty.
+
+    Examples:
+        >>> picture = ReportPicture("confusion.png", "Confusion", "Rows are true classes.")
+        >>> picture.title
+        'Confusion'
     """
 
     path: PathLike
@@ -76,6 +86,16 @@ def write_report(
         FileNotFoundError: If there is no such picture.
         ValueError: If :obj:`notice` is empty, a row has another length than its header, or a
             picture is no PNG file.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> table = ReportTable("Accuracy", "in %", ["model", "accuracy"], [["GCN", "84.0"]])
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "report.html"
+        ...     texts = {"title": "Grasps", "notice": "Generated data."}
+        ...     write_report(path, **texts, facts=[("seed", "0")], tables=[table], pictures=[])
+        ...     "84.0" in path.read_text(encoding="utf-8")
+        True
     """
     if not notice.strip():
         raise ValueError("'notice' must say which data was used (got an empty text)")

@@ -52,6 +52,12 @@ class PosedTaxels(NamedTuple):
     r"""The poses of the taxels, in the frame of the root link: :obj:`pos` in metres and unit
     :obj:`normal`, both :math:`(..., N, 3)`. Without normals in the layout :obj:`normal` is
     :obj:`None`.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> posed = HandKinematics.allegro().taxel_pose(allegro_uskin(), torch.zeros(16))
+        >>> posed.pos.shape, posed.normal.shape
+        (torch.Size([384, 3]), torch.Size([384, 3]))
     """
 
     pos: Tensor

@@ -20,6 +20,12 @@ class TaxelClusters(NamedTuple):
     Args:
         cluster (torch.Tensor): The cluster of each taxel :math:`(N,)`.
         layout (TaxelLayout): The layout of the :math:`M` clusters.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> clusters = taxel_clusters(allegro_uskin(), "patch")
+        >>> clusters.cluster.shape, clusters.layout.num_taxels
+        (torch.Size([384]), 22)
     """
 
     cluster: Tensor

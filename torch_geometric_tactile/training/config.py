@@ -31,7 +31,12 @@ TEMPLATES = (
 
 
 def config_names() -> list[str]:
-    r"""Returns the names of the shipped configurations, without those in templates."""
+    r"""Returns the names of the shipped configurations, without those in templates.
+
+    Examples:
+        >>> "grasp_gcn_df" in config_names()
+        True
+    """
     return sorted(
         entry.name.removesuffix(".yaml")
         for entry in _folder().iterdir()
@@ -49,6 +54,10 @@ def find_config(name: str) -> Path:
 
     Raises:
         FileNotFoundError: If there is neither; the message lists what is shipped.
+
+    Examples:
+        >>> find_config("grasp_gcn_df").name
+        'grasp_gcn_df.yaml'
     """
     path = Path(name)
     if path.is_file():
@@ -81,6 +90,10 @@ def load_config(name: str) -> dict[str, Any]:
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
+
+    Examples:
+        >>> load_config("grasp_gcn_df")["model"]["model"]["class_path"]
+        'torch_geometric_tactile.nn.models.GraspGCN'
     """
     path = find_config(name)
     content = read_yaml(path)

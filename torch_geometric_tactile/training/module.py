@@ -100,6 +100,13 @@ class TactileModule(DecidingModule):
     Raises:
         ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, a batch lacks
             what the model needs, or a checkpoint of another layout is loaded.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn.models import TaxelNet
+        >>> model = TaxelNet("biotac_sp", in_channels=3, out_channels=2)
+        >>> module = TactileModule(model, num_classes=2)
+        >>> module.task
+        'multiclass'
     """
 
     class_weight: Tensor | None
@@ -325,6 +332,13 @@ def classifier_from_config(
     Raises:
         ValueError: If the configuration has a size that is not that of the data, or cannot be
             built.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> data = TactileDataModule(FakeTactileDataset(20))
+        >>> module = classifier_from_config({"model": "TaxelNet"}, data)
+        >>> type(module.model).__name__
+        'TaxelNet'
     """
     if data is not None:
         config = fill_sizes(config, data)

@@ -39,6 +39,15 @@ class DataSizes:
             is a lower bound: there may be classes that no sample has.
         num_frames (int, optional): Number of frames :math:`T` that a sample says it is a window of,
             whose features are those of all frames; :obj:`None` for single frames.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> sizes = DataSizes(
+        ...     allegro_uskin(), in_channels=3, num_outputs=6, num_edges=0, num_joints=16,
+        ...     channels={"tactile": 3},
+        ... )
+        >>> sizes.num_outputs
+        6
     """
 
     layout: TaxelLayout

@@ -63,6 +63,16 @@ class FittedTransform(BaseTransform):
 
     Raises:
         ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.data import StaticData
+        >>> class Centre(FittedTransform):
+        ...     def __init__(self):
+        ...         super().__init__(unit_scale=True)  # subtracts the mean, and divides by one
+        >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
+        >>> Centre().fit(data)(data).x.view(-1)
+        tensor([-1.,  1.])
     """
 
     supports_static = True

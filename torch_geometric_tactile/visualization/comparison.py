@@ -39,6 +39,12 @@ class ComparisonPanel(NamedTuple):
             nothing to show in a row is left out; a standard deviation that is NaN has no bar. A
             line parts rows with different names before a colon.
         from_zero (bool): Whether the axis begins at zero.
+
+    Examples:
+        >>> rows = {"GCN": {"published": (86.1, float("nan")), "ours": (84.0, 1.5)}}
+        >>> panel = ComparisonPanel("by trial", "accuracy in %", rows)
+        >>> panel.rows["GCN"]["ours"]
+        (84.0, 1.5)
     """
 
     title: str

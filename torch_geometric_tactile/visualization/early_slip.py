@@ -31,6 +31,11 @@ class AlarmCurves(NamedTuple):
             :math:`(R, L)`; NaN where there was nothing to count.
         false_alarms (array-like): Part of the holding grasps with an alarm at the same moments
             :math:`(R, L)`.
+
+    Examples:
+        >>> curves = AlarmCurves(np.array([[0.9, 0.5]]), np.array([[0.05, 0.02]]))
+        >>> curves.recall.shape  # one training, two moments before the onset
+        (1, 2)
     """
 
     recall: np.ndarray

@@ -124,6 +124,13 @@ def plot_layout(
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`values` or :obj:`edge_index` does not fit the layout, or
             :obj:`limits` do not rise.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> figure = plot_layout(grid(2, 2, pitch=0.002), torch.arange(4.0), title="Pad")
+        >>> figure.axes[0].get_title()
+        'Pad'
     """
     if values is not None:
         values = checked_values("values", values, layout.num_taxels)

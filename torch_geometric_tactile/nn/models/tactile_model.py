@@ -48,6 +48,18 @@ class TactileModel(Module, TactileHubMixin):
 
     Raises:
         ValueError: If an input is unknown or there is none, or a size is below one.
+
+    Examples:
+        >>> import torch
+        >>> class Small(TactileModel):
+        ...     needs_edges = False
+        ...     def __init__(self):
+        ...         super().__init__(4, 2, inputs=("tactile",))  # 4 taxels, 2 classes
+        ...         self.add_head(3, (8,), (2,))
+        ...     def extract(self, parts, x, edge_index):
+        ...         return parts["tactile"]
+        >>> Small()(torch.zeros(5, 4, 3)).shape
+        torch.Size([5, 2])
     """
 
     needs_edges: bool = True
