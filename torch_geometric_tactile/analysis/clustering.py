@@ -10,7 +10,8 @@ from torch_geometric_tactile.analysis.embedding import node_matrix
 
 
 class SegmentClustering(NamedTuple):
-    r"""How well the segments of nodes form clusters in the space of their features.
+    r"""The result of :func:`segment_clustering`: how well the segments of nodes form clusters in
+    the space of their features.
 
     Args:
         silhouette (float): Mean silhouette over the nodes: 1 if segments are tight and far apart, 0

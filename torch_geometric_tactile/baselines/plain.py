@@ -174,8 +174,8 @@ def signal_svm(
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the 12 statistical features of each
-    signal of windows of frames, as :class:`~torch_geometric_tactile.baselines.GraspSVM`, also for
-    numbers, which are scaled here.
+    signal in windows of frames, as :class:`~torch_geometric_tactile.baselines.GraspSVM`. It also
+    predicts numbers, which are scaled here.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.

@@ -17,9 +17,9 @@ _STRONGEST = 99.9  # percent
 
 
 class PosedSummary(TransformerMixin, BaseEstimator):
-    r"""Sums up each patch in the frame of the palm: its force, the centre of its pressure, its mean
-    normal there, and how many of its taxels are pressed. A few numbers a patch, whatever the number
-    of taxels; a forest on them is a hard competitor.
+    r"""Summarises each patch in the frame of the palm: its force, the centre of its pressure, its
+    mean normal there, and how many of its taxels are pressed. This is a few numbers per patch,
+    whatever the number of taxels; a forest on them is a strong baseline.
 
     What a taxel feels is its reading less its median over the samples that this was fitted on; its
     strength :math:`w_i` is the length of that, and it is pressed if :math:`w_i` is above a

@@ -19,7 +19,8 @@ _EXTRA = ("pressure", "pac", "robot_joint", "finger_joint")
 
 
 def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
-    r"""Reads a grasp of the BiGS data set from a file of its holder.
+    r"""Reads a grasp of the BiGS data set from an HDF5 or npz file, whose names, orders and units a
+    :class:`BiGSFormat` describes.
 
     Args:
         path (str or PathLike): An HDF5 or npz file with one grasp.

@@ -9,7 +9,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 
 @dataclass(slots=True)
 class DecoderCounts:
-    r"""What a decoder has seen.
+    r"""The numbers of good, corrupt and lost frames and of skipped bytes of a decoder.
 
     Args:
         good (int): Frames that were whole, and passed the check if the format has one.
@@ -32,7 +32,8 @@ class DecoderCounts:
 
 
 class Decoder(ABC):
-    r"""Base class of decoders: bytes in, frames out. It has no port, no thread and no clock.
+    r"""Base class of decoders, which turn bytes into frames. A decoder has no port, no thread and
+    no clock.
 
     Attributes:
         counts (DecoderCounts): What it has seen.

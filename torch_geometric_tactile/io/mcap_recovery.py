@@ -19,7 +19,7 @@ from torch_geometric_tactile.typing import PathLike
 
 @dataclass(frozen=True)
 class RepairReport:
-    r"""What was saved of a file.
+    r"""The number of messages and chunks that :func:`repair_mcap` saved, and the damage it found.
 
     Args:
         messages (dict of str to int): Number of messages saved, by topic.
@@ -50,8 +50,8 @@ class RepairReport:
 
 
 def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
-    r"""Writes a whole file with what can be saved of another one, of all topics. Attachments are
-    left out.
+    r"""Repairs an MCAP file: writes a new file with all that can be read of a damaged one, of all
+    topics. Attachments are left out.
 
     Args:
         path (str or PathLike): The file, which stays as it is.

@@ -94,7 +94,8 @@ def recording_format(path: PathLike) -> str:
 
 
 def read_recording(path: PathLike, **kwargs: Any) -> Recording:
-    r"""Reads a recording, in the format that :meth:`recording_format` finds.
+    r"""Reads a recording from a file of any supported format, as :func:`recording_format` detects
+    it.
 
     Args:
         path (str or PathLike): The file.

@@ -45,7 +45,7 @@ _LATEST = 2**62 / _NANO  # seconds whose nanoseconds fit a file, the year 2116
 
 
 class McapWriter:
-    r"""Writes a recording frame by frame.
+    r"""Writes a recording to an MCAP file, frame by frame.
 
     A quarter of a second after its first frame, a chunk is closed and handed to the operating
     system: whatever happens to the process, only what came after that is lost. A power failure
@@ -324,7 +324,7 @@ def _signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def write_mcap(recording: Recording, path: PathLike) -> None:
-    r"""Writes a recording as an MCAP file that is either whole or absent.
+    r"""Writes a recording as an MCAP file that is either complete or absent.
 
     Args:
         recording (Recording): The recording.

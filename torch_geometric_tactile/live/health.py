@@ -19,7 +19,7 @@ _STALE = _NS
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    r"""The state of a stream at one moment.
+    r"""The state, frame rate and error counts of a stream at one moment.
 
     Args:
         state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but nothing comes),
@@ -77,7 +77,8 @@ class Health:
 
 
 class HealthMeter:
-    r"""Measures the health of a stream. One thread reports frames, any thread may read it.
+    r"""Measures the frame rate, losses and stale taxels of a stream. One thread reports frames, any
+    thread may read the result.
 
     Attributes:
         dropped (int): Frames that slow subscribers did not get.

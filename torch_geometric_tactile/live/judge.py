@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judgement:
-    r"""The answer of a model for a frame, or for the window that ends with it.
+    r"""The prediction of a model for a frame, or for the window of frames that ends with it.
 
     Args:
         sequence (int): Number of the frame.
@@ -71,7 +71,7 @@ class Judgement:
 
 
 class Judge:
-    r"""Applies a model to live frames.
+    r"""Runs a model on live frames.
 
     A model of windows has an answer from the first full window on, and then one for each frame; a
     recurrent one goes from frame to frame. After a loss of frames it starts with an empty window.

@@ -27,7 +27,7 @@ _HEALTH_SECONDS = 1.0
 
 
 class Recorder:
-    r"""Writes all frames of a stream into a file, in a thread of its own.
+    r"""Writes all frames of a stream to a file, in a separate thread.
 
     The file has its name from the first frame on, and not only at the end. After a crash it is
     where it was asked for, with all but the last quarter of a second (HDF5: the last second), and

@@ -19,8 +19,8 @@ _CLOSE = 0.5
 
 
 class ReplayServer:
-    r"""Plays a recording to any number of WebSocket clients, in the messages of XELA's server: a
-    stand-in for tests without a hand.
+    r"""Replays a recording to any number of WebSocket clients in the message format of XELA's
+    server, for tests without a hand.
 
     It begins with the first client. Each one gets :obj:`{"message": "Welcome"}` and then the
     frames, in the time of the recording; one that reads so slowly that it is 2 seconds late misses

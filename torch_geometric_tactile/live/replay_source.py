@@ -16,8 +16,8 @@ _CHUNK = 64  # frames of one read, if there are no times to keep
 
 
 class ReplaySource(Source):
-    r"""Gives the frames of a recording at their times. It is read once, and its frames are views of
-    its arrays; :obj:`device_time` is the time in the recording.
+    r"""Replays the frames of a recording at their recorded times. The recording is read once, and
+    the frames are views of its arrays; :obj:`device_time` is the time in the recording.
 
     Args:
         path (str, PathLike or Recording): A file of any format that

@@ -20,7 +20,7 @@ Event = tuple[float, str, str]  # time on the host's monotonic clock, kind, text
 
 
 class RestFrames(NamedTuple):
-    r"""The frames of a rest.
+    r"""The frames that were collected while nothing touched the sensor.
 
     Args:
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`.
@@ -39,7 +39,7 @@ class RestFrames(NamedTuple):
 
 
 class Drift(NamedTuple):
-    r"""How far a sensor is from its rest.
+    r"""The distance of a sensor's current readings from its readings at rest.
 
     Args:
         amount (float): The largest distance, in units of the noise at rest; NaN as long as readings
@@ -57,8 +57,8 @@ class Drift(NamedTuple):
 
 
 class Rest:
-    r"""Collects still frames, when nothing touches the sensor, for the models that measure the rest
-    of a session.
+    r"""Collects still frames while nothing touches the sensor, for models that need the readings at
+    rest of each session.
 
     The frames are cut in five parts. If the means of a taxel's parts differ by more than
     :obj:`max_movement` times its noise within them, it moves: the frames are refused, the reason is

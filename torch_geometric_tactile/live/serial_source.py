@@ -21,7 +21,7 @@ _WRITE = 1.0  # seconds that a device may take to accept what is written
 
 
 class SerialSource(Source):
-    r"""Reads a serial port with a decoder. What has come is returned at once.
+    r"""Reads frames from a serial port through a decoder. What has arrived is returned at once.
 
     A USB device that was lost is found again by its serial number, under whatever name it returns;
     another port by its path.

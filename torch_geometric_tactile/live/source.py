@@ -9,7 +9,7 @@ from torch_geometric_tactile.io.decoder import DecoderCounts
 
 
 class SourceEnded(EOFError):  # noqa: N818 - an end, not an error
-    r"""A source has no more frames, and will have none.
+    r"""Raised when a source has no more frames, and will have none.
 
     Examples:
         >>> import numpy as np
@@ -28,7 +28,8 @@ class SourceEnded(EOFError):  # noqa: N818 - an end, not an error
 
 
 class Source(ABC):
-    r"""Base class of sources. One thread opens, reads and closes a source; it starts no thread.
+    r"""Base class of sources of live frames. One thread opens, reads and closes a source; the
+    source starts no thread.
 
     Attributes:
         name (str): The URL of the source, as users write it.

@@ -14,7 +14,7 @@ SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
 
 
 class StreamEnded(EOFError):  # noqa: N818 - an end, not an error
-    r"""A stream has ended, and there are no more frames.
+    r"""Raised when a stream has ended and there are no more frames.
 
     Examples:
         >>> subscription = Subscription()
@@ -28,7 +28,7 @@ class StreamEnded(EOFError):  # noqa: N818 - an end, not an error
 
 
 class StreamOverflow(OSError):  # noqa: N818 - as OverflowError, without its arithmetic
-    r"""A subscriber that wanted all frames was too slow for them.
+    r"""Raised when a subscriber that asked for all frames read them too slowly.
 
     Examples:
         >>> import numpy as np
@@ -47,8 +47,8 @@ class StreamOverflow(OSError):  # noqa: N818 - as OverflowError, without its ari
 
 
 class Subscription:
-    r"""The frames of a stream for one reader, in a separate queue. Made by
-    :meth:`Stream.subscribe <torch_geometric_tactile.live.Stream.subscribe>`.
+    r"""A queue with the frames of a stream for one reader. Made by :meth:`Stream.subscribe
+    <torch_geometric_tactile.live.Stream.subscribe>`.
 
     It is an iterator, and an asynchronous one that needs no thread. Frames that are in the queue
     when the stream ends are still delivered.

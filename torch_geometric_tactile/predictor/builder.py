@@ -20,7 +20,7 @@ from torch_geometric_tactile.transforms import FittedTransform
 
 
 class MissingOwnError(ValueError):
-    r"""A model or transform of the user that must be passed and was not.
+    r"""Raised when a model or transform that the user wrote must be passed and was not.
 
     Args:
         text (str): The message.

@@ -89,8 +89,8 @@ def checkpoint_entry(
     task: str,
     threshold: float | None = None,
 ) -> dict[str, Any]:
-    r"""Returns what a checkpoint must hold beside its weights to be read as a predictor, as plain
-    data and tensors.
+    r"""Returns the data beside the weights that a checkpoint needs to be loaded as a predictor, as
+    plain data and tensors.
 
     Args:
         model (torch.nn.Module): The model.
@@ -279,7 +279,7 @@ def load_checkpoint(
 
 
 def is_checkpoint(path: PathLike) -> bool:
-    r"""Tells whether a file is one of :func:`torch.save`, such as a checkpoint.
+    r"""Returns whether a file was written by :func:`torch.save`, such as a checkpoint.
 
     Args:
         path (str or PathLike): The file.

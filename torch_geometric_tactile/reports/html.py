@@ -16,7 +16,7 @@ _CSS_PIXELS_PER_INCH = 96
 
 
 class ReportTable(NamedTuple):
-    r"""A table of a report.
+    r"""A table of a report: a title, a caption, column names and cells.
 
     Args:
         title (str): Title above the table.
@@ -38,7 +38,7 @@ class ReportTable(NamedTuple):
 
 
 class ReportPicture(NamedTuple):
-    r"""A picture of a report.
+    r"""A picture of a report: the path of a PNG file, a title and a caption.
 
     Args:
         path (str or PathLike): The PNG file; the report holds a copy.
@@ -67,8 +67,8 @@ def write_report(
     verdict: str = "",
     is_warning: bool = True,
 ) -> None:
-    r"""Writes a report as one HTML file that is either complete or absent. It loads nothing, runs
-    no script, and can be read on a phone, in the dark and on paper.
+    r"""Writes a report as one HTML file that is either complete or absent. The file loads nothing,
+    runs no script, and can be read on a phone, in dark mode and on paper.
 
     Args:
         path (str or PathLike): The file.

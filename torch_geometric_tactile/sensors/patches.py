@@ -28,7 +28,7 @@ _ADJACENCIES = ("sparse", "slanted", "original", "dense")
 
 
 def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Turns a layout that is described by patches into one that lists its taxels.
+    r"""Expands the description of a layout by patches to one that lists every taxel.
 
     The description has the keys :obj:`"shapes"` (name to :obj:`{"kind", "rows", ...}`),
     :obj:`"patches"` (a list of :obj:`{"name", "digit", "link", "shape", "origin", "cell"}` and, if

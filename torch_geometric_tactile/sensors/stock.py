@@ -69,7 +69,7 @@ def _loaded(path: Path) -> TaxelLayout:
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns a layout: itself, the one of this name that comes with the package, or the one in a
+    r"""Returns a layout from a layout, from the name of one that comes with the package, or from a
     file.
 
     Args:

@@ -43,8 +43,9 @@ def simulate_grasps(
     seed: int = 0,
     pose_seed: int | None = None,
 ) -> SimulatedGrasps:
-    r"""Generates static readings of grasps that hold or slip, as electrodes under a fluid-filled
-    skin give them. A model for tests and demonstrations; its numbers are plausible, not measured.
+    r"""Generates static readings of grasps that hold or slip, like those of electrodes under a
+    fluid-filled skin. A model for tests and demonstrations; its numbers are plausible, not
+    measured.
 
     Each object has a mass, a friction coefficient and a curvature; each grasp a normal force and a
     contact place for every finger. The grasp slips where friction cannot carry the weight, which

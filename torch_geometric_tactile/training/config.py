@@ -45,9 +45,9 @@ def config_names() -> list[str]:
 
 
 def find_config(name: str) -> Path:
-    r"""Returns the path of a configuration: a file, a shipped one by its name, or an experiment of
-    a shipped template as :obj:`TEMPLATE/EXPERIMENT`, which is written to a temporary file that
-    lives as long as this process.
+    r"""Returns the path of a configuration: a file, a shipped configuration by its name, or an
+    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. The latter is written to a
+    temporary file that exists as long as this process.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
@@ -86,7 +86,7 @@ def find_config(name: str) -> Path:
 
 
 def load_config(name: str) -> dict[str, Any]:
-    r"""Reads a configuration.
+    r"""Loads a configuration from a YAML file.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.

@@ -54,8 +54,8 @@ _SOURCES = {
 
 
 class TactileModule(DecidingModule):
-    r"""Trains a model to predict the class of a sample, each of its labels, or numbers, and
-    computes its metrics.
+    r"""Trains a model for classification (one class or several labels per sample) or regression,
+    and computes its metrics.
 
     Batches may be :class:`~torch_geometric_tactile.data.StaticData` or PyG's
     :class:`~torch_geometric.data.Batch`. A checkpoint carries the layout of the sensor that it was
@@ -318,8 +318,8 @@ TactileClassifier = TactileModule
 def classifier_from_config(
     config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
 ) -> TactileModule:
-    r"""Builds a module from the :obj:`model` section of a configuration, such that
-    :meth:`TactileModule.load_from_checkpoint` can build it again.
+    r"""Builds a module from the :obj:`model` section of a configuration, so that
+    :meth:`TactileModule.load_from_checkpoint` can rebuild it.
 
     Args:
         config (Mapping): The arguments of :class:`TactileModule`, classes as

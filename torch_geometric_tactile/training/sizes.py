@@ -25,7 +25,7 @@ _CONTENT = "layout="  # in front of the content of a layout
 
 @dataclass(frozen=True)
 class DataSizes:
-    r"""The sizes of samples, as batches have them.
+    r"""The numbers of channels, classes, edges, joints and frames of the samples of a data set.
 
     Args:
         layout (TaxelLayout): The layout of the sensor.

@@ -38,10 +38,10 @@ class _Attributes(Protocol):
 
 
 class FittedTransform(BaseTransform):
-    r"""Subtracts a centre from the readings, or from another attribute, and divides them by a
-    scale, both fitted before, for each number of a sample (each taxel and channel, for example)
-    or for all numbers of a channel, and separately for each value of the sample attribute
-    :obj:`key`.
+    r"""Base class of transforms that subtract a centre from the readings, or from another
+    attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
+    and channel, for example) or for all numbers of a channel, and separately for each value of the
+    sample attribute :obj:`key`.
 
     A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
     which samples they are fitted.

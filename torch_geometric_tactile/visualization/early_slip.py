@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class AlarmCurves(NamedTuple):
-    r"""The alarms of one method, of one or more trainings.
+    r"""Recall and false alarms of one early-slip method, from one or more trainings.
 
     Args:
         recall (array-like): Part of the slipping grasps with an alarm, training by training

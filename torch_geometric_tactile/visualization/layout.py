@@ -101,7 +101,7 @@ def plot_layout(
     title: str | None = None,
     numbers: bool = True,
 ) -> "Figure":
-    r"""Draws the taxels as circles, as seen by the viewer of the pad.
+    r"""Draws the taxels of a layout as circles, seen from the side of the pad that is touched.
 
     Args:
         layout (TaxelLayout): The layout.

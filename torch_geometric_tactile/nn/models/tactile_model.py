@@ -25,8 +25,8 @@ CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
 class TactileModel(Module, TactileHubMixin):
-    r"""The base class of the models of a hand: collects the inputs of each taxel, whatever the form
-    of the data, and ends in fully connected layers, which joint angles may join.
+    r"""The base class of the models of a hand: collects the inputs of each taxel from any form of
+    the data, and ends in fully connected layers, to which joint angles may be added.
 
     Inputs are :obj:`"tactile"` (the readings :obj:`x`), :obj:`"edge"` (:obj:`edge_attr`, through an
     encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
