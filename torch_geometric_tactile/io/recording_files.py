@@ -136,8 +136,8 @@ def _options(reader: Callable[..., Recording]) -> list[str]:
 
 def write_recording(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.mcap``,
-    ``.csv`` (one frame a row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot
-    hold is logged as a warning.
+    ``.csv`` (one frame per row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot
+    store is logged as a warning.
 
     Args:
         recording (Recording): The recording.

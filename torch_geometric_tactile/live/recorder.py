@@ -127,7 +127,7 @@ class Recorder:
         self._thread.start()
 
     def judgement(self, judgement: Any) -> None:
-        r"""Writes what a model said of a frame.
+        r"""Writes the prediction of a model for a frame.
 
         Args:
             judgement (Judgement): What it said.

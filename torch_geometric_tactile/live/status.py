@@ -40,7 +40,7 @@ class Status(NamedTuple):
 
 
 def described(judgement: Judgement) -> str:
-    r"""Returns what a model says of a frame in a few characters, such as :obj:`"slip 93 %"`.
+    r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`.
 
     Args:
         judgement (Judgement): What it says.

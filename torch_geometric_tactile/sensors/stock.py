@@ -51,7 +51,7 @@ def _folder(kind: str) -> Path:
 
 
 def stock_layout(name: str) -> TaxelLayout:
-    r"""Returns a layout that comes with the package.
+    r"""Loads a layout that comes with the package, by its name.
 
     Args:
         name (str): Its name, such as :obj:`"biotac"`.
@@ -69,8 +69,8 @@ def _loaded(path: Path) -> TaxelLayout:
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns a layout from a layout, from the name of one that comes with the package, or from a
-    file.
+    r"""Returns the layout that is given as a layout, by the name of one that comes with the
+    package, or as a file.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"`, or the

@@ -31,7 +31,7 @@ TEMPLATES = (
 
 
 def config_names() -> list[str]:
-    r"""Returns the names of the shipped configurations, without those in templates.
+    r"""Returns the names of the shipped configurations, without the experiments of templates.
 
     Examples:
         >>> "grasp_gcn_df" in config_names()

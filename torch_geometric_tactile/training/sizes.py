@@ -95,8 +95,8 @@ class DataSizes:
 
 
 def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -> dict[str, Any]:
-    r"""Fills in the sizes that the configuration of a model leaves out, and checks those that it
-    gives.
+    r"""Fills in the sizes that the configuration of a model leaves out, and checks the sizes that
+    it gives.
 
     An argument of the model is filled in by its name: :obj:`layout`, :obj:`num_nodes`,
     :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`, :obj:`num_classes`

@@ -30,7 +30,7 @@ _HALF_ROW = 0.32  # of a row, to either side, in which points are drawn
 
 
 class ComparisonPanel(NamedTuple):
-    r"""One panel of :func:`plot_comparison`.
+    r"""The title, axis label and numbers of one panel of :func:`plot_comparison`.
 
     Args:
         title (str): Its title.
