@@ -61,8 +61,8 @@ class BlockSampler(RandomSampler):
 
 
 class DistributedBlockSampler(DistributedSampler):
-    r"""Draws the samples by blocks, as :class:`BlockSampler`, and gives each of several processes a
-    different part.
+    r"""Draws the samples by blocks, as :class:`BlockSampler`, and gives each of several processes
+    its own part.
 
     Blocks of consecutive samples come in one random order, of which each process takes a piece, so
     that it reads whole blocks but for the first and the last of its piece. As with

@@ -69,8 +69,8 @@ def _loaded(path: Path) -> TaxelLayout:
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns the layout that is given as a layout, by the name of one that comes with the
-    package, or as a file.
+    r"""Returns a layout as it is, loads one that comes with the package by its name, or loads one
+    from a file.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"`, or the

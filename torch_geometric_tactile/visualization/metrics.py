@@ -125,8 +125,8 @@ def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
 def plot_label_confusions(
     matrices: ArrayLike, label_names: Sequence[str], title: str, columns: int = 3
 ) -> "Figure":
-    r"""Draws a confusion matrix for each label, with and without it, for samples that may have
-    several labels.
+    r"""Draws a 2 x 2 confusion matrix for each label (without and with it), for samples that may
+    have several labels.
 
     Args:
         matrices (array): Counts, for each label :obj:`[[true negative, false positive], [false
