@@ -109,7 +109,7 @@ class McapWriter:
         try:
             self._writer.start(library="torch_geometric_tactile")
             self._writer.add_metadata(
-                METADATA_NAME, self._metadata(checked, layout or "", live, schemas)
+                METADATA_NAME, _metadata(checked, layout or "", live, schemas, self._anchor)
             )
             for topic, schema in schemas.items():
                 number = self._writer.register_schema(topic, "protobuf", schema)
@@ -118,22 +118,6 @@ class McapWriter:
         except BaseException:
             self._output.close()
             raise
-
-    def _metadata(
-        self, checked: Recording, layout: str, live: bool, schemas: Mapping[str, bytes]
-    ) -> dict[str, str]:
-        texts = {
-            "version": str(VERSION),
-            "label": json.dumps(checked.label, ensure_ascii=False),
-            "meta": json.dumps(dict(checked.meta), ensure_ascii=False),
-            "layout": layout,
-            "unix_ns": str(self._anchor[0]),
-            "monotonic_ns": str(self._anchor[1]),
-            "live": str(int(live)),
-            # A file whose first chunk is damaged has lost its table of channels.
-            "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
-        }
-        return {**texts, "crc32": str(texts_checksum(texts))}
 
     def _log_time(self, time: float) -> int:
         return max(0, self._anchor[0] + _nanoseconds(time) - self._anchor[1])
@@ -300,6 +284,27 @@ class McapWriter:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _metadata(
+    checked: Recording,
+    layout: str,
+    live: bool,
+    schemas: Mapping[str, bytes],
+    anchor: tuple[int, int],
+) -> dict[str, str]:
+    texts = {
+        "version": str(VERSION),
+        "label": json.dumps(checked.label, ensure_ascii=False),
+        "meta": json.dumps(dict(checked.meta), ensure_ascii=False),
+        "layout": layout,
+        "unix_ns": str(anchor[0]),
+        "monotonic_ns": str(anchor[1]),
+        "live": str(int(live)),
+        # A file whose first chunk is damaged has lost its table of channels.
+        "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
+    }
+    return {**texts, "crc32": str(texts_checksum(texts))}
 
 
 def texts_checksum(texts: Mapping[str, str]) -> int:

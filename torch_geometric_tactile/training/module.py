@@ -199,13 +199,7 @@ class TactileModule(DecidingModule):
         """
         needed = getattr(self.model, "modalities", ())
         inputs = {name: getattr(batch, name, None) for name in needed}
-        lacking = [name for name, value in inputs.items() if value is None]
-        if batch.edge_index is None and getattr(self.model, "needs_edges", False):
-            lacking.insert(0, "edge_index")
-        if lacking:
-            there = sorted(key for key, other in batch.to_dict().items() if other is not None)
-            source = _SOURCES.get(lacking[0], "add a transform that sets it")
-            raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
+        _check_inputs(self.model, batch, inputs)
         return inputs
 
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
@@ -309,6 +303,16 @@ class TactileModule(DecidingModule):
             name = by_number.get(name, name)
             self.log(f"{stage}/{name}", value, prog_bar=shown, sync_dist=True)
         metrics.reset()
+
+
+def _check_inputs(model: nn.Module, batch: Data, inputs: dict[str, Any]) -> None:
+    lacking = [name for name, value in inputs.items() if value is None]
+    if batch.edge_index is None and getattr(model, "needs_edges", False):
+        lacking.insert(0, "edge_index")
+    if lacking:
+        there = sorted(key for key, other in batch.to_dict().items() if other is not None)
+        source = _SOURCES.get(lacking[0], "add a transform that sets it")
+        raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
 
 
 #: Another name of :class:`TactileModule`, for classes and labels.

@@ -228,16 +228,7 @@ class TactileModel(Module, TactileHubMixin):
             value = self.encoder(value, edge_index, num_nodes)
         if value.dim() == 2 and value.size(0) == self.num_nodes:
             return value.expand(num_samples, -1, -1)
-        num_rows, num_features = self.num_nodes * num_samples, value.size(-1)
-        if (
-            value.size(-2) not in (self.num_nodes, num_rows)
-            or value.numel() != num_rows * num_features
-        ):
-            raise ValueError(
-                f"'{key}' must be of {num_samples} samples of {self.num_nodes} taxels, as 'x' "
-                f"(got shape {given})"
-            )
-        return value.reshape(num_samples, self.num_nodes, num_features)
+        return _by_sample(value, num_samples, self.num_nodes, key, given)
 
     def num_samples(self, x: Tensor) -> int:
         r"""Returns the number of samples in readings.
@@ -282,6 +273,18 @@ class TactileModel(Module, TactileHubMixin):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.extra_repr()})"
+
+
+def _by_sample(
+    value: Tensor, num_samples: int, num_nodes: int, key: str, given: tuple[int, ...]
+) -> Tensor:
+    num_rows, num_features = num_nodes * num_samples, value.size(-1)
+    if value.size(-2) not in (num_nodes, num_rows) or value.numel() != num_rows * num_features:
+        raise ValueError(
+            f"'{key}' must be of {num_samples} samples of {num_nodes} taxels, as 'x' "
+            f"(got shape {given})"
+        )
+    return value.reshape(num_samples, num_nodes, num_features)
 
 
 def make_encoder(
