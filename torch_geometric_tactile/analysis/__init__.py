@@ -1,4 +1,4 @@
-r"""Numbers that describe what trained models have learnt; the pictures are in
+r"""Functions that measure what trained models have learnt; the pictures are in
 :mod:`torch_geometric_tactile.visualization`.
 """
 

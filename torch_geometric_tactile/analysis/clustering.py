@@ -10,7 +10,8 @@ from torch_geometric_tactile.analysis.embedding import node_matrix
 
 
 class SegmentClustering(NamedTuple):
-    r"""How well the segments of nodes form clusters in the space of their features.
+    r"""The result of :func:`segment_clustering`: how well the segments of nodes form clusters in
+    the space of their features.
 
     Args:
         silhouette (float): Mean silhouette over the nodes: 1 if segments are tight and far apart, 0
@@ -19,6 +20,12 @@ class SegmentClustering(NamedTuple):
             has no node.
         neighbor_share (float): Share of the nearest neighbours that are in the node's own segment.
         chance_share (float): The share if features were independent of segments.
+
+    Examples:
+        >>> features = torch.tensor([[0.0], [0.1], [5.0], [5.1]])
+        >>> found = segment_clustering(features, torch.tensor([0, 0, 1, 1]), num_neighbors=1)
+        >>> found.neighbor_share, found.by_segment.shape
+        (1.0, torch.Size([2]))
     """
 
     silhouette: float

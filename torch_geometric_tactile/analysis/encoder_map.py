@@ -11,7 +11,8 @@ from torch.nn import Module
 
 
 class EdgeSeparation(NamedTuple):
-    r"""How well a value of each edge separates edges between segments from edges within one.
+    r"""The result of :func:`edge_separation`: how well a value of each edge separates edges between
+    segments from edges within one.
 
     Args:
         auc (float): Probability that an edge between segments has the larger value, with half of

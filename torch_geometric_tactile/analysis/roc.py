@@ -11,7 +11,7 @@ MACRO = "mean of all"
 
 
 class RocCurve(NamedTuple):
-    r"""A receiver operating characteristic, as
+    r"""A receiver operating characteristic (ROC) curve, as
     :func:`~torch_geometric_tactile.visualization.plot_roc` draws it.
 
     Args:

@@ -1,4 +1,5 @@
-r"""Plain models as scikit-learn estimators: those of the papers, and what to compare with."""
+r"""Baselines as scikit-learn estimators: those of the papers, and simple ones to compare models
+with."""
 
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings

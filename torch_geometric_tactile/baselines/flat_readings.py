@@ -10,8 +10,8 @@ from torch_geometric_tactile.data import StaticData
 
 
 class FlatReadings(TransformerMixin, BaseEstimator):
-    r"""Lays the readings of all taxels side by side, as the first step of a scikit-learn pipeline.
-    Missing readings (NaN) become zero, the mean of what was scaled.
+    r"""Flattens the readings of all taxels of a sample to one row, as the first step of a
+    scikit-learn pipeline. Missing readings (NaN) become zero, the mean of scaled readings.
 
     Shapes:
         - **input:** readings :math:`(S, N, F)`, or samples that have them

@@ -64,6 +64,14 @@ def posed_forest(
         num_trees (int): Number of trees.
         min_samples_leaf (int): The fewest samples of a leaf.
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = np.array([[0.0, 1.0], [0.0, 2.0], [5.0, 0.0], [6.0, 0.0]])[:, :, None]
+        >>> forest = posed_forest(grid(1, 2, pitch=0.01), num_trees=10).fit(x, [0, 0, 1, 1])
+        >>> forest.predict(x).shape
+        (4,)
     """
     forest = _forest(task, num_trees, min_samples_leaf, class_weight)
     return make_pipeline(PosedSummary(layout), forest)
@@ -83,6 +91,13 @@ def posed_ridge(
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         alpha (float): Penalty of large weights.
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = np.array([[0.0, 1.0], [0.0, 2.0], [5.0, 0.0], [6.0, 0.0]])[:, :, None]
+        >>> posed_ridge(grid(1, 2, pitch=0.01)).fit(x, [0, 0, 1, 1]).predict(x)
+        array([0, 0, 1, 1])
     """
     model = RidgeClassifier(alpha=alpha, class_weight=class_weight)
     last = model if _is_classes(task) else Ridge(alpha=alpha)
@@ -159,8 +174,8 @@ def signal_svm(
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the 12 statistical features of each
-    signal of windows of frames, as :class:`~torch_geometric_tactile.baselines.GraspSVM`, also for
-    numbers, which are scaled here.
+    signal in windows of frames, as :class:`~torch_geometric_tactile.baselines.GraspSVM`. It also
+    predicts numbers, which are scaled here.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
@@ -168,6 +183,13 @@ def signal_svm(
         C (float): Penalty of an error.
         class_weight (str, optional): :obj:`"balanced"` to make rare classes count as much.
         most_samples (int, optional): As of :func:`rbf_svm`.
+
+    Examples:
+        >>> import numpy as np
+        >>> x = np.random.default_rng(0).normal(size=(8, 4, 20))  # windows of 20 frames of 4 taxels
+        >>> x[4:] *= 10.0
+        >>> signal_svm().fit(x, [0] * 4 + [1] * 4).predict(x)
+        array([0, 0, 0, 0, 1, 1, 1, 1])
     """
     if _is_classes(task):
         model: Any = _FewerSVC(C=C, most=most_samples, class_weight=class_weight)

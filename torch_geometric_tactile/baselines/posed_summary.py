@@ -17,9 +17,9 @@ _STRONGEST = 99.9  # percent
 
 
 class PosedSummary(TransformerMixin, BaseEstimator):
-    r"""Sums up each patch in the frame of the palm: its force, the centre of its pressure, its mean
-    normal there, and how many of its taxels are pressed. A few numbers a patch, whatever the number
-    of taxels; a forest on them is a hard competitor.
+    r"""Summarises each patch in the frame of the palm: its force, the centre of its pressure, its
+    mean normal there, and how many of its taxels are pressed. This is a few numbers per patch,
+    whatever the number of taxels; a forest on them is a strong baseline.
 
     What a taxel feels is its reading less its median over the samples that this was fitted on; its
     strength :math:`w_i` is the length of that, and it is pressed if :math:`w_i` is above a
@@ -119,6 +119,12 @@ def posed_summary(x: Any, layout: TaxelLayout | PathLike) -> np.ndarray:
     Args:
         x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
         layout (TaxelLayout or str or PathLike): The taxels.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> x = np.array([[0.0, 0.0], [0.0, 2.0], [0.0, 0.0]])[:, :, None]
+        >>> posed_summary(x, grid(1, 2, pitch=0.01)).shape
+        (3, 8)
     """
     features: np.ndarray = PosedSummary(layout).fit(x).transform(x)
     return features

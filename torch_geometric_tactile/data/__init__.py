@@ -1,4 +1,4 @@
-r"""Recordings as data: one topology, many samples.
+r"""Recordings, and data sets whose samples share one topology.
 
 The names are those of the stub beside this file. They load on first use, so that a live robot
 needs no :obj:`torch` for what works without.

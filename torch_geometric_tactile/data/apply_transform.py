@@ -17,7 +17,7 @@ _EDGES = ("edge_index", "edge_attr", "edge_weight")
 
 
 class StaticRule(NamedTuple):
-    r"""Which attributes a transform reads and adds.
+    r"""Describes which attributes a transform reads and adds.
 
     Args:
         reads (tuple of str, optional): The attributes that its result follows from. If all samples
@@ -115,7 +115,7 @@ def static_rule(transform: Transform) -> StaticRule:
 
 
 def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
-    r"""Applies a transform to many samples at once, with the result of applying it to each.
+    r"""Applies a transform to many samples at once. The result is that of applying it to each.
 
     * A transform that declares :obj:`supports_static = True` gets all samples in one call.
     * PyG's deterministic transforms of edges and positions

@@ -11,7 +11,7 @@ _SMALL = 256  # numbers of a frame, up to which all windows are gathered at once
 
 
 def split_frames(x: Tensor, num_frames: int) -> Tensor:
-    r"""Returns a window of frames with a dimension for time and one for channels.
+    r"""Reshapes a window of frames so that time and channels have a dimension each.
 
     In a window, each taxel has all frames of its first channel, then all of its second, and so on.
     This function and :func:`join_frames` are the places that know this order.
@@ -43,8 +43,8 @@ def split_frames(x: Tensor, num_frames: int) -> Tensor:
 
 
 def join_frames(x: Tensor) -> Tensor:
-    r"""Returns frames as a window, each taxel with all frames of its first channel, then all of its
-    second, and so on: the inverse of :func:`split_frames`.
+    r"""Reshapes frames to a window, in which each taxel has all frames of its first channel, then
+    all of its second, and so on: the inverse of :func:`split_frames`.
 
     Args:
         x (torch.Tensor): The frames :math:`(\ldots, N, T, C)`.

@@ -9,8 +9,8 @@ ROWS = COLUMNS = 32
 
 
 def image_of(x: Tensor) -> Tensor:
-    r"""Returns the images that the readings of a 32 x 32 grid are, such as those of
-    :func:`~torch_geometric_tactile.sensors.letter_array`, without a copy.
+    r"""Returns the readings of a 32 x 32 grid, such as
+    :func:`~torch_geometric_tactile.sensors.letter_array`, as images, without a copy.
 
     Args:
         x (torch.Tensor): The readings, row by row.
@@ -49,13 +49,21 @@ class _HasImage:
 
 
 class ImageData(_HasImage, Data):
-    r"""A sample, or a PyG batch of samples, with :obj:`image`, a view of :obj:`x`."""
+    r"""A sample, or a PyG batch of samples, of a 32 x 32 pressure array, with its readings as
+    :obj:`image`, a view of :obj:`x`.
+
+    Examples:
+        >>> import torch
+        >>> data = ImageData(x=torch.zeros(1024, 1))
+        >>> data.image.shape
+        torch.Size([1, 1, 32, 32])
+    """
 
 
 class StaticImages(_HasImage, StaticData):
-    r"""Many samples on one topology, with :obj:`image`, a view of :obj:`x`. Its samples are
-    :class:`ImageData`. The image is no attribute of its own: it follows :obj:`x` through all
-    transforms and selections, and takes no place in files or batches.
+    r"""Many samples on one topology, with their readings as :obj:`image`, a view of :obj:`x`. Its
+    samples are :class:`ImageData`. The image is not stored: it follows :obj:`x` through all
+    transforms and selections, and takes no space in files or batches.
 
     Examples:
         >>> import torch

@@ -8,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LiveFrame:
-    r"""One frame of a live sensor, as it came.
+    r"""One frame of a live sensor, as it was received.
 
     Missing and dead taxels are NaN, never invented numbers. Nothing is checked here: decoders and
     sources are the border.

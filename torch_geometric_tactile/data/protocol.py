@@ -23,7 +23,8 @@ _TRAIN, _VAL, _TEST, _NONE = range(4)
 
 
 class Split(NamedTuple):
-    r"""Indices into a data set, sorted: :obj:`train`, :obj:`val` and :obj:`test`.
+    r"""The sorted sample indices of the three parts of a data set: :obj:`train`, :obj:`val` and
+    :obj:`test`.
 
     Examples:
         >>> split = Split(torch.tensor([0, 1]), torch.tensor([2]), torch.tensor([3]))
@@ -38,9 +39,9 @@ class Split(NamedTuple):
 
 @dataclass(frozen=True)
 class Protocol:
-    r"""What is held out of a data set to validate and to test on. A frozen value, equal to another
-    with the same arguments; which of the random splits is drawn is the :obj:`seed` of
-    :meth:`split`.
+    r"""Describes which samples of a data set are held out for validation and test. A frozen value,
+    equal to another with the same arguments; the :obj:`seed` of :meth:`split` chooses among the
+    random splits.
 
     * ``Protocol("trial")`` holds out random fractions, :obj:`val` and :obj:`test`;
     * ``Protocol("trial", folds=5)`` tests on each of five random folds in turn;

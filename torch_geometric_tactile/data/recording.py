@@ -25,7 +25,7 @@ _FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    r"""One trial on one sensor. Frozen, and checked at construction.
+    r"""The readings of one trial on one sensor. Frozen, and checked at construction.
 
     Missing and dead taxels are NaN, never invented numbers; so are masked readings and angles of
     masked arrays. Arrays are taken as they are, without a copy, where their type fits.

@@ -21,7 +21,7 @@ __all__ = [
 
 
 class Fold(NamedTuple):
-    r"""Indices into a data set, sorted: :obj:`train` and what is held out, :obj:`test`.
+    r"""The sorted sample indices of one fold: :obj:`train`, and :obj:`test` that is held out.
 
     Examples:
         >>> import torch

@@ -1,4 +1,4 @@
-r"""Frames of your own recordings, published data sets, and a generated one."""
+r"""Data sets: published ones, generated ones, and your own recordings."""
 
 from torch_geometric_tactile.datasets.allegro_uskin import AllegroUSkin
 from torch_geometric_tactile.datasets.bigs import BiGS

@@ -15,7 +15,7 @@ _SESSIONS = ("palm_down", "palm_side", "palm_45")
 
 class FakeTactileDataset(StaticDataset):
     r"""Generated grasps in the form of :class:`~torch_geometric_tactile.datasets.BioTacSP`, for
-    tests, examples and machines without a network.
+    tests, examples and machines without network access.
 
     The readings come from :func:`~torch_geometric_tactile.sim.simulate_grasps`; no number of it is
     a measurement. The test split has other objects and other sessions than the training split.

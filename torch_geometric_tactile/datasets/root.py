@@ -7,11 +7,15 @@ import pooch
 
 
 def default_root(name: str) -> Path:
-    r"""Returns the folder of a data set that was given no root: :obj:`$TACTILE_DATA/name`, or one
-    in the user's cache folder if that variable is not set.
+    r"""Returns the default folder of a data set: :obj:`$TACTILE_DATA/name`, or a folder in the
+    user's cache if that variable is not set.
 
     Args:
         name (str): Name of the data set.
+
+    Examples:
+        >>> default_root("bts3").name
+        'bts3'
     """
     parent = os.environ.get("TACTILE_DATA")
     base = (

@@ -22,8 +22,8 @@ _logger = logging.getLogger(__name__)
 
 
 class SamplesFile(StaticDataset):
-    r"""The labelled samples of an npz file of plain arrays, as :func:`numpy.savez` writes them: see
-    :func:`~torch_geometric_tactile.io.read_samples_npz` for their names.
+    r"""The labelled samples of an npz file of plain arrays, as :func:`numpy.savez` writes them;
+    :func:`~torch_geometric_tactile.io.read_samples_npz` lists their names.
 
     Readings :obj:`x` are :math:`(S, N)`, :math:`(S, N, F)`, or :math:`(S, N, \ldots)` with all
     further dimensions (time, axes) as channels; for a grid also :math:`(S, rows, cols)` and

@@ -1,1 +1,1 @@
-r"""Experiments as values, and what runs them. Needs the extra ``train``."""
+r"""Experiments as values, and the functions that run them. Needs the extra ``train``."""

@@ -1,4 +1,4 @@
-r"""File formats: one per file, the only home of byte layouts.
+r"""Readers, writers and decoders of file and wire formats, one format per file.
 
 The names are those of the stub beside this file. They load on first use, so that a live robot
 needs no :obj:`torch` for what works without.

@@ -34,7 +34,7 @@ _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 
 @dataclass(frozen=True)
 class BiGSFormat:
-    r"""How files of one grasp each are to be read by
+    r"""Describes the names, orders and units in files of one grasp each, for
     :func:`~torch_geometric_tactile.io.read_bigs`.
 
     Args:

@@ -19,7 +19,8 @@ _EXTRA = ("pressure", "pac", "robot_joint", "finger_joint")
 
 
 def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
-    r"""Reads a grasp of the BiGS data set from a file of its holder.
+    r"""Reads a grasp of the BiGS data set from an HDF5 or npz file, whose names, orders and units a
+    :class:`BiGSFormat` describes.
 
     Args:
         path (str or PathLike): An HDF5 or npz file with one grasp.
@@ -35,6 +36,18 @@ def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
         ValueError: If the file is cut or damaged, lacks a field, or an array has another shape or
             length than is stated, times do not increase or do not fit the rate, or the outcome is
             no truth value. The message names file and field.
+
+    Examples:
+        >>> import tempfile
+        >>> import numpy as np
+        >>> time, electrodes = np.arange(60) / 100, np.full((60, 19, 3), 2000, np.int16)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "ball_003.npz"
+        ...     single = {"success": 1, "object": "ball", "trial": 3, "pickup_time": 0.3}
+        ...     np.savez(path, time=time, electrodes=electrodes, **single)
+        ...     recording = read_bigs(path)
+        >>> recording.tactile.shape, recording.label
+        ((60, 19, 3), 'success')
     """
     path = Path(path)
     return _Grasp(path, layout or BiGSFormat()).recording()

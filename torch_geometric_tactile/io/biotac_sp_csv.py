@@ -19,11 +19,16 @@ _COLUMNS = ("object", "slipped", *_READING_COLUMNS)
 
 
 class GraspTable(NamedTuple):
-    r"""Grasps as a file holds them.
+    r"""The grasps of one file of the BioTac SP stability set.
 
     :obj:`reading` are counts :math:`(S, 24, 3)` (electrode, then index finger, middle finger,
     thumb), :obj:`slipped` is 1 where the object slipped :math:`(S,)`, :obj:`object_names` names
     the object of each grasp.
+
+    Examples:
+        >>> table = GraspTable(np.zeros((2, 24, 3)), np.array([0, 1]), ["cup", "can"])
+        >>> table.object_names[1], table.reading[1].shape
+        ('can', (24, 3))
     """
 
     reading: np.ndarray

@@ -9,7 +9,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 
 @dataclass(slots=True)
 class DecoderCounts:
-    r"""What a decoder has seen.
+    r"""The numbers of good, corrupt and lost frames and of skipped bytes of a decoder.
 
     Args:
         good (int): Frames that were whole, and passed the check if the format has one.
@@ -32,7 +32,8 @@ class DecoderCounts:
 
 
 class Decoder(ABC):
-    r"""Base class of decoders: bytes in, frames out. It has no port, no thread and no clock.
+    r"""Base class of decoders, which turn bytes into frames. A decoder has no port, no thread and
+    no clock.
 
     Attributes:
         counts (DecoderCounts): What it has seen.
@@ -41,6 +42,21 @@ class Decoder(ABC):
         baudrate (int): Speed of the serial line in bits per second.
         clock_period (float, optional): After how many seconds the clock of the device starts
             over; :obj:`None` if it has no clock or never does.
+
+    Examples:
+        >>> import numpy as np
+        >>> class OneByte(Decoder):
+        ...     def feed(self, data, now):
+        ...         self.counts.good += len(data)
+        ...         return [
+        ...             LiveFrame(i, now / 1e9, now, None, np.float32([[value]]))
+        ...             for i, value in enumerate(data)
+        ...         ]
+        ...     def reset(self):
+        ...         pass
+        >>> decoder = OneByte()
+        >>> [float(frame.tactile[0, 0]) for frame in decoder.feed(b"\x01\x02", now=0)]
+        [1.0, 2.0]
     """
 
     checksum: ClassVar[str] = "none"

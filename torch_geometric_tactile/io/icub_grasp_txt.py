@@ -24,7 +24,7 @@ _LINES = (
 
 
 class ICubGraspFrames(NamedTuple):
-    r"""A trial as a file holds it.
+    r"""The frames of one trial of the iCub Grasp data set, as stored in its file.
 
     :obj:`reading` are counts :math:`(T, 60)`, finger by finger (thumb, index, middle, ring, little)
     and taxel by taxel, lower where pressed; :obj:`encoder` are joint angles in radians

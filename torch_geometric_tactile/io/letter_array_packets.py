@@ -17,7 +17,8 @@ _SIZE = len(_HEADER) + 4 + 2 * _SIDE**2 + 4
 
 
 def encode_letter_array(sequence: int, counts: np.ndarray) -> bytes:
-    r"""Returns one packet, as a microcontroller sends it: what :class:`LetterArrayDecoder` reads.
+    r"""Encodes one packet of a 32 x 32 pressure array, as a microcontroller sends it and
+    :class:`LetterArrayDecoder` reads it.
 
     Args:
         sequence (int): Number of the frame; 32 bits of it are sent.
@@ -44,7 +45,8 @@ def encode_letter_array(sequence: int, counts: np.ndarray) -> bytes:
 
 
 class LetterArrayDecoder(HeaderDecoder):
-    r"""Decoder of our packets of the 32 x 32 array of the letters.
+    r"""Decoder of this package's own packets of a 32 x 32 pressure array, such as that of the
+    letters.
 
     No framing of the array is published, so this one is ours: A5 5A 4C 41, the number of the
     frame as little-endian uint32, 1024 little-endian uint16 row by row, and the CRC32 (that of

@@ -20,8 +20,8 @@ _MODES = ("L", "I;16", "I")  # the last one is what older versions of Pillow tak
 
 def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
     r"""Reads a grey image of 8 or 16 bits. Its size is checked before it is unpacked, and every
-    part of it is compared with its checksum. Colours are refused, since nothing tells how they are
-    to become grey.
+    part is compared with its checksum. Colour images are refused, since nothing says how to convert
+    them to grey.
 
     Args:
         path (str or PathLike): The file.

@@ -19,7 +19,7 @@ from torch_geometric_tactile.typing import PathLike
 
 @dataclass(frozen=True)
 class RepairReport:
-    r"""What was saved of a file.
+    r"""The number of messages and chunks that :func:`repair_mcap` saved, and the damage it found.
 
     Args:
         messages (dict of str to int): Number of messages saved, by topic.
@@ -27,6 +27,11 @@ class RepairReport:
         skipped_bytes (int): Bytes in which nothing could be read.
         damage (tuple of str): What was wrong; empty for a whole file.
         seconds (float): From the first to the last message that was saved.
+
+    Examples:
+        >>> report = RepairReport({"tactile.Frame": 20}, 1, 0, damage=(), seconds=0.19)
+        >>> print(report)
+        saved 20 tactile.Frame (0.19 s, 1 chunks); left out 0 bytes: it was whole
     """
 
     messages: dict[str, int]
@@ -45,8 +50,8 @@ class RepairReport:
 
 
 def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
-    r"""Writes a whole file with what can be saved of another one, of all topics. Attachments are
-    left out.
+    r"""Repairs an MCAP file: writes a new file with all that can be read of a damaged one, of all
+    topics. Attachments are left out.
 
     Args:
         path (str or PathLike): The file, which stays as it is.

@@ -51,7 +51,8 @@ def read_named_csv(
     unit: str | None = None,
     rate: float = 100.0,
 ) -> Recording:
-    r"""Reads a recording from a CSV file with one frame a row and a header with names.
+    r"""Reads a recording from a CSV file with one frame per row and a header with the names of the
+    columns.
 
     Empty cells and :obj:`nan` are missing readings.
 

@@ -26,7 +26,7 @@ def encode_packet(
     device_time: float | None = None,
     joint: np.ndarray | None = None,
 ) -> bytes:
-    r"""Returns one packet, as a device sends it: what :class:`CobsDecoder` reads.
+    r"""Encodes one packet, as a device sends it and :class:`CobsDecoder` reads it.
 
     Args:
         sequence (int): Number of the frame; 32 bits of it are sent.
@@ -80,7 +80,8 @@ def _require_cobs() -> Any:
 
 
 class CobsDecoder(Decoder):
-    r"""Decoder of our own packets: COBS with a zero byte at both ends, sequence number, CRC32.
+    r"""Decoder of this package's own packets: COBS with a zero byte at both ends, a sequence number
+    and a CRC32.
 
     The bytes are in ``docs/serial_formats.md``, with a sender in C. A damaged packet never passes
     but by the chance of its CRC32 (:math:`2^{-32}`), and never takes an intact neighbour with it.

@@ -27,7 +27,7 @@ PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(
 
 
 def decoder_of(protocol: str, **settings: Any) -> Decoder:
-    r"""Returns the decoder of a protocol.
+    r"""Returns the decoder of a serial protocol by its name.
 
     Args:
         protocol (str): A name of :obj:`PROTOCOLS`.

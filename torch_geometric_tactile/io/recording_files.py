@@ -94,7 +94,8 @@ def recording_format(path: PathLike) -> str:
 
 
 def read_recording(path: PathLike, **kwargs: Any) -> Recording:
-    r"""Reads a recording, in the format that :meth:`recording_format` finds.
+    r"""Reads a recording from a file of any supported format, as :func:`recording_format` detects
+    it.
 
     Args:
         path (str or PathLike): The file.
@@ -135,8 +136,8 @@ def _options(reader: Callable[..., Recording]) -> list[str]:
 
 def write_recording(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.mcap``,
-    ``.csv`` (one frame a row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot
-    hold is logged as a warning.
+    ``.csv`` (one frame per row), ``.jsonl`` or ``.ndjson`` (XELA messages). What the format cannot
+    store is logged as a warning.
 
     Args:
         recording (Recording): The recording.

@@ -64,7 +64,7 @@ _CHECKSUMS_PER_CHUNK = 1024
 
 
 def write_hdf5(recording: Recording, path: PathLike) -> None:
-    r"""Writes a recording as a compressed HDF5 file that is either whole or absent.
+    r"""Writes a recording as a compressed HDF5 file that is either complete or absent.
 
     Args:
         recording (Recording): The recording.
@@ -87,7 +87,7 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
 
 
 def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
-    r"""Reads a recording from an HDF5 file. Frames of an append that was killed are left out.
+    r"""Reads a recording from an HDF5 file. Frames of an append that was interrupted are left out.
 
     Args:
         path (str or PathLike): A file as :meth:`write_hdf5` or :meth:`append_hdf5` writes it.
@@ -116,7 +116,7 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
 
 
 def read_hdf5_head(path: PathLike) -> Recording:
-    r"""Reads what an HDF5 file says about its recording, and none of its frames.
+    r"""Reads the metadata of a recording in an HDF5 file, without its frames.
 
     Args:
         path (str or PathLike): A file as :meth:`write_hdf5` or :meth:`append_hdf5` writes it.
@@ -144,7 +144,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
 
 
 def append_hdf5(recording: Recording, path: PathLike) -> None:
-    r"""Adds frames to the end of an HDF5 file, which is made if missing.
+    r"""Appends frames to an HDF5 file, which is created if missing.
 
     All frames of a call are added or none. What earlier calls added stays as it is on the disk and
     can be read whenever the process is killed or the disk is full. Only a power failure may damage

@@ -45,7 +45,7 @@ _LATEST = 2**62 / _NANO  # seconds whose nanoseconds fit a file, the year 2116
 
 
 class McapWriter:
-    r"""Writes a recording frame by frame.
+    r"""Writes a recording to an MCAP file, frame by frame.
 
     A quarter of a second after its first frame, a chunk is closed and handed to the operating
     system: whatever happens to the process, only what came after that is lost. A power failure
@@ -70,6 +70,16 @@ class McapWriter:
         FileExistsError: If the file exists, and :obj:`overwrite` is false.
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the file cannot be made.
+
+    Examples:
+        >>> import tempfile
+        >>> from torch_geometric_tactile.io import read_mcap
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "grasp.mcap"
+        ...     with McapWriter(path, label="cup") as writer:
+        ...         writer.write_frame(LiveFrame(0, 0.0, 0, None, np.ones((4, 3), np.float32)))
+        ...     read_mcap(path).label
+        'cup'
     """
 
     def __init__(
@@ -99,7 +109,7 @@ class McapWriter:
         try:
             self._writer.start(library="torch_geometric_tactile")
             self._writer.add_metadata(
-                METADATA_NAME, self._metadata(checked, layout or "", live, schemas)
+                METADATA_NAME, _metadata(checked, layout or "", live, schemas, self._anchor)
             )
             for topic, schema in schemas.items():
                 number = self._writer.register_schema(topic, "protobuf", schema)
@@ -108,22 +118,6 @@ class McapWriter:
         except BaseException:
             self._output.close()
             raise
-
-    def _metadata(
-        self, checked: Recording, layout: str, live: bool, schemas: Mapping[str, bytes]
-    ) -> dict[str, str]:
-        texts = {
-            "version": str(VERSION),
-            "label": json.dumps(checked.label, ensure_ascii=False),
-            "meta": json.dumps(dict(checked.meta), ensure_ascii=False),
-            "layout": layout,
-            "unix_ns": str(self._anchor[0]),
-            "monotonic_ns": str(self._anchor[1]),
-            "live": str(int(live)),
-            # A file whose first chunk is damaged has lost its table of channels.
-            "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
-        }
-        return {**texts, "crc32": str(texts_checksum(texts))}
 
     def _log_time(self, time: float) -> int:
         return max(0, self._anchor[0] + _nanoseconds(time) - self._anchor[1])
@@ -292,6 +286,27 @@ class McapWriter:
         self.close()
 
 
+def _metadata(
+    checked: Recording,
+    layout: str,
+    live: bool,
+    schemas: Mapping[str, bytes],
+    anchor: tuple[int, int],
+) -> dict[str, str]:
+    texts = {
+        "version": str(VERSION),
+        "label": json.dumps(checked.label, ensure_ascii=False),
+        "meta": json.dumps(dict(checked.meta), ensure_ascii=False),
+        "layout": layout,
+        "unix_ns": str(anchor[0]),
+        "monotonic_ns": str(anchor[1]),
+        "live": str(int(live)),
+        # A file whose first chunk is damaged has lost its table of channels.
+        "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
+    }
+    return {**texts, "crc32": str(texts_checksum(texts))}
+
+
 def texts_checksum(texts: Mapping[str, str]) -> int:
     r"""Returns the CRC-32 of names and texts.
 
@@ -314,7 +329,7 @@ def _signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def write_mcap(recording: Recording, path: PathLike) -> None:
-    r"""Writes a recording as an MCAP file that is either whole or absent.
+    r"""Writes a recording as an MCAP file that is either complete or absent.
 
     Args:
         recording (Recording): The recording.

@@ -28,7 +28,7 @@ _TEXTS = ("format", "version", "arrays", "label", "meta")
 
 
 def write_npz(recording: Recording, path: PathLike) -> None:
-    r"""Writes a recording as a compressed npz file that is either whole or absent.
+    r"""Writes a recording as a compressed npz file that is either complete or absent.
 
     Args:
         recording (Recording): The recording.

@@ -33,7 +33,8 @@ NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS = 384, 3, 16
 
 
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
-    r"""Writes a recording as a CSV file with a header and the time in front, whole or not at all.
+    r"""Writes a recording as a CSV file with a header and the time in the first column. The file is
+    either complete or absent.
 
     Readings come back equal. Label, metadata, further signals and what only a simulator knows have
     no place in the file; a warning is logged when there are any.
@@ -86,7 +87,7 @@ def read_wide_csv(
     rate: float = 100.0,
     header: bool | None = None,
 ) -> Recording:
-    r"""Reads a recording from a CSV file with one frame a row.
+    r"""Reads a recording from a CSV file with one frame per row.
 
     The names of the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
     :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ... A name may end in a unit:

@@ -41,7 +41,7 @@ _JSON = json.JSONDecoder(strict=False, parse_float=_Floats().__getitem__)
 
 
 def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None:
-    r"""Reads the text of one message.
+    r"""Parses the JSON text of one message of XELA's server.
 
     Args:
         text (str or bytes): The text, as it comes from the WebSocket.

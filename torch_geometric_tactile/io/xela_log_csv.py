@@ -15,8 +15,8 @@ _COLUMN = re.compile(r"(force )?([0-9]{1,9})([xyz])")
 
 
 def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
-    r"""Reads a log with the header ``Receive time,Send time,Message number,1X,1Y,1Z,...`` and,
-    where the sensor is calibrated, ``Force 1X,Force 1Y,Force 1Z,...``.
+    r"""Reads a recording from a XELA log with the header ``Receive time,Send time,Message
+    number,1X,1Y,1Z,...`` and, for a calibrated sensor, ``Force 1X,Force 1Y,Force 1Z,...``.
 
     The log has about 500 rows per second, and most repeat the readings of the row before, under a
     number and a time of their own. Such a row, or one with the number or the send time of the row

@@ -32,13 +32,19 @@ XELA_VERSION = "1.8.0"
 
 
 class XelaFrame(NamedTuple):
-    r"""One message.
+    r"""The content of one message of XELA's server.
 
     :obj:`reading` are counts or newtons :math:`(N, 3)` of all sensors, one after another by their
     number; :obj:`taxels`, :obj:`models` and :obj:`handedness` have one entry for each sensor;
     :obj:`time` are seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature in
     kelvins and the updates per second of each taxel :math:`(N,)`, as the server says them: NaN
     where it says none that can be read, :obj:`None` if it says nothing of them.
+
+    Examples:
+        >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
+        >>> frame = parse_xela_message(message)
+        >>> frame.number, frame.time, frame.reading.shape
+        (7, 1500000000.0, (4, 3))
     """
 
     number: int
@@ -53,7 +59,7 @@ class XelaFrame(NamedTuple):
 
 
 def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> XelaFrame:
-    r"""Reads one message.
+    r"""Parses one message of XELA's server.
 
     Args:
         message (Mapping): The message, as :func:`json.loads` gives it; with
@@ -297,7 +303,7 @@ def format_xela_message(
     forces: np.ndarray | None = None,
     version: str = XELA_VERSION,
 ) -> dict[str, Any]:
-    r"""Returns one message as XELA's server sends it, ready for :func:`json.dumps`.
+    r"""Returns one message in the form of XELA's server, ready for :func:`json.dumps`.
 
     Args:
         counts (numpy.ndarray): Counts of all taxels :math:`(N, 3)`, whole numbers from 0 to 65535.

@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
-    r"""Reads a file of messages.
+    r"""Reads a recording from a file of messages of XELA's server.
 
     There may be one message a line, or one over several lines, with lines of a log between them.
     A greeting (``{"message": "Welcome"}``) is skipped. A message with the number of the one before
@@ -170,7 +170,8 @@ def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def write_xela_messages(
     recording: Recording, path: PathLike, forces: Recording | None = None, first_number: int = 1
 ) -> None:
-    r"""Writes a recording as messages, one a line; whole or not at all.
+    r"""Writes a recording as messages of XELA's server, one per line. The file is either complete
+    or absent.
 
     Sensors, models, handedness and version are those that :meth:`read_xela_messages` leaves in the
     metadata. Joints, label, other metadata, further signals and what only a simulator knows have no

@@ -23,7 +23,8 @@ _LATEST = 1e11  # seconds
 
 
 class XelaReader:
-    r"""Reads one message after another, each as :func:`parse_xela_text` reads it.
+    r"""Parses the messages of XELA's server one after another, each as :func:`parse_xela_text`
+    does.
 
     A message that differs from the one before in its numbers only is not read as JSON: its numbers
     are where they were. This is three times as fast, and what a hand sends 500 times a second.

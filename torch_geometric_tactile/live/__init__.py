@@ -1,4 +1,4 @@
-r"""From the cable to the label: live frames, recorded, shown and judged.
+r"""Live sensors: reading, recording and showing their frames, and running models on them.
 
 The names are those of the stub beside this file. They load on first use, so that a live robot
 needs no :obj:`torch` for what works without.

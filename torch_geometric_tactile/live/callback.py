@@ -41,7 +41,7 @@ class Callback:
         """
 
     def on_judgement(self, session: "LiveSession", judgement: "Judgement") -> None:
-        r"""Called with what the model says of a frame.
+        r"""Called with the prediction of the model for a frame.
 
         Args:
             session (LiveSession): The session.

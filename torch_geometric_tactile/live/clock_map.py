@@ -8,7 +8,7 @@ _BATCH = 0.5  # seconds from the first to the last frame that may arrive togethe
 
 
 class ClockMap:
-    r"""Maps times of a device to this host's monotonic clock, as frames come.
+    r"""Maps times of a device to this host's monotonic clock while frames arrive.
 
     A frame is never early and often late: by the jitter of the cable, the driver and the system. So
     the least difference of host and device over the last seconds is the best guess of the

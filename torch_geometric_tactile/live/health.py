@@ -19,7 +19,7 @@ _STALE = _NS
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    r"""The state of a stream at one moment.
+    r"""The state, frame rate and error counts of a stream at one moment.
 
     Args:
         state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but nothing comes),
@@ -77,11 +77,23 @@ class Health:
 
 
 class HealthMeter:
-    r"""Measures the health of a stream. One thread reports frames, any thread may read it.
+    r"""Measures the frame rate, losses and stale taxels of a stream. One thread reports frames, any
+    thread may read the result.
 
     Attributes:
         dropped (int): Frames that slow subscribers did not get.
         reconnects (int): How often the source was opened again.
+
+    Examples:
+        >>> from torch_geometric_tactile.data import Recording
+        >>> from torch_geometric_tactile.live import ReplaySource
+        >>> recording = Recording(time=np.arange(3) / 100, tactile=np.zeros((3, 4, 3)))
+        >>> meter, source = HealthMeter(), ReplaySource(recording, speed=0)
+        >>> with source:
+        ...     for frame in source.read(timeout=1.0):
+        ...         meter.observe(frame)
+        >>> meter.snapshot("open", source).frames
+        3
     """
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judgement:
-    r"""The answer of a model for a frame, or for the window that ends with it.
+    r"""The prediction of a model for a frame, or for the window of frames that ends with it.
 
     Args:
         sequence (int): Number of the frame.
@@ -37,6 +37,12 @@ class Judgement:
             the answer. A graph in ONNX does most of what prepares a frame within the model.
         threshold (float, optional): Of two classes, the probability of the second above which it is
             the label; one half if left out.
+
+    Examples:
+        >>> answer = np.array([0.2, 0.8])
+        >>> judgement = Judgement(7, 0.07, 0, 0, answer, ("stable", "slip"), "multiclass", {})
+        >>> judgement.label
+        'slip'
     """
 
     sequence: int
@@ -65,7 +71,7 @@ class Judgement:
 
 
 class Judge:
-    r"""Applies a model to live frames.
+    r"""Runs a model on live frames.
 
     A model of windows has an answer from the first full window on, and then one for each frame; a
     recurrent one goes from frame to frame. After a loss of frames it starts with an empty window.
@@ -86,6 +92,17 @@ class Judge:
         ImportError: If onnxruntime is missing.
         ValueError: If the file is no model, or the model needs a rest and there is none; on a call,
             if a frame has other taxels, channels or joints.
+
+    Examples:
+        >>> from torch_geometric_tactile import Predictor
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.nn.models import TaxelNet
+        >>> dataset = FakeTactileDataset(num_samples=20)
+        >>> model = TaxelNet(dataset.layout, in_channels=3, out_channels=2)
+        >>> judge = Judge(Predictor.from_dataset(model, dataset))
+        >>> frame = LiveFrame(0, 0.0, 0, None, dataset[0].x.numpy())
+        >>> judge(frame).class_names
+        ('stable', 'slip')
     """
 
     def __init__(

@@ -19,8 +19,8 @@ _DIGEST = re.compile(rb'"sha256": "([0-9a-f]{64})"')
 
 
 class OnnxModel:
-    r"""A predictor in the file that ``tactile export`` wrote. It needs numpy and onnxruntime, and
-    computes in one thread.
+    r"""Runs a predictor that ``tactile export`` wrote as an ONNX file. It needs numpy and
+    onnxruntime, and computes in one thread.
 
     Args:
         path (str or PathLike): The file.
@@ -37,6 +37,11 @@ class OnnxModel:
         FileNotFoundError: If there is no such file.
         ImportError: If onnxruntime is missing.
         ValueError: If the file is no such model, or one of a later version.
+
+    Examples:
+        >>> model = OnnxModel("slip.onnx")  # doctest: +SKIP
+        >>> model.info["class_names"]  # doctest: +SKIP
+        ['stable', 'slip']
     """
 
     def __init__(self, path: PathLike) -> None:

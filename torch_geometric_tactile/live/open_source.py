@@ -18,7 +18,7 @@ _FORMS = (
 
 
 def open_source(url: str, **settings: Any) -> Source:
-    r"""Returns the source of a URL, which is not opened yet.
+    r"""Returns the source of a URL, without opening it.
 
     ============================================ ===================================================
     :obj:`serial:PORT?protocol=NAME`             :class:`SerialSource` with the decoder of

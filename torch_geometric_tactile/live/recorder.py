@@ -4,6 +4,7 @@ import logging
 import os
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -27,13 +28,11 @@ _HEALTH_SECONDS = 1.0
 
 
 class Recorder:
-    r"""Writes all frames of a stream into a file, in a thread of its own.
+    r"""Writes all frames of a stream to a file, in a separate thread.
 
-    The file has its name from the first frame on, and not only at the end. After a crash it is
-    where it was asked for, with all but the last quarter of a second (HDF5: the last second), and
-    :func:`~torch_geometric_tactile.io.read_recording` reads it as it is. A file under a temporary
-    name would have to be found and renamed by hand, or be taken for a leftover and removed. For the
-    same reason a file that exists is never replaced unasked.
+    The file has its final name from the first frame on. After a crash it holds all but the last
+    quarter of a second (HDF5: the last second), and can be read as it is by
+    :func:`~torch_geometric_tactile.io.read_recording`. An existing file is not replaced unasked.
 
     Start it before the stream is opened, so that no frame is missed. Nothing is dropped in silence:
     what goes wrong, such as a full disk, a stream that died or one that was too fast for the disk,
@@ -61,6 +60,18 @@ class Recorder:
         FileExistsError: If the file exists, and :obj:`overwrite` is false.
         FileNotFoundError: If its folder does not exist.
         ValueError: If the suffix is unknown.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from torch_geometric_tactile.live import ReplaySource, Stream
+        >>> recording = Recording(time=np.arange(5) / 100, tactile=np.ones((5, 4, 3)))
+        >>> with TemporaryDirectory() as folder:
+        ...     stream = Stream(ReplaySource(recording, speed=0))
+        ...     subscription = stream.subscribe("all")
+        ...     with Recorder(Path(folder) / "grasp.mcap", stream) as recorder, stream:
+        ...         frames = list(subscription)
+        >>> recorder.frames
+        5
     """
 
     def __init__(
@@ -112,7 +123,7 @@ class Recorder:
         self._thread.start()
 
     def judgement(self, judgement: Any) -> None:
-        r"""Writes what a model said of a frame.
+        r"""Writes the prediction of a model for a frame.
 
         Args:
             judgement (Judgement): What it said.
@@ -217,12 +228,7 @@ class Recorder:
 
     def _open(self, frame: LiveFrame) -> None:
         # Only now, since a source knows all about its readings when it is open.
-        meta = {
-            **self.stream.meta,
-            "source": self.stream.source.name,
-            "checksum": self.stream.source.checksum,
-            "recorded_at": self.stream.anchor[0] / 1e9,
-        }
+        meta = _meta(self.stream)
         if self.layout is not None:
             self._open_points(meta)
         name = meta.get("sensor")
@@ -266,15 +272,20 @@ class Recorder:
         if not self._told:
             self._told = True
             _log.warning("'%s': infinite readings are written as missing", self.path)
-        return LiveFrame(
-            frame.sequence,
-            frame.time,
-            frame.received,
-            frame.device_time,
-            np.where(np.isinf(frame.tactile), np.nan, frame.tactile).astype(np.float32),
-            None if joint is None else np.where(np.isinf(joint), np.nan, joint),
-            frame.extra,
+        return replace(
+            frame,
+            tactile=np.where(np.isinf(frame.tactile), np.nan, frame.tactile).astype(np.float32),
+            joint=None if joint is None else np.where(np.isinf(joint), np.nan, joint),
         )
+
+
+def _meta(stream: "Stream") -> dict[str, Any]:
+    return {
+        **stream.meta,
+        "source": stream.source.name,
+        "checksum": stream.source.checksum,
+        "recorded_at": stream.anchor[0] / 1e9,
+    }
 
 
 def _check_target(path: Path, overwrite: bool) -> None:

@@ -19,8 +19,8 @@ _CLOSE = 0.5
 
 
 class ReplayServer:
-    r"""Plays a recording to any number of WebSocket clients, in the messages of XELA's server: a
-    stand-in for tests without a hand.
+    r"""Replays a recording to any number of WebSocket clients in the message format of XELA's
+    server, for tests without a hand.
 
     It begins with the first client. Each one gets :obj:`{"message": "Welcome"}` and then the
     frames, in the time of the recording; one that reads so slowly that it is 2 seconds late misses
@@ -42,6 +42,14 @@ class ReplayServer:
         ImportError: If the extra :obj:`live` is missing.
         OSError: If the port is taken, when it is started.
         ValueError: If the readings are no counts from 0 to 65535, or the speed is not positive.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.live import XelaSource
+        >>> recording = Recording(time=np.arange(5) / 100, tactile=np.full((5, 4, 3), 30000))
+        >>> with ReplayServer(recording, port=0) as server, XelaSource(server.url) as source:
+        ...     source.read(timeout=1.0)[0].tactile.shape
+        (4, 3)
     """
 
     def __init__(

@@ -16,8 +16,8 @@ _CHUNK = 64  # frames of one read, if there are no times to keep
 
 
 class ReplaySource(Source):
-    r"""Gives the frames of a recording at their times. It is read once, and its frames are views of
-    its arrays; :obj:`device_time` is the time in the recording.
+    r"""Replays the frames of a recording at their recorded times. The recording is read once, and
+    the frames are views of its arrays; :obj:`device_time` is the time in the recording.
 
     Args:
         path (str, PathLike or Recording): A file of any format that
@@ -28,6 +28,13 @@ class ReplaySource(Source):
 
     Raises:
         ValueError: If :obj:`speed` is negative or NaN.
+
+    Examples:
+        >>> recording = Recording(time=np.arange(5) / 100, tactile=np.ones((5, 4, 3)))
+        >>> with ReplaySource(recording, speed=0) as source:
+        ...     frames = source.read(timeout=1.0)
+        >>> len(frames), frames[1].device_time
+        (5, 0.01)
     """
 
     reopens = False

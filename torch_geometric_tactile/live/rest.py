@@ -20,12 +20,17 @@ Event = tuple[float, str, str]  # time on the host's monotonic clock, kind, text
 
 
 class RestFrames(NamedTuple):
-    r"""The frames of a rest.
+    r"""The frames that were collected while nothing touched the sensor.
 
     Args:
         tactile (numpy.ndarray): Readings :math:`(T, N, C)`.
         time (numpy.ndarray): Times in seconds :math:`(T,)`.
         joint (numpy.ndarray, optional): Joint angles :math:`(T, J)`.
+
+    Examples:
+        >>> frames = RestFrames(np.zeros((30, 4, 3)), np.arange(30) / 30, joint=None)
+        >>> frames.tactile.mean(axis=0).shape  # the reading at rest of each taxel and channel
+        (4, 3)
     """
 
     tactile: np.ndarray
@@ -34,12 +39,17 @@ class RestFrames(NamedTuple):
 
 
 class Drift(NamedTuple):
-    r"""How far a sensor is from its rest.
+    r"""The distance of a sensor's current readings from its readings at rest.
 
     Args:
         amount (float): The largest distance, in units of the noise at rest; NaN as long as readings
             move or there are too few.
         taxels (numpy.ndarray): The taxels that are further away than :obj:`max_drift`.
+
+    Examples:
+        >>> drift = Drift(amount=7.5, taxels=np.array([3]))
+        >>> drift.taxels.tolist()
+        [3]
     """
 
     amount: float
@@ -47,8 +57,8 @@ class Drift(NamedTuple):
 
 
 class Rest:
-    r"""Collects still frames, when nothing touches the sensor, for the models that measure the rest
-    of a session.
+    r"""Collects still frames while nothing touches the sensor, for models that need the readings at
+    rest of each session.
 
     The frames are cut in five parts. If the means of a taxel's parts differ by more than
     :obj:`max_movement` times its noise within them, it moves: the frames are refused, the reason is
@@ -70,6 +80,14 @@ class Rest:
     Raises:
         ValueError: If a number is not positive; on a call, if a frame has another shape than those
             before.
+
+    Examples:
+        >>> rest, noise = Rest(seconds=0.5, min_frames=30), np.random.default_rng(0)
+        >>> for i in range(60):
+        ...     tactile = noise.normal(100.0, 1.0, (4, 3)).astype(np.float32)
+        ...     is_ready = rest.add(LiveFrame(i, i / 60, int(i / 60 * 1e9), None, tactile))
+        >>> rest.ready, rest.value.shape
+        (True, (4, 3))
     """
 
     def __init__(

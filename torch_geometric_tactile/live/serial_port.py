@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class SerialPort:
-    r"""A serial port.
+    r"""A serial port of this machine: its path and, for a USB device, its identifiers.
 
     Args:
         device (str): Its path or name, such as :obj:`"/dev/ttyACM0"` or :obj:`"COM3"`.
@@ -14,6 +14,11 @@ class SerialPort:
         vid (int, optional): Vendor of a USB device.
         pid (int, optional): Product of a USB device.
         serial_number (str, optional): Serial number of a USB device.
+
+    Examples:
+        >>> port = SerialPort("/dev/ttyACM0", "Tactile glove", vid=0x2341, pid=0x0043)
+        >>> port.device, port.usb_id
+        ('/dev/ttyACM0', '2341:0043')
     """
 
     device: str
@@ -35,8 +40,14 @@ class SerialPort:
 
 
 def list_ports() -> list[SerialPort]:
-    r"""Returns the serial ports of this machine, by name. Those that belong to no device, such as
-    the never connected ones of a PC, are left out where the system tells."""
+    r"""Returns the serial ports of this machine, sorted by name. Ports without a device, such as
+    the never connected ones of a PC, are left out if the operating system says so.
+
+    Examples:
+        >>> ports = list_ports()  # those of this machine
+        >>> all(isinstance(port, SerialPort) for port in ports)
+        True
+    """
     from serial.tools.list_ports import comports
 
     ports = [

@@ -21,7 +21,7 @@ _WRITE = 1.0  # seconds that a device may take to accept what is written
 
 
 class SerialSource(Source):
-    r"""Reads a serial port with a decoder. What has come is returned at once.
+    r"""Reads frames from a serial port through a decoder. What has arrived is returned at once.
 
     A USB device that was lost is found again by its serial number, under whatever name it returns;
     another port by its path.
@@ -33,6 +33,14 @@ class SerialSource(Source):
 
     Raises:
         ValueError: If :obj:`port` is empty, or :obj:`baudrate` is not positive.
+
+    Examples:
+        >>> from torch_geometric_tactile.io import decoder_of
+        >>> source = SerialSource("/dev/ttyACM0", decoder_of("text", shape="4x3"))  # not opened yet
+        >>> source.name, source.baudrate == source.decoder.baudrate
+        ('serial:/dev/ttyACM0', True)
+        >>> with source:  # doctest: +SKIP
+        ...     frames = source.read(timeout=1.0)
     """
 
     def __init__(self, port: str, decoder: Decoder, baudrate: int | None = None) -> None:

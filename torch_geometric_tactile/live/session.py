@@ -30,8 +30,8 @@ _STATUS_SECONDS = 0.5
 
 
 class LiveSession:
-    r"""Judges, records and shows the frames of a source, independently: the recorder gets every
-    frame, the model and the viewer get the newest.
+    r"""Runs a model on the frames of a source, records and shows them, independently: the recorder
+    gets every frame, the model and the viewer get the newest.
 
     A model that measures each session needs the sensor at rest first, and so does :obj:`tare`: see
     :class:`Rest`. Until the rest is there, nothing is judged.

@@ -10,8 +10,8 @@ from torch_geometric_tactile.live.source import Source, SourceEnded
 
 
 class SimulatedSource(Source):
-    r"""Gives the frames of a simulated Allegro hand of 384 taxels that grasps one object after
-    another, without end. Needs the extra :obj:`sim`.
+    r"""Simulates an Allegro hand of 384 taxels that grasps one object after another, and returns
+    its frames endlessly. Needs the extra :obj:`sim`.
 
     The physics runs ahead: a grasp of 5 s is simulated as a whole when it is due, which takes
     seconds in which no frame comes, and then given at its times. The frames have no time of a
@@ -32,6 +32,11 @@ class SimulatedSource(Source):
     Raises:
         ImportError: If the extra is missing.
         ValueError: If an argument is unknown or out of range.
+
+    Examples:
+        >>> source = SimulatedSource("sponge", rate=25.0)  # simulates nothing before it is opened
+        >>> source.name
+        'sim:?object=sponge'
     """
 
     reopens = False

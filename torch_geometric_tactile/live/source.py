@@ -9,11 +9,27 @@ from torch_geometric_tactile.io.decoder import DecoderCounts
 
 
 class SourceEnded(EOFError):  # noqa: N818 - an end, not an error
-    r"""A source has no more frames, and will have none."""
+    r"""Raised when a source has no more frames, and will have none.
+
+    Examples:
+        >>> import numpy as np
+        >>> from torch_geometric_tactile.data import Recording
+        >>> from torch_geometric_tactile.live import ReplaySource
+        >>> source = ReplaySource(Recording(time=np.zeros(1), tactile=np.ones((1, 4, 3))), speed=0)
+        >>> with source:
+        ...     print(len(source.read(timeout=1.0)))
+        ...     try:
+        ...         source.read(timeout=1.0)
+        ...     except SourceEnded as end:
+        ...         print(end)
+        1
+        file: has ended
+    """
 
 
 class Source(ABC):
-    r"""Base class of sources. One thread opens, reads and closes a source; it starts no thread.
+    r"""Base class of sources of live frames. One thread opens, reads and closes a source; the
+    source starts no thread.
 
     Attributes:
         name (str): The URL of the source, as users write it.
@@ -29,6 +45,20 @@ class Source(ABC):
         repeats (int): Messages that came again, and were left out.
         waits (bool): Whether it may be kept waiting, as a file that is read as fast as possible:
             then a slow subscriber of policy :obj:`"all"` holds it up, and never overflows.
+
+    Examples:
+        >>> import numpy as np
+        >>> class Zeros(Source):
+        ...     def open(self):
+        ...         self.number = 0
+        ...     def read(self, timeout):
+        ...         self.number += 1
+        ...         return [LiveFrame(self.number - 1, 0.0, 0, None, np.zeros((4, 3), np.float32))]
+        ...     def close(self):
+        ...         pass
+        >>> with Zeros("zeros:") as source:
+        ...     source.read(timeout=1.0)[0].tactile.shape
+        (4, 3)
     """
 
     checksum: str = "none"

@@ -9,9 +9,14 @@ from torch_geometric_tactile.live.judge import Judgement
 
 
 class Status(NamedTuple):
-    r"""What a session reports about twice a second: the state of its stream, what the model said
-    last, the median latency of the last judgements in seconds, how many frames the recorder has
-    (:obj:`None` if none runs), and what has to be known, such as why the rest is refused.
+    r"""The state of a live session, reported about twice a second: the health of its stream, the
+    last prediction, the median latency of the last predictions in seconds, the number of recorded
+    frames (:obj:`None` if there is no recorder), and a note, such as why the rest was refused.
+
+    Examples:
+        >>> status = Status(Health("open", rate=100.0), None, latency=0.002, recorded=50, note="")
+        >>> status.line()
+        '100.0 Hz  jitter 0.0 ms  lost 0  corrupt 0  latency 2.0 ms  recorded 50'
     """
 
     health: Health
@@ -35,7 +40,7 @@ class Status(NamedTuple):
 
 
 def described(judgement: Judgement) -> str:
-    r"""Returns what a model says of a frame in a few characters, such as :obj:`"slip 93 %"`.
+    r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`.
 
     Args:
         judgement (Judgement): What it says.

@@ -27,7 +27,7 @@ _JOIN = 10.0
 
 
 class Stream:
-    r"""Reads a source in one thread, for any number of subscribers.
+    r"""Reads a source in one thread and passes its frames to any number of subscribers.
 
     Subscribe before opening, so that no frame is missed. A source that is lost after it was open is
     opened again, first after 0.1 s and then in steps up to 2 s, or as soon as it is seen to be

@@ -14,16 +14,41 @@ SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
 
 
 class StreamEnded(EOFError):  # noqa: N818 - an end, not an error
-    r"""A stream has ended, and there are no more frames."""
+    r"""Raised when a stream has ended and there are no more frames.
+
+    Examples:
+        >>> subscription = Subscription()
+        >>> subscription.end()
+        >>> try:
+        ...     subscription.get(timeout=1.0)
+        ... except StreamEnded as end:
+        ...     print(end)
+        the stream has ended
+    """
 
 
 class StreamOverflow(OSError):  # noqa: N818 - as OverflowError, without its arithmetic
-    r"""A subscriber that wanted all frames was too slow for them."""
+    r"""Raised when a subscriber that asked for all frames read them too slowly.
+
+    Examples:
+        >>> import numpy as np
+        >>> subscription = Subscription("all", size=1)
+        >>> frame = LiveFrame(0, 0.0, 0, None, np.zeros((4, 3), np.float32))
+        >>> subscription.put(frame), subscription.put(frame)  # the second does not fit
+        (0, 1)
+        >>> subscription.get() is frame
+        True
+        >>> try:
+        ...     subscription.get()
+        ... except StreamOverflow as error:
+        ...     print(str(error)[:43])
+        a subscriber of policy 'all' was too slow:
+    """
 
 
 class Subscription:
-    r"""The frames of a stream for one reader, in a separate queue. Made by
-    :meth:`Stream.subscribe <torch_geometric_tactile.live.Stream.subscribe>`.
+    r"""A queue with the frames of a stream for one reader. Made by :meth:`Stream.subscribe
+    <torch_geometric_tactile.live.Stream.subscribe>`.
 
     It is an iterator, and an asynchronous one that needs no thread. Frames that are in the queue
     when the stream ends are still delivered.
@@ -41,6 +66,14 @@ class Subscription:
 
     Raises:
         ValueError: If there is no such policy, or :obj:`size` is not positive.
+
+    Examples:
+        >>> import numpy as np
+        >>> subscription = Subscription("newest")
+        >>> for i in range(3):
+        ...     dropped = subscription.put(LiveFrame(i, 0.0, 0, None, np.zeros((4, 3), np.float32)))
+        >>> subscription.get().sequence, subscription.dropped
+        (2, 2)
     """
 
     def __init__(self, policy: Policy = "all", size: int | None = None) -> None:

@@ -16,7 +16,7 @@ _KEYS = ("index", "num_taxels", "layout", "source")
 
 
 class TaxelMap:
-    r"""The order of taxels, from that of a source to that of a layout.
+    r"""Maps the taxels of a source to the order of a layout.
 
     Args:
         index (sequence of int): For each taxel of the layout, where the source has it, or -1 if it

@@ -13,7 +13,7 @@ _FIRST = 1.0  # seconds that opening waits for the first message, which tells th
 
 
 class XelaSource(Source):
-    r"""Reads the WebSocket of XELA's server. Needs the extra :obj:`live`.
+    r"""Reads live frames from the WebSocket of XELA's server. Needs the extra :obj:`live`.
 
     The number of a message is the number of the frame, and its time the time of the device. A
     message with the number of the one before is left out and counted as repeated; one that cannot
@@ -29,6 +29,13 @@ class XelaSource(Source):
     Raises:
         ImportError: If the extra is missing.
         ValueError: If :obj:`url` is no address of a WebSocket.
+
+    Examples:
+        >>> source = XelaSource("ws://127.0.0.1:5000")  # not connected yet
+        >>> source.meta
+        {'unit': 'count'}
+        >>> with source:  # doctest: +SKIP
+        ...     frames = source.read(timeout=1.0)
     """
 
     def __init__(self, url: str = "ws://127.0.0.1:5000", forces: bool = False) -> None:

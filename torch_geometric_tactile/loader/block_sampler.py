@@ -11,7 +11,7 @@ from torch_geometric_tactile.loader.random_states import mixed
 
 class BlockSampler(RandomSampler):
     r"""Draws the samples by blocks: blocks of consecutive samples in random order, and the samples
-    of several blocks in random order among themselves.
+    of several blocks shuffled together.
 
     Each sample is drawn once in an epoch. A memory-mapped file is read a block at a time, where a
     full random order reads a page of it for nearly every sample.
@@ -62,7 +62,7 @@ class BlockSampler(RandomSampler):
 
 class DistributedBlockSampler(DistributedSampler):
     r"""Draws the samples by blocks, as :class:`BlockSampler`, and gives each of several processes
-    its own.
+    its own part.
 
     Blocks of consecutive samples come in one random order, of which each process takes a piece, so
     that it reads whole blocks but for the first and the last of its piece. As with

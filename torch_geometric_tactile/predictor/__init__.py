@@ -1,4 +1,5 @@
-r"""A model with all that its readings go through, in one file; without the extra ``train``."""
+r"""Predictors: a trained model and the preparation of its readings in one file. Does not need the
+extra ``train``."""
 
 from torch_geometric_tactile.predictor.builder import MissingOwnError
 from torch_geometric_tactile.predictor.content import checkpoint_entry, is_checkpoint

@@ -20,11 +20,16 @@ from torch_geometric_tactile.transforms import FittedTransform
 
 
 class MissingOwnError(ValueError):
-    r"""A model or transform of the user that must be passed and was not.
+    r"""Raised when a model or transform that the user wrote must be passed and was not.
 
     Args:
         text (str): The message.
         argument (str): What must be given: :obj:`"model"` or :obj:`"transforms"`.
+
+    Examples:
+        >>> error = MissingOwnError("pass the model that the predictor was saved with", "model")
+        >>> error.argument
+        'model'
     """
 
     def __init__(self, text: str, argument: str) -> None:

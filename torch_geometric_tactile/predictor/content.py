@@ -89,8 +89,8 @@ def checkpoint_entry(
     task: str,
     threshold: float | None = None,
 ) -> dict[str, Any]:
-    r"""Returns what a checkpoint must hold beside its weights to be read as a predictor, as plain
-    data and tensors.
+    r"""Returns the data beside the weights that a checkpoint needs to be loaded as a predictor, as
+    plain data and tensors.
 
     Args:
         model (torch.nn.Module): The model.
@@ -98,6 +98,14 @@ def checkpoint_entry(
         transform (callable, optional): What comes after the data set's own transform, fitted.
         task (str): What the model does.
         threshold (float, optional): As of :class:`Content`.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> from torch_geometric_tactile.nn.models import TaxelNet
+        >>> model = TaxelNet("biotac_sp", in_channels=3, out_channels=2)
+        >>> entry = checkpoint_entry(model, FakeTactileDataset(20), None, "multiclass")
+        >>> sorted(entry)
+        ['header', 'tensors']
     """
     names = tuple(dataset.class_names)
     content = Content(Preparation.of_dataset(dataset, transform), model, names, task, threshold)
@@ -271,7 +279,7 @@ def load_checkpoint(
 
 
 def is_checkpoint(path: PathLike) -> bool:
-    r"""Tells whether a file is one of :func:`torch.save`, such as a checkpoint.
+    r"""Returns whether a file was written by :func:`torch.save`, such as a checkpoint.
 
     Args:
         path (str or PathLike): The file.

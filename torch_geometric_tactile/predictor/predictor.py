@@ -23,8 +23,8 @@ from torch_geometric_tactile.typing import PathLike, Transform
 
 
 class Predictor(WindowedModel):
-    r"""A trained model with all that a reading goes through before it, the layout of the sensor
-    and the fitted transforms, and with the names of its classes. It takes readings as the sensor
+    r"""A trained model together with everything that prepares its readings: the layout of the
+    sensor, the fitted transforms and the names of its classes. It takes readings as the sensor
     gives them.
 
     Model and transforms are copied, and the model is always in evaluation mode. Whatever depends

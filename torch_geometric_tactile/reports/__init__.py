@@ -1,4 +1,4 @@
-r"""Pages and captions. Needs the extras ``train`` and ``viz``."""
+r"""Reports of results as HTML pages. Needs the extras ``train`` and ``viz``."""
 
 from torch_geometric_tactile.reports.html import ReportPicture, ReportTable, write_report
 

@@ -16,7 +16,7 @@ _CSS_PIXELS_PER_INCH = 96
 
 
 class ReportTable(NamedTuple):
-    r"""A table of a report.
+    r"""A table of a report: a title, a caption, column names and cells.
 
     Args:
         title (str): Title above the table.
@@ -24,6 +24,11 @@ class ReportTable(NamedTuple):
         header (list of str): Names of the columns.
         rows (list of list of str): The cells. A row whose first cell begins with :obj:`*` is drawn
             bold, without the star.
+
+    Examples:
+        >>> table = ReportTable("Accuracy", "in %", ["model", "accuracy"], [["GCN", "84.0"]])
+        >>> table.rows[0]
+        ['GCN', '84.0']
     """
 
     title: str
@@ -33,12 +38,17 @@ class ReportTable(NamedTuple):
 
 
 class ReportPicture(NamedTuple):
-    r"""A picture of a report.
+    r"""A picture of a report: the path of a PNG file, a title and a caption.
 
     Args:
         path (str or PathLike): The PNG file; the report holds a copy.
         title (str): Title above the picture.
         caption (str): What the picture shows; may be empty.
+
+    Examples:
+        >>> picture = ReportPicture("confusion.png", "Confusion", "Rows are true classes.")
+        >>> picture.title
+        'Confusion'
     """
 
     path: PathLike
@@ -57,8 +67,8 @@ def write_report(
     verdict: str = "",
     is_warning: bool = True,
 ) -> None:
-    r"""Writes a report as one HTML file that is either complete or absent. It loads nothing, runs
-    no script, and can be read on a phone, in the dark and on paper.
+    r"""Writes a report as one HTML file that is either complete or absent. The file loads nothing,
+    runs no script, and can be read on a phone, in dark mode and on paper.
 
     Args:
         path (str or PathLike): The file.
@@ -76,6 +86,16 @@ def write_report(
         FileNotFoundError: If there is no such picture.
         ValueError: If :obj:`notice` is empty, a row has another length than its header, or a
             picture is no PNG file.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> table = ReportTable("Accuracy", "in %", ["model", "accuracy"], [["GCN", "84.0"]])
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "report.html"
+        ...     texts = {"title": "Grasps", "notice": "Generated data."}
+        ...     write_report(path, **texts, facts=[("seed", "0")], tables=[table], pictures=[])
+        ...     "84.0" in path.read_text(encoding="utf-8")
+        True
     """
     if not notice.strip():
         raise ValueError("'notice' must say which data was used (got an empty text)")

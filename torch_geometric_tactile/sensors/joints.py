@@ -15,7 +15,7 @@ _MOST_JOINTS = 1000
 
 @dataclass(frozen=True)
 class Joint:
-    r"""A joint of a chain.
+    r"""A joint of a kinematic chain.
 
     Args:
         name (str): Its name.

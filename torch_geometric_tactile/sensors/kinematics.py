@@ -33,7 +33,7 @@ _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
 
 
 class LinkPose(NamedTuple):
-    r"""The poses of the links, in the frame of the root link.
+    r"""The rotations and translations of the links of a hand, in the frame of the root link.
 
     :obj:`rotation` :math:`(..., L, 3, 3)` turns vectors of a link's frame into the root's, and
     :obj:`translation` :math:`(..., L, 3)` is the link's origin in metres.
@@ -49,9 +49,15 @@ class LinkPose(NamedTuple):
 
 
 class PosedTaxels(NamedTuple):
-    r"""The poses of the taxels, in the frame of the root link: :obj:`pos` in metres and unit
-    :obj:`normal`, both :math:`(..., N, 3)`. Without normals in the layout :obj:`normal` is
-    :obj:`None`.
+    r"""The positions and normals of the taxels of a posed hand, in the frame of the root link:
+    :obj:`pos` in metres and unit :obj:`normal`, both :math:`(..., N, 3)`. :obj:`normal` is
+    :obj:`None` if the layout has no normals.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> posed = HandKinematics.allegro().taxel_pose(allegro_uskin(), torch.zeros(16))
+        >>> posed.pos.shape, posed.normal.shape
+        (torch.Size([384, 3]), torch.Size([384, 3]))
     """
 
     pos: Tensor
@@ -59,8 +65,8 @@ class PosedTaxels(NamedTuple):
 
 
 class HandKinematics:
-    r"""The forward kinematics of a hand: joint angles to link poses to taxel positions and normals,
-    batched and differentiable.
+    r"""Computes the forward kinematics of a hand, from joint angles to link poses to taxel
+    positions and normals, batched and differentiable.
 
     Angles are never clipped; :meth:`outside_limits` tells which are beyond a limit.
 

@@ -28,7 +28,7 @@ _MOST_CELLS = 1 << 14  # rows, and columns, of an image map
 
 @dataclass(frozen=True, eq=False)
 class TaxelLayout:
-    r"""The places of a sensor's taxels and the edges between them. Frozen, and checked at
+    r"""The positions of a sensor's taxels and the edges between them. Frozen, and checked at
     construction.
 
     Args:

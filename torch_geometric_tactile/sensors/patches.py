@@ -28,7 +28,7 @@ _ADJACENCIES = ("sparse", "slanted", "original", "dense")
 
 
 def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Turns a layout that is described by patches into one that lists its taxels.
+    r"""Expands the description of a layout by patches to one that lists every taxel.
 
     The description has the keys :obj:`"shapes"` (name to :obj:`{"kind", "rows", ...}`),
     :obj:`"patches"` (a list of :obj:`{"name", "digit", "link", "shape", "origin", "cell"}` and, if
@@ -62,6 +62,15 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises:
         ValueError: If a key is missing, a name, a side or a row is unknown, or a shape is none.
+
+    Examples:
+        >>> tile = {"kind": "planar", "rows": [2, 2], "pitch": 2, "sparse_across": [[0, 0]]}
+        >>> patch = {"name": "low", "digit": "pad", "link": "base", "shape": "tile"}
+        >>> patch |= {"origin": [0, 0, 0], "cell": [0, 0]}
+        >>> content = {"name": "tile", "unit": "mm", "shapes": {"tile": tile}, "patches": [patch]}
+        >>> expanded = expand_patches(content)
+        >>> len(expanded["taxels"]), len(expanded["adjacency"]["dense"])  # taxels, directed edges
+        (4, 12)
     """
     what = "a layout of patches"
     described, shapes = need_key(content, "patches", what), need_key(content, "shapes", what)

@@ -16,7 +16,7 @@ _REACH = 3.0  # times the distance between neighbours
 
 
 class SectorEdges(NamedTuple):
-    r"""Edges with the sector that each lies in.
+    r"""Edges, and the sector that each lies in.
 
     Args:
         edge_index (torch.Tensor): Edges from the neighbour to the taxel :math:`(2,
@@ -42,7 +42,7 @@ def sector_edges(
     radius: float | None = None,
     group: Tensor | None = None,
 ) -> SectorEdges:
-    r"""Joins each taxel with its nearest neighbour in each sector of its tangent plane.
+    r"""Connects each taxel with its nearest neighbour in each sector of its tangent plane.
 
     The offset :math:`\mathbf{d} = \mathbf{p}_j - \mathbf{p}_i` of a neighbour is projected on the
     axes :math:`\mathbf{u}_i, \mathbf{v}_i` of the taxel, and its angle
@@ -114,7 +114,7 @@ def layout_sectors(
     radius: float | None = None,
     within: Literal["patch", "link"] = "patch",
 ) -> SectorEdges:
-    r"""Joins each taxel of a layout with its nearest neighbour in each sector, by
+    r"""Connects each taxel of a layout with its nearest neighbour in each sector, by
     :func:`sector_edges` and the layout's axes.
 
     Args:

@@ -51,7 +51,7 @@ def _folder(kind: str) -> Path:
 
 
 def stock_layout(name: str) -> TaxelLayout:
-    r"""Returns a layout that comes with the package.
+    r"""Loads a layout that comes with the package, by its name.
 
     Args:
         name (str): Its name, such as :obj:`"biotac"`.
@@ -69,8 +69,8 @@ def _loaded(path: Path) -> TaxelLayout:
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns a layout: itself, the one of this name that comes with the package, or the one in a
-    file.
+    r"""Returns a layout as it is, loads one that comes with the package by its name, or loads one
+    from a file.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"`, or the

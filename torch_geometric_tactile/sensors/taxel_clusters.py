@@ -15,11 +15,17 @@ _NO_PLANE = 0.1
 
 
 class TaxelClusters(NamedTuple):
-    r"""Clusters of taxels, and the layout that they make.
+    r"""The cluster of each taxel, and the layout of the clusters.
 
     Args:
         cluster (torch.Tensor): The cluster of each taxel :math:`(N,)`.
         layout (TaxelLayout): The layout of the :math:`M` clusters.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> clusters = taxel_clusters(allegro_uskin(), "patch")
+        >>> clusters.cluster.shape, clusters.layout.num_taxels
+        (torch.Size([384]), 22)
     """
 
     cluster: Tensor
@@ -29,7 +35,7 @@ class TaxelClusters(NamedTuple):
 def taxel_clusters(
     layout: TaxelLayout, by: Literal["patch", "digit"] | float | Sequence[float]
 ) -> TaxelClusters:
-    r"""Joins the taxels of a patch, of a digit, or of a voxel to one.
+    r"""Clusters the taxels of each patch, digit or voxel.
 
     A voxel is counted from the corner of its patch, in the patch's own plane: its axes are the
     means of the taxels' axes (those of the link, if the normals cancel out). It never joins taxels

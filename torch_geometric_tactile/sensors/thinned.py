@@ -13,8 +13,8 @@ from torch_geometric_tactile.sensors.layout import TaxelLayout
 def select_taxels(
     layout: TaxelLayout, taxels: Tensor | Sequence[int] | Sequence[bool], name: str | None = None
 ) -> TaxelLayout:
-    r"""Returns a layout with only some taxels of another, such as without those of dead rows. The
-    readings of these are :obj:`x[:, taxels]`.
+    r"""Returns a layout with only some taxels of another, for example without those of dead rows.
+    The matching readings are :obj:`x[:, taxels]`.
 
     Places, normals, tangents and cells of the image map are kept as they are (a map becomes smaller
     only if its last rows or columns lose all taxels). Each adjacency keeps its name and the edges

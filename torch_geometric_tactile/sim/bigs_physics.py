@@ -30,7 +30,8 @@ _AFTER = 0.3  # s recorded after the loss
 
 
 class BigsPhysics(NamedTuple):
-    r"""The course of a grasp, :obj:`CONTROL_RATE` times a second.
+    r"""The forces, poses and phases of a simulated grasp, sampled :obj:`CONTROL_RATE` times a
+    second.
 
     :obj:`force` are the forces of the object on the fingertips in their frames, x to the end of the
     finger, y across, z into the pad, :math:`(K, 3, 3)`; :obj:`normal` and :obj:`shear` their parts
@@ -41,6 +42,17 @@ class BigsPhysics(NamedTuple):
     turn of the hand :math:`(K, 6)`, :obj:`object_pose` that of the object :math:`(K, 7)`.
     :obj:`phase` indexes :obj:`BIGS_PHASES`. :obj:`pickup` is the tick at which the lift begins,
     :obj:`loss` that at which the object was lost, or none.
+
+    Examples:
+        >>> zeros = np.zeros((2, 3))
+        >>> vectors, pose = np.zeros((2, 3, 3)), np.zeros((2, 7))
+        >>> physics = BigsPhysics(
+        ...     force=vectors, normal=zeros, shear=zeros, place=vectors, slide=vectors,
+        ...     finger=zeros, hand=np.zeros((2, 6)), object_pose=pose, phase=np.zeros(2, int),
+        ...     pickup=0, loss=None,
+        ... )
+        >>> physics.success
+        True
     """
 
     force: np.ndarray
@@ -62,13 +74,21 @@ class BigsPhysics(NamedTuple):
 
 
 class BigsSimulator:
-    r"""Runs one grasp.
+    r"""Simulates one grasp with three fingertips in MuJoCo.
 
     Args:
         grasp (BigsGrasp): The grasp.
 
     Raises:
         ImportError: If MuJoCo is missing.
+
+    Examples:
+        >>> from torch_geometric_tactile.sim import draw_grasp
+        >>> simulator = BigsSimulator(draw_grasp("ball", np.random.default_rng(0)))
+        >>> simulator.model.opt.timestep == 1 / CONTROL_RATE
+        True
+        >>> simulator.run().success  # doctest: +SKIP
+        True
     """
 
     def __init__(self, grasp: BigsGrasp) -> None:

@@ -32,7 +32,8 @@ _GRIP_LIMITS = (1.0, 14.0)
 
 
 class BigsGrasp(NamedTuple):
-    r"""One grasp: an object, how the hand is put around it, how hard it grips, and when.
+    r"""The parameters of one simulated grasp: the object, and the pose, grip and timing of the
+    hand.
 
     Args:
         shape (str): :obj:`"cylinder"` (upright), :obj:`"box"` or :obj:`"ball"`.
@@ -58,6 +59,14 @@ class BigsGrasp(NamedTuple):
         pause (float): Time from pick-up until the shake begins, in seconds.
         shake (float): Amplitude of the shake, in metres.
         shake_time (float): Length of the shake in one direction, in seconds.
+
+    Examples:
+        >>> import numpy as np
+        >>> grasp = draw_grasp("box", np.random.default_rng(0))
+        >>> grasp.shape, 0.27 <= grasp.mass <= 0.37
+        ('box', True)
+        >>> grasp._replace(mass=0.5).mass
+        0.5
     """
 
     shape: BigsShape
@@ -89,7 +98,7 @@ class BigsGrasp(NamedTuple):
 
 
 def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
-    r"""Draws a grasp.
+    r"""Draws the parameters of a random grasp.
 
     Args:
         shape (str): The object.

@@ -10,7 +10,8 @@ _FAST = 0.005  # m/s
 
 
 def slip_onset(physics: BigsPhysics) -> int | None:
-    r"""Returns the tick at which the object began to slip out of the hand, or none if it was held.
+    r"""Returns the tick at which the object began to slip out of the hand, or :obj:`None` if it was
+    held.
 
     In a grasp that loses the object, the onset is the beginning of the first slide that takes the
     object further than 3 mm, at two fingertips or more, from where they held it when pick-up began:
@@ -21,6 +22,15 @@ def slip_onset(physics: BigsPhysics) -> int | None:
 
     Args:
         physics (BigsPhysics): The grasp.
+
+    Examples:
+        >>> from torch_geometric_tactile.sim import BigsPhysics
+        >>> slide = np.zeros((300, 3, 3))
+        >>> slide[100:, :, 0] = 0.1  # from tick 100 on the object slides at 0.1 m/s
+        >>> unused = [slide] * 4
+        >>> physics = BigsPhysics(*unused, slide, *unused, pickup=50, loss=200)
+        >>> slip_onset(physics)
+        100
     """
     if physics.loss is None:
         return None

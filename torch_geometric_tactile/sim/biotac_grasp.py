@@ -14,9 +14,17 @@ _NOISE = 12.0  # counts
 
 
 class SimulatedGrasps(NamedTuple):
-    r"""Generated grasps: :obj:`reading` in counts :math:`(S, N, K)`, :obj:`slipped`, :obj:`group`
-    (the object) and :obj:`session` :math:`(S,)`, and the normal force of each finger in newtons,
-    :obj:`force` :math:`(S, K)`.
+    r"""Readings and labels of generated grasps.
+
+    :obj:`reading` in counts :math:`(S, N, K)`, :obj:`slipped`, :obj:`group` (the object) and
+    :obj:`session` :math:`(S,)`, and the normal force of each finger in newtons, :obj:`force`
+    :math:`(S, K)`.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import biotac_sp
+        >>> grasps = simulate_grasps(biotac_sp(), objects=2, grasps_per_object=5)
+        >>> grasps.reading.shape, grasps.force.shape
+        ((10, 24, 3), (10, 3))
     """
 
     reading: np.ndarray
@@ -35,8 +43,9 @@ def simulate_grasps(
     seed: int = 0,
     pose_seed: int | None = None,
 ) -> SimulatedGrasps:
-    r"""Generates static readings of grasps that hold or slip, as electrodes under a fluid-filled
-    skin give them. A model for tests and demonstrations; its numbers are plausible, not measured.
+    r"""Generates static readings of grasps that hold or slip, like those of electrodes under a
+    fluid-filled skin. A model for tests and demonstrations; its numbers are plausible, not
+    measured.
 
     Each object has a mass, a friction coefficient and a curvature; each grasp a normal force and a
     contact place for every finger. The grasp slips where friction cannot carry the weight, which

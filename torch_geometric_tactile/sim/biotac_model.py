@@ -35,8 +35,8 @@ class FingertipReadings(NamedTuple):
 
 @dataclass(frozen=True)
 class BioTacModel:
-    r"""Readings of three fluid-filled fingertips such as the BioTac under given forces. A model:
-    its constants are plausible, not measured.
+    r"""Computes the readings of three fluid-filled fingertips such as the BioTac from contact
+    forces. A model: its constants are plausible, not measured.
 
     The parts, in their order: the middle of a contact is dragged along by shear (:obj:`drag`); the
     contact is as wide as one of elastic bodies (Hertz, :obj:`stiffness`), widened by the fluid
@@ -66,6 +66,16 @@ class BioTacModel:
     Raises:
         ValueError: If a number is negative, or one that has to be positive is zero, or :obj:`lag`
             is not below one.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import biotac
+        >>> model = BioTacModel(offset_spread=0.0)
+        >>> session = model.session(biotac(), np.random.default_rng(0))
+        >>> response, force = np.zeros((10, 19, 3)), np.zeros((10, 3))  # nothing touches them
+        >>> time = np.arange(10) / 100
+        >>> readings = model.readings(response, force, time, session, np.random.default_rng(0))
+        >>> readings.tactile.shape, readings.pressure.shape
+        ((10, 19, 3), (10, 3))
     """
 
     gain: float = 220.0

@@ -29,6 +29,11 @@ def vibration(normal: np.ndarray, slide: np.ndarray, rng: np.random.Generator) -
 
     Raises:
         ValueError: If shapes differ or are no whole frames.
+
+    Examples:
+        >>> force, still = np.ones((300, 3)), np.zeros((300, 3))  # one second at 300 Hz
+        >>> vibration(force, still, np.random.default_rng(0)).shape
+        (100, 3, 22)
     """
     if normal.ndim != 2 or normal.shape != slide.shape or len(normal) % 3:
         raise ValueError(

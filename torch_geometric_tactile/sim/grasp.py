@@ -31,11 +31,18 @@ _LIFTED = 0.05  # height above the stand that counts, m
 
 
 class GraspPlan(NamedTuple):
-    r"""The targets of the controller, every :obj:`step` seconds.
+    r"""A planned grasp: the target pose of palm and fingers every :obj:`step` seconds.
 
     :obj:`gantry` are x, y, z (metres) and yaw (radians) of the palm :math:`(K, 4)`, :obj:`joint`
     the joint targets (radians) :math:`(K, 16)` and :obj:`phase` indices into :obj:`PHASES`
     :math:`(K,)`.
+
+    Examples:
+        >>> plan = plan_grasp((0.07, 0.1, 0.06), np.random.default_rng(0))
+        >>> plan.joint.shape, plan.step
+        ((1700, 16), 0.01)
+        >>> plan.phase_names[plan.phase[-1]]
+        'hold'
     """
 
     gantry: np.ndarray
@@ -69,14 +76,23 @@ class GraspPlan(NamedTuple):
 
 
 class GraspResult(NamedTuple):
-    r"""The course of a grasp.
+    r"""The recorded forces, joint angles and poses of a simulated grasp, and whether it succeeded.
 
     :obj:`force` are the clean forces in the frames of the taxels :math:`(T, N, 3)` in newtons:
     shear that the object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, positive
     where it presses. :obj:`bone_force` is the sum of normal forces on the bones :math:`(T,)`,
     :obj:`support` the force of the hand on the object in the world's frame :math:`(T, 3)`,
     :obj:`object_pose` and :obj:`palm_pose` are positions and quaternions :math:`(T, 7)`.
-    :obj:`success` tells whether the object was lifted and held, or what else the plan was.
+    :obj:`success` tells whether the plan was fulfilled: the object lifted and held, or squeezed.
+
+    Examples:
+        >>> result = GraspResult(
+        ...     time=np.zeros(2), joint=np.zeros((2, 16)), force=np.full((2, 384, 3), 0.01),
+        ...     bone_force=np.zeros(2), support=np.zeros((2, 3)), object_pose=np.zeros((2, 7)),
+        ...     palm_pose=np.zeros((2, 7)), phase=np.zeros(2, int), success=True,
+        ... )
+        >>> result.force[0, :, 2].sum().round(2)  # newtons of pressure in the first frame
+        np.float64(3.84)
     """
 
     time: np.ndarray
@@ -97,8 +113,8 @@ def plan_grasp(
     step: float = 0.01,
     spread: GraspSpread | None = None,
 ) -> GraspPlan:
-    r"""Plans a grasp from above, as by an operator who sees the object: its size is known, its
-    mass, friction and softness are not.
+    r"""Plans a grasp from above that knows the size of the object, but not its mass, friction and
+    softness, as an operator who only sees it.
 
     Args:
         size (tuple of float): Full extent of the object in metres.
@@ -109,6 +125,11 @@ def plan_grasp(
 
     Raises:
         ValueError: If the step is not positive, or longer than the trial.
+
+    Examples:
+        >>> plan = plan_grasp((0.07, 0.1, 0.06), np.random.default_rng(0), duration=5.0, step=0.02)
+        >>> plan.gantry.shape, plan.joint.shape
+        ((250, 4), (250, 16))
     """
     spread = spread or GraspSpread()
     if not 0 < step <= duration:
@@ -204,7 +225,7 @@ def tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: fl
 
 
 class GraspSimulator:
-    r"""Runs grasps of one object.
+    r"""Simulates grasps of one object with an Allegro hand in MuJoCo.
 
     Args:
         layout (TaxelLayout): The taxels.
@@ -214,6 +235,16 @@ class GraspSimulator:
 
     Raises:
         ImportError: If MuJoCo is missing.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+        >>> from torch_geometric_tactile.sim import paper8
+        >>> hand = allegro_uskin(), HandKinematics.allegro()
+        >>> simulator = GraspSimulator(*hand, paper8()[1])
+        >>> plan = plan_grasp(paper8()[1].size, np.random.default_rng(0))
+        >>> start = GraspPlan(plan.gantry[:10], plan.joint[:10], plan.phase[:10], plan.step)
+        >>> simulator.run(start, 100.0).force.shape  # newtons on each taxel in each frame
+        (10, 384, 3)
     """
 
     def __init__(

@@ -23,7 +23,8 @@ _FINGER_WEIGHT = 5.0  # inverse mass in 1/kg that a contact on a finger feels
 
 @dataclass(frozen=True)
 class ContactParameters:
-    r"""How the simulated skin, bones and objects touch. Plausible, not measured.
+    r"""The contact and joint parameters of the simulated hand: time constants, friction, joint
+    stiffness. Plausible, not measured.
 
     Args:
         timestep (float): Step of the simulation in seconds.
@@ -36,6 +37,10 @@ class ContactParameters:
         joint_torque (float): Largest torque of a finger joint in newton metres.
         joint_damping (float): Damping of a finger joint in newton metre seconds per radian.
         armature (float): Rotor inertia of a finger joint in kilogram square metres.
+
+    Examples:
+        >>> ContactParameters(taxel_radius=0.003).taxel_radius
+        0.003
     """
 
     timestep: float = 0.002
@@ -51,7 +56,13 @@ class ContactParameters:
 
 
 def stock_bodies() -> list[dict[str, Any]]:
-    r"""Returns the boxes and tip spheres of the Allegro hand's links, in metres and kilograms."""
+    r"""Returns the collision boxes and fingertip spheres of the Allegro hand's links, in metres and
+    kilograms.
+
+    Examples:
+        >>> stock_bodies()[0]["link"], stock_bodies()[0]["mass"]
+        ('palm_link', 0.4154)
+    """
     content = json.loads(stock_path("chains", "allegro_right").read_text(encoding="utf-8"))
     bodies: list[dict[str, Any]] = content["bodies"]
     return bodies
@@ -64,8 +75,8 @@ def grasp_mjcf(
     parameters: ContactParameters | None = None,
     bodies: Sequence[Mapping[str, Any]] | None = None,
 ) -> str:
-    r"""Returns a MuJoCo model (MJCF, no files beside it): the hand on a gantry, palm down, above an
-    object on a stand.
+    r"""Returns a MuJoCo model in one MJCF text, without further files: the hand on a gantry, palm
+    down, above an object on a stand.
 
     Each taxel is a small collision sphere below the surface of the skin, named
     :obj:`taxel_0`, :obj:`taxel_1`, ..., with a site of the same name at the taxel. The bones are
@@ -84,6 +95,13 @@ def grasp_mjcf(
 
     Raises:
         ValueError: If the layout has no normals, or a link that is not one of the hand's.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
+        >>> from torch_geometric_tactile.sim import paper8
+        >>> mjcf = grasp_mjcf(allegro_uskin(), HandKinematics.allegro(), paper8()[1])
+        >>> '"taxel_383"' in mjcf
+        True
     """
     if layout.normal is None:
         raise ValueError(f"layout '{layout.name}' must have normals (got none)")

@@ -18,7 +18,8 @@ _PARTS = ("tilt", "spread", "crosstalk")
 
 
 class LetterPresses(NamedTuple):
-    r"""Presses of a letter and what was drawn for each.
+    r"""Simulated presses of a letter: the readings, and the size, angle, place and pressure drawn
+    for each.
 
     Shapes:
         - **readings:** kPa :math:`(P, N)`
@@ -28,6 +29,11 @@ class LetterPresses(NamedTuple):
         - **pressure:** pressure below its middle in kPa :math:`(P,)`
         - **slope:** relative change of the pressure per metre along :math:`x` and :math:`y`
           :math:`(P, 2)`
+
+    Examples:
+        >>> presses = LetterPress().press("A", 2, np.random.default_rng(0))
+        >>> presses.readings.shape, presses.place.shape
+        ((2, 1024), (2, 2))
     """
 
     readings: np.ndarray

@@ -18,7 +18,7 @@ OBJECT_SETS: dict[str, Callable[[], list[GraspObject]]] = {
 def object_set(
     objects: str | Sequence[GraspObject], num_objects: int | None = None, seed: int = 0
 ) -> tuple[str, list[GraspObject]]:
-    r"""Returns the name and the objects of a set.
+    r"""Returns the name and the objects of a set of objects to grasp.
 
     Args:
         objects (str or sequence of GraspObject): Name of the set, or objects of your own, of which
@@ -29,6 +29,11 @@ def object_set(
     Raises:
         ValueError: If there is no such set or no object, two objects have one name or one that is
             no name of a file, or a number is given for another set than :obj:`"shapes"`.
+
+    Examples:
+        >>> name, objects = object_set("shapes", num_objects=2)
+        >>> [item.name for item in objects]
+        ['sphere_000', 'cylinder_000']
     """
     if num_objects is not None and not (isinstance(objects, str) and objects == "shapes"):
         raise ValueError(

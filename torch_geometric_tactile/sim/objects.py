@@ -91,6 +91,10 @@ def _object(
 def paper8() -> list[GraspObject]:
     r"""The eight objects of the "Tactile Object Property Recognition ..." paper as primitives:
     every combination of two masses, two softnesses and two frictions once.
+
+    Examples:
+        >>> [item.name for item in paper8()][:3]
+        ['plastic_tube', 'sponge', 'mayonnaise']
     """
     return [
         _object("plastic_tube", "cylinder", (56, 170, 56), "light soft slippery"),
@@ -107,6 +111,11 @@ def paper8() -> list[GraspObject]:
 def control8() -> list[GraspObject]:
     r"""Eight objects of one shape and size, with every combination of mass, softness and friction:
     they cannot be distinguished by their shape.
+
+    Examples:
+        >>> objects = control8()
+        >>> len(objects), {item.size for item in objects}
+        (8, {(0.068, 0.18, 0.068)})
     """
     return [
         _object(
@@ -121,6 +130,10 @@ def control8() -> list[GraspObject]:
 def twenty() -> list[GraspObject]:
     r"""Twenty objects, five shapes in four sizes: as many as the "Morphology-Specific Convolutional
     Neural Networks ..." paper has.
+
+    Examples:
+        >>> len(twenty()), twenty()[0].name
+        (20, 'tube_0')
     """
     shapes = [
         _object("tube", "cylinder", (64, 180, 64), "light soft slippery"),

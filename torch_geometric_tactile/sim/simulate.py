@@ -9,7 +9,7 @@ from functools import lru_cache
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from torch_geometric_tactile.sim.grasp import (
 from torch_geometric_tactile.sim.hand_model import ContactParameters
 from torch_geometric_tactile.sim.object_sets import object_set
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
+from torch_geometric_tactile.sim.presets import PRESETS, Preset, TrialReport
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import GraspSpread
 from torch_geometric_tactile.sim.squeeze import plan_squeeze
@@ -44,45 +45,6 @@ MOTIONS = {"lift": "lifted", "squeeze": "squeezed"}
 #: The layouts of hands that can be simulated.
 HANDS = ("allegro_uskin", "allegro_uskin_240")
 _logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Preset:
-    r"""How long and how finely trials are simulated.
-
-    Args:
-        duration (float): Length of a trial in seconds.
-        timestep (float): Step of the physics in seconds.
-        step (float): Time between targets of the controller in seconds.
-        rate (float): Frames recorded per second.
-        trials (int): Trials of each object, unless told otherwise.
-    """
-
-    duration: float
-    timestep: float
-    step: float
-    rate: float
-    trials: int
-
-
-#: Duration, time steps, frame rate and number of trials of :func:`simulate`, by name.
-PRESETS = {
-    "full": Preset(duration=17.0, timestep=0.002, step=0.01, rate=100.0, trials=10),
-    "ci": Preset(duration=5.0, timestep=0.004, step=0.02, rate=50.0, trials=3),
-}
-
-
-class TrialReport(NamedTuple):
-    r"""How a trial went: how many grasps it took, and its file, which is :obj:`None` where no
-    attempt lifted and held the object, or squeezed it. :obj:`kept` tells whether the file was there
-    already.
-    """
-
-    object_name: str
-    trial: int
-    attempts: int
-    path: Path | None
-    kept: bool
 
 
 @dataclass(frozen=True)
@@ -141,8 +103,8 @@ def simulate(
     num_objects: int | None = None,
     motion: str = "lift",
 ) -> Generator[TrialReport, None, None]:
-    r"""Simulates grasps with the Allegro hand and writes one HDF5 recording a trial. Yields a
-    report for each trial when its file is finished, and writes :obj:`simulation.json` at the end.
+    r"""Simulates grasps with the Allegro hand and writes one HDF5 recording per trial. Yields a
+    report when the file of a trial is finished, and writes :obj:`simulation.json` at the end.
 
     A trial is a function of seed, object, trial and attempt, bit for bit whatever :obj:`jobs` is
     (another release of MuJoCo may give other bits). Trials whose file is there already are kept,
@@ -173,6 +135,11 @@ def simulate(
         ImportError: If MuJoCo or h5py is missing.
         ValueError: If an argument is unknown or too small, or the folder holds recordings that were
             made with other arguments.
+
+    Examples:
+        >>> from torch_geometric_tactile.sim import simulate
+        >>> for report in simulate("sim", "paper8", trials=1, preset="ci"):  # doctest: +SKIP
+        ...     print(report.object_name, report.attempts)
     """
     settings = _settings(preset, seconds)
     hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
@@ -251,8 +218,8 @@ def grasp_recordings(
     only: str | None = None,
     motion: str = "lift",
 ) -> Iterator[Recording]:
-    r"""Yields simulated grasps without end: those that :func:`simulate` would write, one trial of
-    each object after another. A grasp is simulated when it is asked for; one that fails is skipped.
+    r"""Yields simulated grasps endlessly: the recordings that :func:`simulate` would write, cycling
+    through the objects. A grasp is simulated when it is asked for; one that fails is skipped.
 
     Args:
         objects, seed, preset: As of :func:`simulate`.
@@ -263,6 +230,11 @@ def grasp_recordings(
     Raises:
         ImportError: If MuJoCo or h5py is missing.
         ValueError: If an argument is unknown.
+
+    Examples:
+        >>> recordings = grasp_recordings(only="sponge", rate=25.0)  # simulates nothing yet
+        >>> next(recordings).label  # doctest: +SKIP
+        'sponge'
     """
     settings = _settings(preset, None)
     if rate is not None:

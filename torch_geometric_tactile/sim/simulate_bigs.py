@@ -47,8 +47,16 @@ _ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
 
 
 class BigsReport(NamedTuple):
-    r"""How a grasp went: whether the object was in the hand after the shake, and if not, how many
-    seconds after pick-up began it was lost. :obj:`kept` tells whether the file was there already.
+    r"""The outcome of one grasp and the path of its file.
+
+    :obj:`success` tells whether the object was in the hand after the shake; if not, :obj:`lost` is
+    the time from the start of pick-up to the loss in seconds. :obj:`kept` tells whether the file
+    existed already.
+
+    Examples:
+        >>> report = BigsReport("ball", 3, success=False, lost=1.2, path=Path("x.h5"), kept=False)
+        >>> report.success, report.lost
+        (False, 1.2)
     """
 
     object_name: str
@@ -101,8 +109,8 @@ def simulate_bigs(
     *,
     model: BioTacModel | None = None,
 ) -> Generator[BigsReport, None, None]:
-    r"""Simulates grasps as those of the BiGS set and writes one HDF5 recording a grasp, which
-    :class:`~torch_geometric_tactile.datasets.BiGS` reads. Yields a report for each when its file is
+    r"""Simulates grasps like those of the BiGS set and writes one HDF5 recording per grasp, which
+    :class:`~torch_geometric_tactile.datasets.BiGS` reads. Yields a report when each file is
     finished, and writes :obj:`simulation.json` at the end.
 
     Three fingertips close around a cylinder, a box or a ball, squeeze, lift and shake it. Every
@@ -125,6 +133,11 @@ def simulate_bigs(
         ImportError: If MuJoCo or h5py is missing.
         ValueError: If a number is too small, or the folder holds recordings that were made with
             other arguments.
+
+    Examples:
+        >>> from torch_geometric_tactile.sim import simulate_bigs
+        >>> for report in simulate_bigs("bigs", grasps=4):  # doctest: +SKIP
+        ...     print(report.object_name, report.success)
     """
     for name, number in (("grasps", grasps), ("jobs", jobs)):
         if number < 1:

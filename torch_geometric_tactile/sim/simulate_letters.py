@@ -29,8 +29,13 @@ _NOTE = "Simulated. Letters, spread, tilt and crosstalk are plausible, not measu
 
 
 class LetterReport(NamedTuple):
-    r"""A finished file: its letter, its first press and their number. :obj:`kept` tells whether it
-    was there already.
+    r"""A finished file of presses: the letter, the index of the first press and the number of
+    presses. :obj:`kept` tells whether the file existed already.
+
+    Examples:
+        >>> report = LetterReport("A", 100, presses=50, path=Path("A/A_0100.npy"), kept=False)
+        >>> report.letter, report.first
+        ('A', 100)
     """
 
     letter: str
@@ -96,6 +101,13 @@ def simulate_letters(
     Raises:
         ValueError: If a number is too small, there is no such letter, the letters do not fit on the
             layout, or the folder holds presses that were made with other arguments.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from torch_geometric_tactile.sim import simulate_letters
+        >>> with TemporaryDirectory() as out:
+        ...     [(r.letter, r.presses) for r in simulate_letters(out, presses=2, letters="AB")]
+        [('A', 2), ('B', 2)]
     """
     for name, number in (("presses", presses), ("jobs", jobs)):
         if number < 1:

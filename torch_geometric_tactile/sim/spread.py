@@ -13,8 +13,8 @@ NUM_PLACEMENTS = 9
 
 @dataclass(frozen=True)
 class GraspSpread:
-    r"""How much the grasps of the simulated hand differ from each other: standard deviations of
-    the operator's errors, drawn anew for each attempt.
+    r"""The variation between grasps of the simulated hand: standard deviations of the operator's
+    errors, drawn anew for each attempt.
 
     :obj:`GraspSpread()` is an operator who takes care, :meth:`wide` one who does not.
 

@@ -29,9 +29,15 @@ _TOUCH = 0.05  # pressure that counts, N
 
 
 class SqueezePlan(GraspPlan):
-    r"""The targets of the controller, every :obj:`step` seconds: squeezes, and no lift.
+    r"""Planned squeezes without a lift: the target pose of palm and fingers every :obj:`step`
+    seconds.
 
     As :class:`GraspPlan`, with :obj:`phase` in :obj:`SQUEEZE_PHASES`.
+
+    Examples:
+        >>> plan = plan_squeeze((0.07, 0.1, 0.06), np.random.default_rng(0))
+        >>> plan.phase_names
+        ('hover', 'reach', 'close', 'squeeze')
     """
 
     __slots__ = ()
@@ -92,6 +98,11 @@ def plan_squeeze(
 
     Raises:
         ValueError: If the step is not positive, or longer than the trial.
+
+    Examples:
+        >>> plan = plan_squeeze((0.07, 0.1, 0.06), np.random.default_rng(0))
+        >>> plan.joint.shape, plan.phase_names[plan.phase[-1]]
+        ((1000, 16), 'squeeze')
     """
     spread = spread or GraspSpread()
     if not 0 < step <= duration:

@@ -1,4 +1,4 @@
-r"""Laws as asserts, for our tests and for other people's layers and transforms."""
+r"""Assertions that check the laws of layers and transforms, for our tests and your own."""
 
 from torch_geometric_tactile.testing.permutation_equivariant import assert_permutation_equivariant
 from torch_geometric_tactile.testing.static_equals_batched import assert_static_equals_batched

@@ -23,9 +23,17 @@ _T = TypeVar("_T", bound=L.LightningModule)
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    r"""Writes a checkpoint to a temporary name and renames it, so that a kill in the middle leaves
-    the checkpoint before it as it was; compares a checkpoint with its checksums, and reads it as
-    plain data unless told otherwise.
+    r"""Writes checkpoints atomically, so that a process killed while writing leaves the checkpoint
+    before it unchanged. Reading compares a checkpoint with its checksums, and loads it as plain
+    data unless told otherwise.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> files = AtomicCheckpointIO()
+        >>> with TemporaryDirectory() as folder:
+        ...     files.save_checkpoint({"state_dict": {}, "epoch": 3}, f"{folder}/last.ckpt")
+        ...     files.load_checkpoint(f"{folder}/last.ckpt")["epoch"]
+        3
     """
 
     def save_checkpoint(

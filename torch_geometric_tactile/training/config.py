@@ -31,7 +31,12 @@ TEMPLATES = (
 
 
 def config_names() -> list[str]:
-    r"""Returns the names of the shipped configurations, without those in templates."""
+    r"""Returns the names of the shipped configurations, without the experiments of templates.
+
+    Examples:
+        >>> "grasp_gcn_df" in config_names()
+        True
+    """
     return sorted(
         entry.name.removesuffix(".yaml")
         for entry in _folder().iterdir()
@@ -40,15 +45,19 @@ def config_names() -> list[str]:
 
 
 def find_config(name: str) -> Path:
-    r"""Returns the path of a configuration: a file, a shipped one by its name, or an experiment of
-    a shipped template as :obj:`TEMPLATE/EXPERIMENT`, which is written to a temporary file that
-    lives as long as this process.
+    r"""Returns the path of a configuration: a file, a shipped configuration by its name, or an
+    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. The latter is written to a
+    temporary file that exists as long as this process.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
 
     Raises:
         FileNotFoundError: If there is neither; the message lists what is shipped.
+
+    Examples:
+        >>> find_config("grasp_gcn_df").name
+        'grasp_gcn_df.yaml'
     """
     path = Path(name)
     if path.is_file():
@@ -77,10 +86,14 @@ def find_config(name: str) -> Path:
 
 
 def load_config(name: str) -> dict[str, Any]:
-    r"""Reads a configuration.
+    r"""Loads a configuration from a YAML file.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
+
+    Examples:
+        >>> load_config("grasp_gcn_df")["model"]["model"]["class_path"]
+        'torch_geometric_tactile.nn.models.GraspGCN'
     """
     path = find_config(name)
     content = read_yaml(path)

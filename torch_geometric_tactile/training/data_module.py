@@ -63,6 +63,13 @@ class TactileDataModule(L.LightningDataModule):
         ValueError: If :obj:`split` is unknown, a part of :obj:`dataset` is asked for although
             :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
             layouts, or :obj:`train_transform` has parts that must be fitted.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> data = TactileDataModule(FakeTactileDataset(100), split="group", batch_size=16)
+        >>> data.setup("fit")
+        >>> next(iter(data.train_dataloader())).x.shape
+        torch.Size([16, 24, 3])
     """
 
     def __init__(

@@ -54,7 +54,7 @@ def classification_metrics(
     task: Task = "multiclass",
     threshold: float | None = None,
 ) -> dict[str, float]:
-    r"""Measures predicted classes or labels.
+    r"""Computes the metrics of predicted classes or labels.
 
     The class with the highest score is predicted, or with :obj:`task="multilabel"` every label with
     a score above 0.5; of two classes, class 1 if its score is above a :obj:`threshold`. The values,
@@ -142,7 +142,7 @@ def classification_metrics(
 
 
 def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) -> dict[str, float]:
-    r"""Measures predicted numbers. The values, by name:
+    r"""Computes the metrics of predicted numbers. The values, by name:
 
     * :obj:`mae`: the mean absolute error, over all numbers;
     * :obj:`rmse`: the root of the mean squared error, over all numbers;

@@ -54,8 +54,8 @@ _SOURCES = {
 
 
 class TactileModule(DecidingModule):
-    r"""Trains a model to predict the class of a sample, each of its labels, or numbers, and
-    computes its metrics.
+    r"""Trains a model for classification (one class or several labels per sample) or regression,
+    and computes its metrics.
 
     Batches may be :class:`~torch_geometric_tactile.data.StaticData` or PyG's
     :class:`~torch_geometric.data.Batch`. A checkpoint carries the layout of the sensor that it was
@@ -100,6 +100,13 @@ class TactileModule(DecidingModule):
     Raises:
         ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, a batch lacks
             what the model needs, or a checkpoint of another layout is loaded.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn.models import TaxelNet
+        >>> model = TaxelNet("biotac_sp", in_channels=3, out_channels=2)
+        >>> module = TactileModule(model, num_classes=2)
+        >>> module.task
+        'multiclass'
     """
 
     class_weight: Tensor | None
@@ -192,13 +199,7 @@ class TactileModule(DecidingModule):
         """
         needed = getattr(self.model, "modalities", ())
         inputs = {name: getattr(batch, name, None) for name in needed}
-        lacking = [name for name, value in inputs.items() if value is None]
-        if batch.edge_index is None and getattr(self.model, "needs_edges", False):
-            lacking.insert(0, "edge_index")
-        if lacking:
-            there = sorted(key for key, other in batch.to_dict().items() if other is not None)
-            source = _SOURCES.get(lacking[0], "add a transform that sets it")
-            raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
+        _check_inputs(self.model, batch, inputs)
         return inputs
 
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
@@ -304,6 +305,16 @@ class TactileModule(DecidingModule):
         metrics.reset()
 
 
+def _check_inputs(model: nn.Module, batch: Data, inputs: dict[str, Any]) -> None:
+    lacking = [name for name, value in inputs.items() if value is None]
+    if batch.edge_index is None and getattr(model, "needs_edges", False):
+        lacking.insert(0, "edge_index")
+    if lacking:
+        there = sorted(key for key, other in batch.to_dict().items() if other is not None)
+        source = _SOURCES.get(lacking[0], "add a transform that sets it")
+        raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
+
+
 #: Another name of :class:`TactileModule`, for classes and labels.
 TactileClassifier = TactileModule
 
@@ -311,8 +322,8 @@ TactileClassifier = TactileModule
 def classifier_from_config(
     config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
 ) -> TactileModule:
-    r"""Builds a module from the :obj:`model` section of a configuration, such that
-    :meth:`TactileModule.load_from_checkpoint` can build it again.
+    r"""Builds a module from the :obj:`model` section of a configuration, so that
+    :meth:`TactileModule.load_from_checkpoint` can rebuild it.
 
     Args:
         config (Mapping): The arguments of :class:`TactileModule`, classes as
@@ -325,6 +336,13 @@ def classifier_from_config(
     Raises:
         ValueError: If the configuration has a size that is not that of the data, or cannot be
             built.
+
+    Examples:
+        >>> from torch_geometric_tactile.datasets import FakeTactileDataset
+        >>> data = TactileDataModule(FakeTactileDataset(20))
+        >>> module = classifier_from_config({"model": "TaxelNet"}, data)
+        >>> type(module.model).__name__
+        'TaxelNet'
     """
     if data is not None:
         config = fill_sizes(config, data)

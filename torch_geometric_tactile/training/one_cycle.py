@@ -8,8 +8,8 @@ from torch.optim.lr_scheduler import OneCycleLR
 
 class OneCycle(L.Callback):
     r"""Steps the learning rate through :class:`torch.optim.lr_scheduler.OneCycleLR`: up to the
-    optimizer's own rate in the first third of the steps that the training will have, and down to
-    nearly zero. The last weights are then those to take: nothing has to be held out to stop early.
+    optimizer's own rate in the first third of the training steps, and down to nearly zero. The last
+    weights are then the ones to use: no part has to be held out for early stopping.
 
     The scheduler of a configuration is stepped by epoch and has to know their number; this one asks
     the trainer.

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 @contextmanager
 def quiet_lightning() -> Iterator[None]:
     r"""Switches off the notes and warnings of Lightning within a :obj:`with` block, such as those
-    on the accelerator and the number of workers. Errors and warnings of other libraries are shown.
+    on the accelerator and the number of workers. Errors, and warnings of other libraries, are
+    shown.
 
     Examples:
         >>> import lightning

@@ -25,7 +25,7 @@ _CONTENT = "layout="  # in front of the content of a layout
 
 @dataclass(frozen=True)
 class DataSizes:
-    r"""The sizes of samples, as batches have them.
+    r"""The numbers of channels, classes, edges, joints and frames of the samples of a data set.
 
     Args:
         layout (TaxelLayout): The layout of the sensor.
@@ -39,6 +39,15 @@ class DataSizes:
             is a lower bound: there may be classes that no sample has.
         num_frames (int, optional): Number of frames :math:`T` that a sample says it is a window of,
             whose features are those of all frames; :obj:`None` for single frames.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import allegro_uskin
+        >>> sizes = DataSizes(
+        ...     allegro_uskin(), in_channels=3, num_outputs=6, num_edges=0, num_joints=16,
+        ...     channels={"tactile": 3},
+        ... )
+        >>> sizes.num_outputs
+        6
     """
 
     layout: TaxelLayout
@@ -86,8 +95,8 @@ class DataSizes:
 
 
 def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -> dict[str, Any]:
-    r"""Fills in the sizes that the configuration of a model leaves out, and checks those that it
-    gives.
+    r"""Fills in the sizes that the configuration of a model leaves out, and checks the sizes that
+    it gives.
 
     An argument of the model is filled in by its name: :obj:`layout`, :obj:`num_nodes`,
     :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`, :obj:`num_classes`

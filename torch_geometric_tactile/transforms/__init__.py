@@ -1,4 +1,4 @@
-r"""Transforms: from data to data, one per file."""
+r"""Transforms of tactile data, one per file."""
 
 from torch_geometric_tactile.transforms.absolute_morphology import AbsoluteMorphology
 from torch_geometric_tactile.transforms.base import FittedTransform

@@ -38,10 +38,10 @@ class _Attributes(Protocol):
 
 
 class FittedTransform(BaseTransform):
-    r"""Subtracts a centre from the readings, or from another attribute, and divides them by a
-    scale, both fitted before, for each number of a sample (each taxel and channel, for example)
-    or for all numbers of a channel, and separately for each value of the sample attribute
-    :obj:`key`.
+    r"""Base class of transforms that subtract a centre from the readings, or from another
+    attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
+    and channel, for example) or for all numbers of a channel, and separately for each value of the
+    sample attribute :obj:`key`.
 
     A subclass says with :meth:`moments` what centre and scale are, and with :meth:`measured` on
     which samples they are fitted.
@@ -63,6 +63,13 @@ class FittedTransform(BaseTransform):
 
     Raises:
         ValueError: If :obj:`per` is none of these, or :obj:`"signal"` of other than :obj:`"x"`.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.data import StaticData
+        >>> data = StaticData(x=torch.tensor([[[1.0]], [[3.0]]]))
+        >>> FittedTransform(unit_scale=True).fit(data)(data).x.view(-1)  # subtracts the mean
+        tensor([-1.,  1.])
     """
 
     supports_static = True
@@ -85,8 +92,7 @@ class FittedTransform(BaseTransform):
         self.attr = attr
         self.per = per
         # (K, N, F), or (K, ...) with the shape of the attribute in a sample; (K, 1, F) of channels,
-        # (K, N, C) of signals.
-        # Double: raw counts are large and vary little.
+        # (K, N, C) of signals. Double: raw counts are large and vary little.
         self.center: Tensor | None = None
         self.scale: Tensor | None = None  # of the same shape
         self.key_values: Tensor | None = None  # (K,), sorted
@@ -168,13 +174,8 @@ class FittedTransform(BaseTransform):
             raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
         if samples.is_shared(self.attr) and self.per == "taxel":
             _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
-        center, scale = zip(
-            *(
-                center_and_scale(self, samples, (keys == value).nonzero().view(-1))
-                for value in values
-            ),
-            strict=True,
-        )
+        parts = [center_and_scale(self, samples, (keys == v).nonzero().view(-1)) for v in values]
+        center, scale = zip(*parts, strict=True)
         new = [torch.stack(center), torch.stack(scale), values]
         if self.center is not None and self.scale is not None and self.key_values is not None:
             known = [self.center, self.scale, self.key_values]

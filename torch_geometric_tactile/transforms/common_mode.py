@@ -17,8 +17,8 @@ from torch_geometric_tactile.typing import PathLike
 
 @functional_transform("common_mode")
 class CommonMode(BaseTransform):
-    r"""Subtracts what all taxels of a segment have in common: in each sample and channel, their
-    mean (functional name: :obj:`common_mode`).
+    r"""Subtracts the mean over the taxels of each segment, in each sample and channel (functional
+    name: :obj:`common_mode`).
 
     .. math::
         x'_i = x_i - \frac{1}{|S_i|} \sum_{j \in S_i} x_j

@@ -27,7 +27,8 @@ _logger = logging.getLogger(__name__)
 @functional_transform("contact_crop")
 class ContactCrop(BaseTransform):
     r"""Drops the frames of each window before the fingers touch the object (functional name:
-    :obj:`contact_crop`). All channels (fingers) are cut at one frame, so that they stay in step.
+    :obj:`contact_crop`). All channels (fingers) are cut at the same frame, so that they stay
+    synchronous.
 
     The first :obj:`rest` frames are taken to be at rest. Contact is the first frame from which on
     one taxel and channel is, for :obj:`sustain` frames, further from its median at rest than

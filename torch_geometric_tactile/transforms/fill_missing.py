@@ -12,7 +12,7 @@ from torch_geometric_tactile.transforms._windows import padded_frames
 
 @functional_transform("fill_missing")
 class FillMissing(BaseTransform):
-    r"""Puts a number in place of missing readings (NaN), and marks their taxels as :obj:`missing`
+    r"""Replaces missing readings (NaN) by a number, and marks their taxels as :obj:`missing`
     (functional name: :obj:`fill_missing`).
 
     Behind a scaler, zero is the mean of the taxel. Infinite readings stay as they are. The padding

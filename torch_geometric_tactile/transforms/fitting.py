@@ -16,7 +16,7 @@ def _flat(transform: BaseTransform | None) -> list[BaseTransform]:
 
 
 def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
-    r"""Returns the parts of a transform that are fitted, in their order.
+    r"""Returns the parts of a transform that have to be fitted, in their order.
 
     Args:
         transform (BaseTransform, optional): A transform or PyG's :class:`Compose` of transforms.
@@ -35,7 +35,7 @@ def fit_parts(
     adapt: bool = False,
     before: BaseTransform | None = None,
 ) -> None:
-    r"""Fits every part of a transform on the results of the parts before it, a few samples at a
+    r"""Fits every part of a transform on the output of the parts before it, a few samples at a
     time: at no time are all samples transformed in memory, or those of a memory-mapped data set
     copied.
 
@@ -68,7 +68,8 @@ def fit_parts(
 def fit_transform(
     transform: BaseTransform | None, data: AnySamples, adapt: bool = False
 ) -> StaticData:
-    r"""Fits every part of a transform on the results of the parts before it, and applies it.
+    r"""Fits every part of a transform on the output of the parts before it, and applies the
+    transform.
 
     All samples are transformed in memory, since they are returned; :func:`fit_parts` fits only.
 

@@ -16,9 +16,9 @@ _TIE = 1e-5
 
 @functional_transform("taxel_knn_graph")
 class KNNGraph(BaseTransform):
-    r"""Joins each taxel with its :math:`k` nearest neighbours in three dimensions, as in the
-    "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper
-    (functional name: :obj:`taxel_knn_graph`, since PyG has a :obj:`knn_graph`).
+    r"""Connects each taxel with its :math:`k` nearest neighbours in three dimensions, as in the
+    "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper (functional
+    name: :obj:`taxel_knn_graph`, since PyG has a :obj:`knn_graph`).
 
     Unlike :class:`torch_geometric.transforms.KNNGraph` it needs no compiled package, and ties are
     broken alike everywhere: distances that agree to a hundred thousandth of the sensor's size count

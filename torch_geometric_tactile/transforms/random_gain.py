@@ -8,9 +8,9 @@ from torch_geometric_tactile.transforms._segment_draws import SegmentDraws
 
 @functional_transform("random_gain")
 class RandomGain(SegmentDraws):
-    r"""Multiplies the readings of each segment, such as a finger, by a gain of its own in each
+    r"""Multiplies the readings of each segment, such as a finger, by a random gain, drawn for each
     sample and channel (functional name: :obj:`random_gain`), as an augmentation: a
-    :obj:`train_transform`. All frames of a window have one.
+    :obj:`train_transform`. All frames of a window share one gain.
 
     .. math::
         x'_i = x_i \, e^{\sigma g}, \qquad g \sim \mathcal{N}(0, 1)

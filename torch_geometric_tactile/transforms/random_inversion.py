@@ -15,7 +15,7 @@ from torch_geometric_tactile.transforms._segments import Segments
 @functional_transform("random_inversion")
 class RandomInversion(BaseTransform):
     r"""Inverts the grey values of some samples (functional name: :obj:`random_inversion`), as an
-    augmentation: a :obj:`train_transform`. What was black becomes white.
+    augmentation: a :obj:`train_transform`. Black becomes white.
 
     .. math::
         x'_i = low + high - x_i

@@ -8,9 +8,9 @@ from torch_geometric_tactile.transforms._segment_draws import SegmentDraws
 
 @functional_transform("random_offset")
 class RandomOffset(SegmentDraws):
-    r"""Adds an offset to the readings of each segment, such as a finger, of its own in each sample
-    and channel (functional name: :obj:`random_offset`), as an augmentation: a
-    :obj:`train_transform`. All frames of a window have one.
+    r"""Adds a random offset to the readings of each segment, such as a finger, drawn for each
+    sample and channel (functional name: :obj:`random_offset`), as an augmentation: a
+    :obj:`train_transform`. All frames of a window share one offset.
 
     What a network should not heed can also be taken out:
     :class:`~torch_geometric_tactile.transforms.CommonMode` subtracts it.

@@ -17,9 +17,9 @@ _MOST_STEPS = 100
 
 @functional_transform("random_shift")
 class RandomShift(BaseTransform):
-    r"""Shifts the image of the taxels of each sample by some cells (functional name:
+    r"""Shifts the image of the taxels of each sample by a random number of cells (functional name:
     :obj:`random_shift`), as an augmentation: a :obj:`train_transform`. Each taxel takes the reading
-    of the one so many rows and columns away on the image map of the layout.
+    of the taxel that many rows and columns away on the image map of the layout.
 
     On a hand the cells of other patches are neighbours, too: it is meant for grids.
 

@@ -16,9 +16,9 @@ _MOST_STEPS = 100_000
 
 @functional_transform("random_time_shift")
 class RandomTimeShift(BaseTransform):
-    r"""Shifts the frames of each sample by some of them, all taxels alike (functional name:
-    :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or the last
-    frame is repeated where there is none.
+    r"""Shifts each sample in time by a random number of frames, the same for all taxels (functional
+    name: :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or last
+    frame is repeated to fill the gap.
 
     The frames are the features of a taxel: those of its first channel, then those of the second.
 

@@ -19,9 +19,9 @@ _MOST_FRAMES = 100_000
 
 @functional_transform("resample")
 class Resample(BaseTransform):
-    r"""Resamples the frames of each window, as many as it has, to :obj:`num` (functional name:
-    :obj:`resample`), 60 in the "Tactile Grasp Stability Classification Based on Graph Convolutional
-    Networks" paper. Windows that were ragged have one length then.
+    r"""Resamples the frames of each window to :obj:`num` frames (functional name: :obj:`resample`),
+    60 in the "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper.
+    Windows of different lengths have the same length afterwards.
 
     New frames are spaced evenly from the first to the last of a window, which both are kept as they
     are. What is constant stays so, and a ramp stays a ramp.

@@ -17,8 +17,9 @@ _OF_EDGES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")
 
 @functional_transform("sector_graph")
 class SectorGraph(BaseTransform):
-    r"""Joins each taxel with its nearest neighbour in each sector of its tangent plane (functional
-    name: :obj:`sector_graph`), for :class:`~torch_geometric_tactile.nn.conv.SectorConv`. See
+    r"""Connects each taxel with its nearest neighbour in each sector of its tangent plane
+    (functional name: :obj:`sector_graph`), for
+    :class:`~torch_geometric_tactile.nn.conv.SectorConv`. See
     :func:`~torch_geometric_tactile.sensors.sector_edges` for the directions.
 
     The edges are those of the layout, whatever the pose: places and axes are in the frames of the

@@ -15,10 +15,10 @@ from torch_geometric_tactile.transforms._windows import given_num_frames
 
 @functional_transform("select_channels")
 class SelectChannels(BaseTransform):
-    r"""Keeps some channels of the readings, in the order in which they are named (functional name:
-    :obj:`select_channels`): the fingers whose signals stand side by side in
-    :class:`~torch_geometric_tactile.datasets.BioTacSP`, for example, or the pressure of a skin that
-    also reports shear.
+    r"""Keeps some channels of the readings, in the given order (functional name:
+    :obj:`select_channels`): for example some of the fingers whose signals are the channels of
+    :class:`~torch_geometric_tactile.datasets.BioTacSP`, or the pressure of a skin that also reports
+    shear.
 
     Of windows, which have :obj:`num_frames`, a channel is kept with all its frames. Without it, all
     numbers of a taxel count as channels.

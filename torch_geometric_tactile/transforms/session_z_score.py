@@ -11,7 +11,7 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 class SessionZScore(FittedTransform):
     r"""Scales each taxel and channel to mean zero and standard deviation one within each recording
     session, without labels (functional name: :obj:`session_z_score`). It removes the offset and
-    gain that a sensor has on one day.
+    gain of a sensor that differ from day to day.
 
     It needs the readings of a session before the first of them can be scaled, and assumes that
     sessions differ in their sensor and not in what was touched: a session of stable grasps only

@@ -40,8 +40,8 @@ def static_transform(
     edge: Iterable[str] = (),
     shared: Iterable[str] = (),
 ) -> StaticTransform:
-    r"""Declares what a PyG transform of your own reads and adds, so that it runs once a batch
-    instead of once a sample.
+    r"""Declares which attributes your own PyG transform reads and adds, so that it runs once per
+    batch instead of once per sample.
 
     If all samples of a batch share the attributes that the transform reads, they share its result
     as well, and it is called for one of them. Otherwise, and always with :obj:`reads=None`, it is

@@ -12,7 +12,7 @@ from torch_geometric_tactile.transforms.base import FittedTransform
 @functional_transform("tare")
 class Tare(FittedTransform):
     r"""Subtracts the rest reading of each taxel and channel: the mean over the first samples of its
-    session (or trial), when nothing is touched yet (functional name: :obj:`tare`).
+    session (or trial), before anything is touched (functional name: :obj:`tare`).
 
     .. math::
         x' = x - \frac{1}{|R|} \sum_{r \in R} x_r

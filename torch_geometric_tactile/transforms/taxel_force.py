@@ -11,9 +11,9 @@ from torch_geometric_tactile.transforms._attributes import require, require_x
 
 @functional_transform("taxel_force")
 class TaxelForce(BaseTransform):
-    r"""Turns readings :math:`(x, y, p)`, shear along the two axes of a taxel and pressure, into the
-    frame of the hand (functional name: :obj:`taxel_force`), where those of different taxels can be
-    added and compared:
+    r"""Rotates readings :math:`(x, y, p)`, shear along the two axes of a taxel and pressure, into
+    the frame of the hand (functional name: :obj:`taxel_force`), where readings of different taxels
+    can be added and compared:
 
     .. math::
         \mathbf{f}_i = x_i \, \mathbf{t}^x_i + y_i \, \mathbf{t}^y_i - p_i \, \mathbf{n}_i

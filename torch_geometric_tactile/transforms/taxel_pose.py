@@ -13,8 +13,8 @@ from torch_geometric_tactile.typing import PathLike
 
 @functional_transform("taxel_pose")
 class TaxelPose(BaseTransform):
-    r"""Places the taxels of a hand by its joint angles :obj:`joint` (functional name:
-    :obj:`taxel_pose`), differentiably.
+    r"""Computes the positions of the taxels of a hand from its joint angles :obj:`joint`
+    (functional name: :obj:`taxel_pose`), differentiably.
 
     A taxel at :math:`\mathbf{p}_i` with the normal :math:`\mathbf{n}_i` on link :math:`l`, whose
     rotation and translation follow from the angles :math:`\mathbf{q}`, gets

@@ -1,5 +1,5 @@
-r"""Pictures of layouts, readings and results, and the page that shows them. Needs the extra
-``viz`` when a function is called, not when this package is imported.
+r"""Plots of layouts, readings and results. Needs the extra ``viz`` when a function is called, not
+when this package is imported.
 """
 
 from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps

@@ -24,13 +24,18 @@ if TYPE_CHECKING:
 
 
 class AlarmCurves(NamedTuple):
-    r"""The alarms of one method, of one or more trainings.
+    r"""Recall and false alarms of one early-slip method, from one or more trainings.
 
     Args:
         recall (array-like): Part of the slipping grasps with an alarm, training by training
             :math:`(R, L)`; NaN where there was nothing to count.
         false_alarms (array-like): Part of the holding grasps with an alarm at the same moments
             :math:`(R, L)`.
+
+    Examples:
+        >>> curves = AlarmCurves(np.array([[0.9, 0.5]]), np.array([[0.05, 0.02]]))
+        >>> curves.recall.shape  # one training, two moments before the onset
+        (1, 2)
     """
 
     recall: np.ndarray

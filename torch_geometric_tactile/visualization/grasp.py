@@ -30,7 +30,7 @@ def plot_grasps(
     edge_index: Tensor | None = None,
     unit: str = "standard deviations",
 ) -> "Figure":
-    r"""Draws grasps below one another, one column per finger, all on one colour scale.
+    r"""Draws several grasps, one row per grasp and one column per finger, all on one colour scale.
 
     The scale is symmetric about zero and ends at the 98th percentile of the absolute readings, so
     that one broken taxel does not pale all others.

@@ -101,7 +101,7 @@ def plot_layout(
     title: str | None = None,
     numbers: bool = True,
 ) -> "Figure":
-    r"""Draws the taxels as circles, as seen by the viewer of the pad.
+    r"""Draws the taxels of a layout as circles, seen from the side of the pad that is touched.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -124,6 +124,13 @@ def plot_layout(
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`values` or :obj:`edge_index` does not fit the layout, or
             :obj:`limits` do not rise.
+
+    Examples:
+        >>> import torch
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> figure = plot_layout(grid(2, 2, pitch=0.002), torch.arange(4.0), title="Pad")
+        >>> figure.axes[0].get_title()
+        'Pad'
     """
     if values is not None:
         values = checked_values("values", values, layout.num_taxels)

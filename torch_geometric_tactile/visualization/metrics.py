@@ -125,7 +125,8 @@ def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
 def plot_label_confusions(
     matrices: ArrayLike, label_names: Sequence[str], title: str, columns: int = 3
 ) -> "Figure":
-    r"""Draws the confusion of each label with its absence, where a sample may have several labels.
+    r"""Draws a 2 x 2 confusion matrix for each label (without and with it), for samples that may
+    have several labels.
 
     Args:
         matrices (array): Counts, for each label :obj:`[[true negative, false positive], [false
@@ -177,7 +178,7 @@ def plot_label_confusions(
 def plot_roc(
     curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], title: str, bold: str | None = None
 ) -> "Figure":
-    r"""Draws receiver operating characteristics and the diagonal of chance.
+    r"""Draws receiver operating characteristic (ROC) curves and the diagonal of chance.
 
     Args:
         curves (Mapping of str to tuple): False positive rates, true positive rates and the area

@@ -108,8 +108,8 @@ _theme: ContextVar[Theme] = ContextVar("theme", default=_THEMES["light"])
 
 @contextmanager
 def theme(name: Literal["light", "dark"]) -> Iterator[None]:
-    r"""Draws the figures that are made within in the colours of a light or a dark page. Without it
-    they are light.
+    r"""Draws the figures made within a :obj:`with` block in the colours of a light or a dark page.
+    Without it they are light.
 
     Args:
         name (str): :obj:`"light"` or :obj:`"dark"`.

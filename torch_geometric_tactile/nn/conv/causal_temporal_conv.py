@@ -8,8 +8,8 @@ from torch_geometric.nn.inits import glorot, zeros
 
 
 class CausalTemporalConv(Module):
-    r"""A dilated convolution over the frames of each taxel, or of anything else, that uses only
-    the present and the past.
+    r"""A dilated convolution over the frames of each taxel, or of any other sequence, that uses
+    only present and past frames.
 
     .. math::
         \mathbf{x}'_t = \mathbf{b} + \sum_{j=0}^{K-1} \mathbf{W}_j \, \mathbf{x}_{t - (K - 1 - j) D}

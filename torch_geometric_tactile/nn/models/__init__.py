@@ -1,4 +1,4 @@
-r"""The models of the papers, and those to begin with."""
+r"""The models of the papers, and general models to start with."""
 
 from torch_geometric_tactile.nn.models.bmf_cnn import BMFCNN
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread

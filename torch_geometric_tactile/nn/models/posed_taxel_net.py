@@ -25,8 +25,8 @@ _PLACES = {"pos": (3,), "normal": (3,), "tangent": (2, 3)}
 
 
 class PosedTaxelNet(Module, TactileHubMixin):
-    r"""A network on the strongest taxels as a set of points, for answers that are metric, such as
-    the width of an object. It is ours, not from a paper.
+    r"""A network that treats the strongest taxels as a set of points, to predict metric values such
+    as the width of an object. It is ours, not from a paper.
 
     Of each sample, the taxels with the largest pressure :math:`p_i` are taken, with their position,
     normal, force :math:`\mathbf{f}_i` and its size in the frame of the palm, and pressure. All

@@ -16,10 +16,10 @@ _MOST_HALVINGS = 8
 
 
 class SmallCNN(Module, TactileHubMixin):
-    r"""A plain convolutional network to compare with, for layouts with an :obj:`image_map`: 3 x 3
-    convolutions with zeros around the map, each with batch normalisation, ReLU and the maximum of
-    2 x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. No paper
-    has it; it is what one would take first for pressure images.
+    r"""A plain convolutional network as a baseline, for layouts with an :obj:`image_map`: 3 x 3
+    convolutions with zeros around the map, each with batch normalisation, ReLU and the maximum of 2
+    x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. It is not
+    from a paper; it is a common first choice for pressure images.
 
     Cells of the map without a taxel are zero.
 

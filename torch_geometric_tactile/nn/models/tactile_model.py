@@ -25,8 +25,8 @@ CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
 class TactileModel(Module, TactileHubMixin):
-    r"""The base class of the models of a hand: collects the inputs of each taxel, whatever the form
-    of the data, and ends in fully connected layers, which joint angles may join.
+    r"""The base class of the models of a hand: collects the inputs of each taxel from any form of
+    the data, and ends in fully connected layers, to which joint angles may be added.
 
     Inputs are :obj:`"tactile"` (the readings :obj:`x`), :obj:`"edge"` (:obj:`edge_attr`, through an
     encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
@@ -48,6 +48,18 @@ class TactileModel(Module, TactileHubMixin):
 
     Raises:
         ValueError: If an input is unknown or there is none, or a size is below one.
+
+    Examples:
+        >>> import torch
+        >>> class Small(TactileModel):
+        ...     needs_edges = False
+        ...     def __init__(self):
+        ...         super().__init__(4, 2, inputs=("tactile",))  # 4 taxels, 2 classes
+        ...         self.add_head(3, (8,), (2,))
+        ...     def extract(self, parts, x, edge_index):
+        ...         return parts["tactile"]
+        >>> Small()(torch.zeros(5, 4, 3)).shape
+        torch.Size([5, 2])
     """
 
     needs_edges: bool = True
@@ -216,16 +228,7 @@ class TactileModel(Module, TactileHubMixin):
             value = self.encoder(value, edge_index, num_nodes)
         if value.dim() == 2 and value.size(0) == self.num_nodes:
             return value.expand(num_samples, -1, -1)
-        num_rows, num_features = self.num_nodes * num_samples, value.size(-1)
-        if (
-            value.size(-2) not in (self.num_nodes, num_rows)
-            or value.numel() != num_rows * num_features
-        ):
-            raise ValueError(
-                f"'{key}' must be of {num_samples} samples of {self.num_nodes} taxels, as 'x' "
-                f"(got shape {given})"
-            )
-        return value.reshape(num_samples, self.num_nodes, num_features)
+        return _by_sample(value, num_samples, self.num_nodes, key, given)
 
     def num_samples(self, x: Tensor) -> int:
         r"""Returns the number of samples in readings.
@@ -270,6 +273,18 @@ class TactileModel(Module, TactileHubMixin):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.extra_repr()})"
+
+
+def _by_sample(
+    value: Tensor, num_samples: int, num_nodes: int, key: str, given: tuple[int, ...]
+) -> Tensor:
+    num_rows, num_features = num_nodes * num_samples, value.size(-1)
+    if value.size(-2) not in (num_nodes, num_rows) or value.numel() != num_rows * num_features:
+        raise ValueError(
+            f"'{key}' must be of {num_samples} samples of {num_nodes} taxels, as 'x' "
+            f"(got shape {given})"
+        )
+    return value.reshape(num_samples, num_nodes, num_features)
 
 
 def make_encoder(

@@ -39,8 +39,9 @@ HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", 
 
 class TaxelNet(Module, TactileHubMixin):
     r"""The first model to try for the readings of any layout: convolutions that use directions,
-    with residuals and batch normalisation, pooling over neighbours where the layout is large, and a
-    head that sees the taxels one by one and all together. It is ours, not from a paper.
+    with residuals and batch normalisation, pooling over neighbours if the layout is large, and a
+    head that uses the features of the single taxels, their mean and their maximum. It is ours, not
+    from a paper.
 
     Levels of blocks, each a :class:`~torch_geometric_tactile.nn.conv.SectorConv`, batch
     normalisation, a residual where widths are equal, and ReLU. Between levels, a

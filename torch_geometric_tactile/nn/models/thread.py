@@ -35,6 +35,17 @@ class Thread(Module):
     Raises:
         ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
             divide its width, or a size is below one.
+
+    Examples:
+        >>> import torch
+        >>> class LinearThread(Thread):
+        ...     def forward(self, x):
+        ...         for linear, pool in self.layers():
+        ...             x = pool(linear(x)).relu()
+        ...         return x
+        >>> thread = LinearThread(3, widths=(8, 16), pools=(1, 2), conv=torch.nn.Linear)
+        >>> thread(torch.zeros(4, 3)).shape
+        torch.Size([4, 8])
     """
 
     def __init__(

@@ -13,7 +13,7 @@ from torch_geometric_tactile.typing import PathLike
 
 class TaxelPool(torch.nn.Module):
     r"""Pools the features of neighbouring taxels: those of a patch, of a digit, or of a voxel of a
-    given size. The coarser layout, on which convolutions may go on, is :obj:`coarse`.
+    given size. :obj:`coarse` is the coarser layout, on which further convolutions may follow.
 
     .. math::
         \mathbf{x}'_c = \max_{i \in c} \mathbf{x}_i \qquad \text{or} \qquad
