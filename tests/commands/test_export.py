@@ -47,7 +47,7 @@ def test_export_names_what_is_not_there(tmp_path, capsys):
 @pytest.mark.slow
 def test_the_page_runs_with_onnxruntime_alone(tmp_path, monkeypatch, capsys):
     page = (Path(__file__).parents[2] / "docs" / "export.md").read_text()
-    (code,) = re.findall(r"```py\n(import json\n.*?)```", page, re.DOTALL)
+    (code,) = re.findall(r"```python\n(import json\n.*?)```", page, re.DOTALL)
     (tmp_path / "grasp.onnx").write_bytes(made.onnx_file("tare").read_bytes())
     monkeypatch.chdir(tmp_path)
     exec(code, {})

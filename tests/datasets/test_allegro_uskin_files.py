@@ -201,7 +201,7 @@ def test_cut_file(root, suffix):
     path = root / "raw" / f"sponge_2{suffix}"
     write(path, frames=50)
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=rf"sponge_2\{suffix}' .*cut"):
+    with pytest.raises(ValueError, match=rf"sponge_2\{suffix}' .*truncated"):
         AllegroUSkin(root)
 
 

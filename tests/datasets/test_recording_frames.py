@@ -231,7 +231,10 @@ def test_phases_and_stride():
         ({"recordings": [], "unit": "gram"}, r"'unit' must be one of .* \(got 'gram'\)"),
         ({}, r"one of 'root' and 'recordings' must be given \(got none\)"),
         ({"root": "a", "recordings": []}, r"one of 'root' and 'recordings' .* \(got both\)"),
-        ({"recordings": [], "layout": None}, r"'layout' must be the taxels .* \(got None\)"),
+        (
+            {"recordings": [], "layout": None},
+            r"'layout' must name the taxel .* \(got None\)",
+        ),
         ({"recordings": []}, r"'recordings' must hold at least one recording \(got none\)"),
         ({"recordings": [], "split": "dev"}, r"'split' must be 'train', 'val', 'test' or None"),
         ({"recordings": [], "stride": 0}, r"'stride' must be at least 1 \(got 0\)"),

@@ -1,5 +1,4 @@
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -31,8 +30,8 @@ def test_peak_of_nothing_is_nothing():
     assert 0 <= measured.stop() < 4
 
 
-def test_without_reset_the_highest_point_of_the_process_counts(monkeypatch):
-    monkeypatch.setattr(memory, "_CLEAR", Path("/nowhere/clear_refs"))
+def test_without_reset_the_highest_point_of_the_process_counts(tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "_CLEAR", tmp_path / "none" / "clear_refs")
     assert not PeakMemory.can_start_anew()
     block = torch.ones(100 * MB)
     del block

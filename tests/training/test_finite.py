@@ -291,7 +291,7 @@ def test_bare_model_of_scaled_data_warns(labelled, tmp_path, transform):
             TactileModule.load_from_checkpoint(path, weights_only=True)
         return
     assert names == ["ZScore"]
-    with pytest.warns(UserWarning, match=r"on what ZScore made of .*Predictor.from_checkpoint"):
+    with pytest.warns(UserWarning, match=r"that ZScore transformed, .*Predictor.from_checkpoint"):
         bare = TactileModule.load_from_checkpoint(path, weights_only=True).eval()
     with warnings.catch_warnings():  # a trainer restores the scaling
         warnings.filterwarnings("error", message="this model was trained on readings")

@@ -75,7 +75,7 @@ def test_wrong_size_is_an_explained_error(config, capsys):
 
 def test_help_and_print_config_run_nothing(config, capsys):
     with pytest.raises(SystemExit, match="0"):
-        main(["fit", "--help"])
+        main(["fit", "--help-all"])
     said = capsys.readouterr().out
     assert "--data.train_transform" in said
     assert "--model.class_weights" in said
