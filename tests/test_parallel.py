@@ -28,6 +28,17 @@ def test_work_is_done_by_other_processes(backend):
     assert os.getpid() not in {process for process, _ in results}
 
 
+def folder_of_worker(number):
+    return os.getcwd()
+
+
+def test_workers_that_are_kept_follow_into_another_folder(tmp_path, monkeypatch):
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        assert set(run_parallel(folder_of_worker, range(4), 2)) == {str(tmp_path / name)}
+
+
 def test_running_dask_cluster_is_used(monkeypatch):
     distributed = pytest.importorskip("distributed", reason="needs the extra 'dask'")
     with distributed.LocalCluster(

@@ -111,13 +111,23 @@ def run_parallel(
                 batch_size=1,
                 pre_dispatch="2*n_jobs" if backend == "loky" else "all",
             )
-            results = parallel(delayed(function)(item) for item in items)
+            if backend == "loky" and jobs > 1:
+                # Workers outlive a run, and stay in the folder in which they were started.
+                folder = os.getcwd()
+                results = parallel(delayed(_in_folder)(folder, function, i) for i in items)
+            else:
+                results = parallel(delayed(function)(item) for item in items)
         try:
             yield from results
         finally:
             with warnings.catch_warnings():  # joblib warns of results that nobody waits for
                 warnings.simplefilter("ignore")
                 results.close()
+
+
+def _in_folder(folder: str, function: Callable[[_Item], _Result], item: _Item) -> _Result:
+    os.chdir(folder)
+    return function(item)
 
 
 @contextmanager
