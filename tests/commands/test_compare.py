@@ -109,7 +109,7 @@ def test_all_models_run_on_missing_readings_and_names(tmp_path, capsys):
 
 
 def test_hand_is_posed_by_its_joints(grasps, tmp_path, capsys):
-    options = ["--init", f"root={grasps}", "split=null", "task=object", "--stride", "20"]
+    options = ["--init", f"root={grasps}", "split=null", "--init", "task=object", "--stride", "20"]
     options += ["--models", "posed_taxel_net,posed_forest,posed_ridge", "--by", "frame"]
     options += ["--folds", "2", "--epochs", "1", "--members", "1", "--out", str(tmp_path)]
     assert main(["compare", "AllegroUSkin", *options]) == 0

@@ -60,6 +60,9 @@ examples:
   tactile compare touches.npz --layout skin.json --models taxel_net,svm_rbf,forest
   tactile compare touches.npz --layout biotac --by group --metric balanced_accuracy
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
+  tactile compare grasps --layout glove.json --rest 6 \\
+      --init target=grasp 'read_options={label: grasp, joint: "bend_.*", unit: count}'
+                                                         CSV files with column names of your own
   tactile compare my_glove.Gloves --init root=DIR --json > comparison.json
   tactile compare touches.npz --grid 8x8 --rest 10       each trial starts with 10 frames at rest
   tactile compare slips.npz --layout biotac --window 50  windows of 50 frames
@@ -99,8 +102,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--init",
         metavar="KEY=VALUE",
         nargs="+",
+        action="extend",
         default=[],
-        help="arguments of the data set, such as root=DIR or target=label",
+        help="arguments of the data set, such as root=DIR or target=label; may be repeated",
     )
     training = parser.add_argument_group("models and splits")
     training.add_argument(
