@@ -8,10 +8,10 @@ import torch
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording, StaticData
-from torch_geometric_tactile.io import write_recording
+from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import SessionZScore
+from torch_geometric_tactile.transforms import SessionZScore, Tare
 
 LAYOUT = grid(2, 2, pitch=0.01)
 X = torch.randn(5, 4, 3, generator=torch.Generator().manual_seed(0))
@@ -82,6 +82,20 @@ def test_sessions_of_recordings_are_measured_if_asked_for(folder, capsys):
         assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
 
 
+def test_rest_is_measured_at_the_beginning_of_a_recording(folder, capsys):
+    tare = Tare().fit(StaticData(x=X, session=torch.zeros(5)))
+    made = predictor(transform=tare)
+    made.save("c.predictor")
+    time = read_recording("trial_1.npz").time
+    rest = float(time[2] - time[0])  # two frames
+    assert main(["predict", "--rest", str(rest), "c.predictor", "trial_1.npz"]) == 0
+    made.adapt(X[:2] + 1)
+    for row, probability in zip(rows("predictions.csv"), made(X + 1), strict=True):
+        assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
+    made.adapt(X + 1)
+    assert float(row["p_hard"]) != pytest.approx(float(made(X + 1)[-1, 1]), abs=1e-6)
+
+
 def test_mistakes_are_one_line(folder, capsys):
     recording = Recording(time=np.arange(2.0), tactile=np.zeros((2, 3, 3)))
     write_recording(recording, "three.npz")
@@ -98,6 +112,7 @@ def test_mistakes_are_one_line(folder, capsys):
             "'--root' must be left out where recordings are given",
         ),
         (["a.predictor", "--adapt"], "'--adapt' must be left out without recordings"),
+        (["a.predictor", "--rest", "1"], "'--rest' must be left out without recordings"),
     ):
         assert main(["predict", *arguments]) == 1
         error = capsys.readouterr().err

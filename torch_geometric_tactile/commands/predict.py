@@ -2,7 +2,7 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 
 import argparse
 
-from torch_geometric_tactile.commands.arguments import add_allow
+from torch_geometric_tactile.commands.arguments import add_allow, seconds
 
 HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
@@ -17,6 +17,8 @@ examples:
   tactile predict runs/mt_gcn/version_0/checkpoints/last.ckpt
                                                  the test part of its data, to predictions.csv
   tactile predict last.ckpt --config grasp_gcn_df --root data/BioTacSP
+  tactile predict glove.predictor day2/*.h5 --rest 0.5
+                                                 a model with a tare: half a second at rest
   tactile predict last.ckpt --save grasp.predictor
                                                  layout, transforms, model and class names in
                                                  one file, which needs no extra to be used
@@ -57,6 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "of its own, without labels",
     )
     parser.add_argument(
+        "--rest",
+        type=seconds,
+        metavar="SECONDS",
+        help="for models with a tare: like --adapt, but measure only the first SECONDS of each "
+        "recording, in which nothing is touched",
+    )
+    parser.add_argument(
         "--config",
         metavar="CONFIG",
         help="configuration of the data: a file, or the name of a shipped one (default: the "
@@ -81,11 +90,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(
             "'--root' must be left out where recordings are given: it is for the test part"
         )
-    if arguments.adapt and not arguments.recordings:
-        raise ValueError(
-            "'--adapt' must be left out without recordings: the sessions of a test part are always "
-            "measured"
-        )
+    for name in ("adapt", "rest"):
+        if getattr(arguments, name) and not arguments.recordings:
+            raise ValueError(
+                f"'--{name}' must be left out without recordings: the sessions of a test part are "
+                "always measured"
+            )
     predictor = run_data.open_predictor(arguments.model, arguments.config, arguments.allow)
     if arguments.save is not None:
         predictor.save(arguments.save)
@@ -94,7 +104,11 @@ def run(arguments: argparse.Namespace) -> int:
             return 0
     if arguments.recordings:
         count = predictions.write_recordings(
-            predictor, arguments.recordings, arguments.out, arguments.adapt
+            predictor,
+            arguments.recordings,
+            arguments.out,
+            arguments.adapt or arguments.rest is not None,
+            arguments.rest,
         )
     else:
         data = run_data.load_data(

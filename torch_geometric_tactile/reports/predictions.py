@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.io.csv_table import safe_cell
@@ -25,7 +25,11 @@ _Rows = Iterator[tuple[list[Any], Tensor]]  # the first cells of a row, and its 
 
 
 def write_recordings(
-    predictor: Predictor, paths: Sequence[PathLike], out: PathLike, adapt: bool = False
+    predictor: Predictor,
+    paths: Sequence[PathLike],
+    out: PathLike,
+    adapt: bool = False,
+    rest: float | None = None,
 ) -> Counter[str]:
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
     probabilities. With a model of windows, a row for each window, with its last frame.
@@ -36,6 +40,8 @@ def write_recordings(
         out (str or PathLike): The CSV file, written whole or not at all.
         adapt (bool): Whether to measure each recording as a session of its own first, without
             labels, where a transform measures sessions.
+        rest (float, optional): How many seconds of each recording are measured: those at its
+            beginning in which nothing is touched. The whole recording if left out.
 
     Returns:
         Counter: How often each prediction was made.
@@ -51,20 +57,34 @@ def write_recordings(
             try:
                 frames: Sequence[int] = range(recording.num_frames)
                 if predictor.window is not None:
-                    windows, last = predictor.windows(recording)
-                    frames = last.tolist()
-                    if adapt:
-                        predictor.adapt_windows(windows)
-                elif adapt:
-                    predictor.adapt(recording.tactile, recording.joint, recording.time)
+                    frames = predictor.windows(recording)[1].tolist()
+                if adapt:
+                    _adapt(predictor, recording if rest is None else _beginning(recording, rest))
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
-                hint = "; 'tactile predict --adapt' does so" if "call 'adapt'" in str(error) else ""
+                hint = (
+                    "; 'tactile predict --rest SECONDS' and '--adapt' do so"
+                    if "call 'adapt'" in str(error)
+                    else ""
+                )
                 raise ValueError(f"'{path}': {error}{hint}") from error
             for i, row in zip(frames, probability, strict=True):
                 yield [_cell(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
+
+
+def _adapt(predictor: Predictor, measured: Recording) -> None:
+    if predictor.window is not None:
+        predictor.adapt_windows(predictor.windows(measured)[0])
+    else:
+        predictor.adapt(measured.tactile, measured.joint, measured.time)
+
+
+def _beginning(recording: Recording, seconds: float) -> Recording:
+    kept = recording.time < recording.time[:1] + seconds
+    joint = None if recording.joint is None else recording.joint[kept]
+    return Recording(time=recording.time[kept], tactile=recording.tactile[kept], joint=joint)
 
 
 def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -> Counter[str]:
