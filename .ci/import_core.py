@@ -37,6 +37,7 @@ NEEDS_EXTRA = tuple(
         "reports.grasp",
         "reports.simulation",
         "reports.table",
+        "visualization.shown_figure",  # a class of matplotlib; `visualization.figure` imports it
     )
 )
 
