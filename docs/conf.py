@@ -45,9 +45,6 @@ _FOLDER = os.environ.get("TACTILE_DOCS_TUTORIALS")
 if _FOLDER is not None:
     tutorial_folders = [] if _FOLDER == "0" else [_FOLDER]
 
-# Pages that are planned. Until they exist, the entries of the tables of contents are left out.
-planned_pages: list[str] = []
-
 # -- Docstrings --------------------------------------------------------------------------------
 autosummary_generate = True
 autosummary_ignore_module_all = False

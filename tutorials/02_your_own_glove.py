@@ -18,15 +18,12 @@ import logging
 import shutil
 import sys
 import tempfile
-import warnings
 from pathlib import Path
 
 import lightning
 
-# The library's notes are printed in the notebook; those of Lightning are switched off.
+# The library's notes are printed in the notebook.
 logging.basicConfig(stream=sys.stdout, format="note: %(message)s")
-logging.getLogger("lightning.pytorch").setLevel(logging.ERROR)
-warnings.filterwarnings("ignore", module="lightning|tqdm")
 
 folder = Path(tempfile.mkdtemp())
 grasps = folder / "grasps"
@@ -183,7 +180,7 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
+from torch_geometric_tactile.training import TactileClassifier, TactileDataModule, quiet_lightning
 from torch_geometric_tactile.transforms import FillMissing, Tare, ZScore
 
 
@@ -192,9 +189,10 @@ def train(transform, split, fold):
     module = TactileDataModule(raw, split=split, fold=fold, transform=transform, batch_size=32)
     classifier = TactileClassifier(TaxelNet(layout, raw.num_classes, in_channels=1))
     quiet = {"enable_progress_bar": False, "enable_model_summary": False, "logger": False}
-    trainer = lightning.Trainer(max_epochs=10, enable_checkpointing=False, **quiet)
-    trainer.fit(classifier, module)
-    (metrics,) = trainer.test(classifier, module, verbose=False)
+    with quiet_lightning():  # without its notes and warnings
+        trainer = lightning.Trainer(max_epochs=10, enable_checkpointing=False, **quiet)
+        trainer.fit(classifier, module)
+        (metrics,) = trainer.test(classifier, module, verbose=False)
     return classifier, module, metrics["test/accuracy"]
 
 

@@ -84,25 +84,6 @@ def _read(app: Sphinx, name: str, source: list[str]) -> None:
     folder = os.path.normpath(os.path.join("docs", page_folder))
     root = Path(app.srcdir).parent
     source[0] = rewrite_links(source[0], folder, page_folder, app.config.repository_url, root)
-    source[0] = _without_planned(source[0], app.config.planned_pages, path)
-
-
-def _without_planned(text: str, planned: list[str], path: Path) -> str:
-    # Of pages that are not written yet, an index drops the lines; others keep the text of links.
-    names = "|".join(planned)
-    if not names:
-        return text
-    is_index = path.stem == "index"
-    entry = rf"^(?:.*\()?((?:[./\w]*/)?(?:{names}))(?:\.md\).*)?\n" if is_index else None
-    pattern = entry or rf"\[([^\]]*)\]\(((?:[./\w]*/)?(?:{names}))\.md(?:#[\w-]*)?\)"
-
-    def kept(found: re.Match[str]) -> str:
-        page = found[1] if is_index else found[2]
-        if (path.parent / f"{page}.md").exists():
-            return found[0]
-        return "" if is_index else found[1]
-
-    return re.sub(pattern, kept, text, flags=re.MULTILINE)
 
 
 def _copy_pages(app: Sphinx) -> None:
@@ -125,7 +106,6 @@ def write_if_changed(path: Path, text: str) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Rewrites the links of every Markdown page as it is read."""
     app.add_config_value("repository_url", "", "env")
-    app.add_config_value("planned_pages", [], "env")
     app.connect("config-inited", lambda app, config: _copy_pages(app))
     app.connect("source-read", _read)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
