@@ -7,7 +7,7 @@ command line answers before :obj:`torch` is imported.
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.2.1"
 
 _SUBMODULES = (
     "analysis",
