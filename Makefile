@@ -4,7 +4,7 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test tutorials lint docs linkcheck dist clean
+.PHONY: demo test check tutorials lint docs linkcheck dist clean
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/installed
@@ -12,6 +12,11 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
+
+# All that must hold before a change lands, on one machine: about 30 minutes.
+check: export TACTILE_CHECKPOINT_CASES = 10000
+check: test lint tutorials docs dist
+	OMP_NUM_THREADS=1 $(VENV)/bin/python tests/fuzz/run.py --cases 20000
 
 # The limits are guards that a busy machine passes too; the times are printed. Without the options:
 # 45 s of processor time each, 7 minutes together.

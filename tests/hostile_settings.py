@@ -1,8 +1,27 @@
 """Settings that would run code if a parser built what they name."""
 
 import copy
+import json
 
 LINEAR = {"class_path": "torch.nn.Linear", "init_args": {"in_features": 2, "out_features": 2}}
+
+
+def small_checkpoint():
+    """What the checkpoint of a small module holds, with weights of zero."""
+    import lightning as L
+
+    from torch_geometric_tactile.nn import TactileFNN
+    from torch_geometric_tactile.predictor import model_entry
+    from torch_geometric_tactile.training import TactileModule
+
+    module = TactileModule(TactileFNN(4, 2, widths=(3,), pools=(1,)))
+    return {
+        "pytorch-lightning_version": L.__version__,
+        "state_dict": {name: 0 * value for name, value in module.state_dict().items()},
+        "module": {"arguments": module.arguments(), **model_entry(module.model, None)},
+        "epoch": 0,
+        "global_step": 0,
+    }
 
 
 def payload(mark):
@@ -18,7 +37,7 @@ def payload(mark):
 def hidden(mark):
     """The payload in each place and form in which a parser may find it."""
     call = payload(mark)
-    text = str(call).replace("'", '"')
+    text = json.dumps(call)
     nested = copy.deepcopy(LINEAR)
     nested["init_args"]["bias"] = call
     listed = copy.deepcopy(LINEAR)
@@ -40,6 +59,18 @@ def hidden(mark):
                 "class_path": "torch.nn.Linear",
                 "init_args": {"bias": text.replace("class_path", "class\\u005fpath")},
             }
+        },
+        # Joined by YAML, which takes an escaped line break out of a quoted key.
+        **{
+            f"folded text {ord(line_end):x}": {
+                "model": {
+                    "class_path": "torch_geometric.nn.GAE",
+                    "init_args": {
+                        "encoder": text.replace('"class_path"', f'? "class_\\{line_end}path" ')
+                    },
+                }
+            }
+            for line_end in "\r\n\x85\u2028\u2029"
         },
         "dotted key": {"model": LINEAR, "optimizer.class_path": call["class_path"]},
         "dotted key inside": {"model": {**LINEAR, "init_args.bias.class_path": "os.getcwd"}},

@@ -110,7 +110,10 @@ def config(folder: Path) -> None:
         "seed_everything": 0,
         "model": MODEL,
         "data": {
-            "dataset": {"class_path": "torch_geometric_tactile.datasets.FakeTactileDataset"},
+            "dataset": {
+                "class_path": "torch_geometric_tactile.datasets.FakeTactileDataset",
+                "init_args": {"num_samples": 40},
+            },
             "split": "trial",
             "val": 0.1,
             "transform": {"class_path": "torch_geometric_tactile.transforms.ZScore"},

@@ -296,16 +296,12 @@ def config(path: Path) -> Any:
     return plain(read_config(path))
 
 
-def model_config(path: Path) -> Any:
-    """The model of the configuration that a received checkpoint has beside it."""
-    from torch_geometric_tactile.reports.run_data import run_config
-    from torch_geometric_tactile.training import classifier_from_config
+def run_data(path: Path) -> Any:
+    """The data of the configuration that a received checkpoint has beside it."""
+    from torch_geometric_tactile.reports.run_data import load_data
 
-    torch.manual_seed(0)  # of the weights
-    settings = run_config(path.parent / "checkpoints" / "a.ckpt") or {}
-    if "model" not in settings:
-        raise ValueError("the configuration must hold 'model'")
-    return state(classifier_from_config(settings["model"]))
+    data = load_data(path.parent / "checkpoints" / "a.ckpt")
+    return {name: plain(data.part(name).column("y")) for name in ("train", "val", "test")}
 
 
 def table(path: Path) -> Any:

@@ -355,7 +355,7 @@ TARGETS: Sequence[Target] = (
     Target(
         "configuration of a run",
         model_bases.run_folder,
-        readers.model_config,
+        readers.run_data,
         _yaml,
         tree_oracles.yaml_tree,
         3,

@@ -4,6 +4,7 @@ classes that do harm. Checksums are right.
 
 import copy
 import io
+import json
 import os
 import pickle
 import zipfile
@@ -110,6 +111,26 @@ def with_harm(tree: Any, draw: Random) -> Any:
     return tree
 
 
+def with_harm_inside(tree: Any, draw: Random) -> Any:
+    """A description in which one value, at any depth, is or holds a class, also as a text."""
+    tree = copy.deepcopy(tree)
+    harm = harmful(draw)
+    text = json.dumps(harm)
+    forms = [harm, [harm], {"model": harm}, text, [text], f"[{text}]"]
+    line_end = draw.choice("\r\n\x85\u2028\u2029")
+    forms.append(text.replace('"class_path"', f'? "class_\\{line_end}path" '))
+    container, key = draw.choice(list(_values(tree)))
+    container[key] = draw.choice(forms)
+    return tree
+
+
+def _values(tree: Any) -> Any:
+    for key, value in list(tree.items() if isinstance(tree, dict) else enumerate(tree)):
+        yield tree, key
+        if isinstance(value, dict | list):
+            yield from _values(value)
+
+
 def _class_places(tree: Any) -> Any:
     items = list(tree.items() if isinstance(tree, dict) else enumerate(tree))
     for key, value in items:
@@ -187,12 +208,12 @@ def mutated_torch(data: bytes, draw: Random) -> tuple[bytes, str]:
     if kind == 3:
         forms = [None, [], {}, "text", torch.zeros(3), {"a": tree}, [tree], tree and 0]
         return saved(draw.choice(forms)), REFUSED
-    if kind == 4 and isinstance(tree, dict) and "hyper_parameters" in tree:
-        tree["hyper_parameters"] = with_harm({"x": tree["hyper_parameters"]}, draw)["x"]
-        if draw.random() < 0.2:
-            tree["hyper_parameters"]["_instantiator"] = draw.choice(
-                ["os.system", "builtins.exec", "subprocess.Popen", "io.open", "no.such", 3]
-            )
+    if kind == 4 and isinstance(tree, dict) and "module" in tree:
+        tree["module"] = with_harm_inside(tree["module"], draw)
+        tree["hyper_parameters"] = with_harm({"x": tree["config"]}, draw)["x"]
+        tree["hyper_parameters"]["_instantiator"] = draw.choice(
+            ["os.system", "builtins.exec", "lightning.pytorch.cli.instantiate_module", 3]
+        )
         return saved(tree), REWRITTEN
     return saved(mutated_tree(tree, draw)), REWRITTEN
 

@@ -6,12 +6,13 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-import lightning as L
 import torch
 import yaml
 from fake_configs import fake_config
+from hostile_settings import small_checkpoint
 
 from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.nn import TactileFNN
 from torch_geometric_tactile.training import TactileModule, config
 from torch_geometric_tactile.training.config import load_config, read_yaml
 
@@ -108,23 +109,13 @@ def test_table_shows_no_traceback_for_a_bad_file(tmp_path, monkeypatch, capsys, 
 
 @pytest.fixture
 def checkpoint(tmp_path):
-    content = {
-        "pytorch-lightning_version": L.__version__,
-        "state_dict": {"model.weight": torch.zeros(2, 2), "model.bias": torch.zeros(2)},
-        "hyper_parameters": {
-            "model": {
-                "class_path": "torch.nn.Linear",
-                "init_args": {"in_features": 2, "out_features": 2},
-            }
-        },
-    }
-    return content, tmp_path / "a.ckpt"
+    return small_checkpoint(), tmp_path / "a.ckpt"
 
 
 def test_checkpoint_is_loaded(checkpoint):
     content, path = checkpoint
     torch.save(content, path)
-    assert isinstance(TactileModule.load_from_checkpoint(path).model, torch.nn.Linear)
+    assert isinstance(TactileModule.load_from_checkpoint(path).model, TactileFNN)
 
 
 @pytest.mark.parametrize(
@@ -135,11 +126,9 @@ def test_checkpoint_is_loaded(checkpoint):
         ({"state_dict": {}}, "RuntimeError: .*Missing key"),
         ({"state_dict": {"model.weight": 3}}, "no TactileModule can be built from"),
         ({"state_dict": {"model.weight": torch.zeros(3)}}, "no TactileModule can be built from"),
-        ({"hyper_parameters": 3}, "must hold 'hyper_parameters' as a mapping"),
-        ({"hyper_parameters": {"model": 3}}, "'model.model' must have a 'class_path'"),
-        ({"hyper_parameters": {"bogus": 3}}, "no TactileModule can be built from"),
-        ({"hyper_parameters": {}}, "no TactileModule can be built from"),
-        ({"hyper_parameters": {1: 2}}, "must have names as keys"),
+        ({"module": None}, r"Predictor\.from_checkpoint\(path\)"),
+        ({"module": 3}, "until version 0.2.0"),
+        ({"module": {}}, "KeyError: 'tensors'"),
         ({"layout": 3}, "no TactileModule can be built from"),
         ({"layout": {"taxels": []}}, "no TactileModule can be built from"),
     ],
@@ -151,6 +140,26 @@ def test_checkpoint_with_other_contents_names_the_file(checkpoint, change, messa
         TactileModule.load_from_checkpoint(path)
     torch.save([content], path)
     with pytest.raises(ValueError, match=r"a\.ckpt' is no checkpoint"):
+        TactileModule.load_from_checkpoint(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "change", "message"),
+    [
+        ("arguments", {"bogus": 3}, "TypeError: .*bogus"),
+        ("arguments", {1: 3}, "TypeError: .*"),
+        ("arguments", {"task": "torch.load"}, "'task' must be one of"),
+        ("arguments", {"num_classes": 10**12}, "no TactileModule can be built"),
+        ("description", {"class": "torch.nn.Linear"}, "there is no model 'torch.nn.Linear' in"),
+        ("description", {"class": ["GraspGCN"]}, "no TactileModule can be built"),
+        ("description", {"own": "OwnNet"}, "'model' must be given: .* of a OwnNet, which is not"),
+    ],
+)
+def test_description_that_does_not_fit_names_the_file(checkpoint, entry, change, message):
+    content, path = checkpoint
+    content["module"][entry].update(change)
+    torch.save(content, path)
+    with pytest.raises(ValueError, match=rf"(?s)a\.ckpt'.*{message}|{message}.*a\.ckpt"):
         TactileModule.load_from_checkpoint(path)
 
 
@@ -168,7 +177,8 @@ def test_checkpoint_with_flipped_bits_is_refused_or_the_same(checkpoint):
         except ValueError:
             refused += 1
         else:
-            assert not module.model.weight.any(), place
+            for name, value in module.state_dict().items():
+                assert torch.equal(value, content["state_dict"][name]), place
     assert refused > 20
 
 
@@ -185,7 +195,7 @@ def test_damaged_checkpoint_on_the_command_line(tmp_path, monkeypatch, capsys):
     ):
         assert main(verb) == 1
         assert "cut.ckpt' is damaged or truncated" in capsys.readouterr().err
-    torch.save({"state_dict": {}, "hyper_parameters": {}}, "other.ckpt")
+    torch.save({"state_dict": {}, "config": {}}, "other.ckpt")
     assert main(["test", "--config", "a.yaml", "--ckpt_path", "other.ckpt"]) == 1
     assert "checkpoint 'other.ckpt' cannot be used here" in capsys.readouterr().err
 

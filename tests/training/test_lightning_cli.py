@@ -30,7 +30,7 @@ def built(args):
 
 def test_model_has_the_sizes_of_the_data_and_the_checkpoint_as_well(config):
     cli = built(config)
-    arguments = cli.model.hparams["model"]["init_args"]
+    arguments = cli.model.config["model"]["init_args"]
     assert (cli.model.model.num_nodes, arguments["out_channels"]) == (24, 2)
     assert arguments["channels"]["tactile"] == 3
     assert cli.datamodule is cli._data  # built once
@@ -64,7 +64,7 @@ def test_model_section_may_be_a_file(config, tmp_path):
     (tmp_path / "model.yaml").write_text("label_smoothing: 0.2")
     cli = built([*config, "--model", "model.yaml"])
     assert (cli.model.label_smoothing, cli.model.num_classes) == (0.2, 2)
-    assert cli.model.hparams["model"]["init_args"]["channels"]["tactile"] == 3
+    assert cli.model.config["model"]["init_args"]["channels"]["tactile"] == 3
 
 
 def test_wrong_size_is_an_explained_error(config, capsys):
@@ -163,7 +163,7 @@ def test_seed_gives_the_weights_that_it_gave_before(config):
     from torch_geometric_tactile.nn import models
 
     L.seed_everything(0, verbose=False)
-    init_args = built(config).model.hparams["model"]["init_args"]
+    init_args = built(config).model.config["model"]["init_args"]
     L.seed_everything(0, verbose=False)
     expected = getattr(models, model)(**init_args)
     for found, value in zip(weights, expected.parameters(), strict=True):

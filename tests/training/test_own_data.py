@@ -116,7 +116,7 @@ def test_own_data_set_layout_and_model_are_trained_tested_and_loaded(folder, mon
     (command,) = (line for line in table.splitlines() if line.startswith("  tactile test"))
     assert command.endswith(f"--config runs/my/version_0/config.yaml --ckpt_path {last}")
 
-    stored = torch.load(folder / last, weights_only=True)["hyper_parameters"]["model"]
+    stored = torch.load(folder / last, weights_only=True)["config"]["model"]
     assert stored["init_args"]["in_channels"] == 2
     assert stored["init_args"]["out_channels"] == 3
 
@@ -133,9 +133,12 @@ def test_own_data_set_layout_and_model_are_trained_tested_and_loaded(folder, mon
     assert {row["prediction"] for row in rows} == {"cup", "pen", "box"}
 
     monkeypatch.syspath_prepend(folder)
-    with pytest.raises(ValueError, match=r"'model.model' names 'my_glove\.Net'.* --allow my_glove"):
+    with pytest.raises(ValueError, match=r"'model' must be given: .* of a Net, which is not built"):
         TactileModule.load_from_checkpoint(folder / last)
-    module = TactileModule.load_from_checkpoint(folder / last, allow=["my_glove"])
+    from my_glove import Net
+
+    model = Net(**{**stored["init_args"], "layout": folder / "glove.json"})
+    module = TactileModule.load_from_checkpoint(folder / last, model=model)
     assert module.model.layout.matches(TaxelLayout.load(folder / "glove.json"))
 
 

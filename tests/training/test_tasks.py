@@ -14,7 +14,6 @@ from torch_geometric_tactile.reports.predictions import write_samples
 from torch_geometric_tactile.training import (
     TactileClassifier,
     TactileDataModule,
-    classifier_from_config,
 )
 from torch_geometric_tactile.training.metrics import classification_metrics
 
@@ -119,24 +118,22 @@ def test_class_missing_in_the_test_part_breaks_nothing(labelled, joint_model, tm
         assert tested["test/accuracy"] > 0.7
 
 
-def test_checkpoint_without_task_is_loaded(labelled, tmp_path):
-    config = {"model": {"class_path": "torch.nn.Identity"}, "num_classes": 2}
-    path = tmp_path / "old.ckpt"
+def test_checkpoint_keeps_the_arguments(tmp_path):
+    given = {"task": "multilabel", "num_classes": 6, "class_weights": (1, 2, 3, 4, 5, 6)}
     fitter = trainer(tmp_path)
-    fitter.strategy.connect(classifier_from_config(config))
-    fitter.save_checkpoint(path)
-    assert "task" not in torch.load(path, weights_only=True)["hyper_parameters"]
-    again = TactileClassifier.load_from_checkpoint(path, weights_only=True)
-    assert (again.task, again.num_classes) == ("multiclass", 2)
-
-
-def test_checkpoint_keeps_the_task(tmp_path):
-    config = {"model": {"class_path": "torch.nn.Identity"}, "task": "multilabel", "num_classes": 6}
-    fitter = trainer(tmp_path)
-    fitter.strategy.connect(classifier_from_config(config))
+    fitter.strategy.connect(TactileClassifier(torch.nn.Identity(), **given))
     fitter.save_checkpoint(tmp_path / "new.ckpt")
-    again = TactileClassifier.load_from_checkpoint(tmp_path / "new.ckpt", weights_only=True)
+    again = TactileClassifier.load_from_checkpoint(tmp_path / "new.ckpt", model=torch.nn.Identity())
     assert (again.task, again.num_classes) == ("multilabel", 6)
+    assert again.class_weight.tolist() == [1, 2, 3, 4, 5, 6]
+    assert again.arguments() == {
+        "num_classes": 6,
+        "task": "multilabel",
+        "loss": None,
+        "class_weights": [1, 2, 3, 4, 5, 6],
+        "label_smoothing": 0.0,
+        "threshold": None,
+    }
 
 
 def test_bad_input_is_named(labelled, joint_model):

@@ -2,7 +2,7 @@ r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 
 import argparse
 
-from torch_geometric_tactile.commands.arguments import add_allow, not_negative, positive
+from torch_geometric_tactile.commands.arguments import not_negative, positive
 
 HELP = "Show what a model has learnt: errors, embeddings, attribution"
 EXTRAS = "train,viz"
@@ -36,13 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         metavar="CONFIG",
-        help="configuration of the data: a file, or the name of a shipped one (default: the "
-        "config.yaml of the run)",
+        help="configuration of data and model, which may name classes of your own: a file, or the "
+        "name of a shipped one (default: the data of the config.yaml of the run)",
     )
     parser.add_argument(
         "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
     )
-    add_allow(parser)
     parser.add_argument(
         "--frames",
         metavar="N",
@@ -75,7 +74,6 @@ def run(arguments: argparse.Namespace) -> int:
         root=arguments.root,
         frames=arguments.frames,
         seed=arguments.seed,
-        allow=arguments.allow,
     )
     print(printable(f"analysis: {page}"))
     return 0

@@ -111,22 +111,6 @@ def rest(text: str) -> str | float | None:
     return number
 
 
-def add_allow(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the option that allows classes of the user in the configuration of a checkpoint.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
-    parser.add_argument(
-        "--allow",
-        metavar="PACKAGE",
-        action="append",
-        default=[],
-        help="allow classes of your own package, module or class in the checkpoint and its "
-        "config.yaml; can be repeated",
-    )
-
-
 def add_workers(parser: argparse.ArgumentParser) -> None:
     r"""Adds the options for processes, threads and machines.
 

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    from torch_geometric_tactile.commands.arguments import add_allow, few
+    from torch_geometric_tactile.commands.arguments import few
 
     parser.add_argument(
         "predictor",
@@ -52,10 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         metavar="CONFIG",
-        help="configuration with models and transforms of your own (default: the config.yaml of "
-        "the run)",
+        help="configuration with a model or transforms of your own",
     )
-    add_allow(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -72,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.texts import printable
 
     require_export()
-    predictor = run_data.open_predictor(arguments.predictor, arguments.config, arguments.allow)
+    predictor = run_data.open_predictor(arguments.predictor, arguments.config)
     if arguments.tare:
         predictor = predictor.with_tare()
     exported = export_onnx(

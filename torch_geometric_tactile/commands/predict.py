@@ -2,7 +2,7 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 
 import argparse
 
-from torch_geometric_tactile.commands.arguments import add_allow, seconds
+from torch_geometric_tactile.commands.arguments import seconds
 
 HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
@@ -68,13 +68,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
         metavar="CONFIG",
-        help="configuration of the data: a file, or the name of a shipped one (default: the "
-        "config.yaml of the run)",
+        help="configuration of data and model, which may name classes of your own: a file, or the "
+        "name of a shipped one (default: the data of the config.yaml of the run)",
     )
     parser.add_argument(
         "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
     )
-    add_allow(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -96,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
                 f"'--{name}' must be left out without recordings: the sessions of a test part are "
                 "always measured"
             )
-    predictor = run_data.open_predictor(arguments.model, arguments.config, arguments.allow)
+    predictor = run_data.open_predictor(arguments.model, arguments.config)
     if arguments.save is not None:
         predictor.save(arguments.save)
         print(printable(f"wrote {arguments.save}: {predictor}"), flush=True)
@@ -111,9 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.rest,
         )
     else:
-        data = run_data.load_data(
-            arguments.model, arguments.config, arguments.root, arguments.allow
-        )
+        data = run_data.load_data(arguments.model, arguments.config, arguments.root)
         samples = run_data.test_part(data, predictor)
         count = predictions.write_samples(predictor, samples, arguments.out)
     of_windows = predictor.window is not None

@@ -2,7 +2,21 @@ r"""Predictors: a trained model and the preparation of its readings in one file.
 extra ``train``."""
 
 from torch_geometric_tactile.predictor.builder import MissingOwnError
-from torch_geometric_tactile.predictor.content import checkpoint_entry, is_checkpoint
+from torch_geometric_tactile.predictor.classes import transform_classes
+from torch_geometric_tactile.predictor.content import (
+    build_model,
+    checkpoint_entry,
+    is_checkpoint,
+    model_entry,
+)
 from torch_geometric_tactile.predictor.predictor import Predictor
 
-__all__ = ["MissingOwnError", "Predictor", "checkpoint_entry", "is_checkpoint"]
+__all__ = [
+    "MissingOwnError",
+    "Predictor",
+    "build_model",
+    "checkpoint_entry",
+    "is_checkpoint",
+    "model_entry",
+    "transform_classes",
+]

@@ -41,13 +41,16 @@ class Builder:
     r"""Builds transforms and models from what :class:`Describer` returned.
 
     Args:
-        layout (TaxelLayout): The layout of the sensor.
+        layout (TaxelLayout, optional): The layout of the sensor.
         tensors (Mapping of str to torch.Tensor): The tensors.
         own (sequence, optional): Transforms with the user's own among them.
     """
 
     def __init__(
-        self, layout: TaxelLayout, tensors: Mapping[str, Tensor], own: Sequence[Any] | None = None
+        self,
+        layout: TaxelLayout | None,
+        tensors: Mapping[str, Tensor],
+        own: Sequence[Any] | None = None,
     ) -> None:
         self.layout = layout
         self.tensors = tensors

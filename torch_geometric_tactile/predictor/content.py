@@ -114,6 +114,54 @@ def checkpoint_entry(
     return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
 
 
+def model_entry(model: Module, layout: TaxelLayout | None) -> dict[str, Any]:
+    r"""Returns what :func:`build_model` builds a model of, as plain data and tensors: its name and
+    arguments, or of a user's own its name and text.
+
+    Args:
+        model (torch.nn.Module): The model.
+        layout (TaxelLayout, optional): The layout of the sensor, which is not repeated.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn.models import GraspGCN
+        >>> model_entry(GraspGCN(), None)["description"]["class"]
+        'GraspGCN'
+    """
+    describer = Describer(layout)
+    description = describer.model(model)
+    return {
+        "description": description,
+        "tensors": {name: tensor.clone() for name, tensor in describer.tensors.items()},
+    }
+
+
+def build_model(
+    entry: Mapping[str, Any],
+    weights: Mapping[str, Tensor],
+    layout: TaxelLayout | None,
+    model: Module | None = None,
+) -> Module:
+    r"""Builds a model of what :func:`model_entry` returned, with weights that are still to be
+    loaded. Only models of this package are built by their names.
+
+    Args:
+        entry (Mapping): What :func:`model_entry` returned.
+        weights (Mapping of str to torch.Tensor): The weights, which limit its size.
+        layout (TaxelLayout, optional): The layout of the sensor.
+        model (torch.nn.Module, optional): The model, if it is the user's own; it is copied.
+
+    Raises:
+        ValueError: If it is unknown, or the user's own is missing or another one.
+
+    Examples:
+        >>> from torch_geometric_tactile.nn.models import GraspGCN
+        >>> model = GraspGCN()
+        >>> type(build_model(model_entry(model, None), model.state_dict(), None)).__name__
+        'GraspGCN'
+    """
+    return Builder(layout, {**entry["tensors"], **weights}).model(entry["description"], model)
+
+
 def build(
     header: Mapping[str, Any],
     tensors: Mapping[str, Tensor],

@@ -36,10 +36,10 @@ class Describer:
     r"""Turns transforms and models into JSON values and named tensors.
 
     Args:
-        layout (TaxelLayout): The layout of the sensor, which is written once.
+        layout (TaxelLayout, optional): The layout of the sensor, which is written once.
     """
 
-    def __init__(self, layout: TaxelLayout) -> None:
+    def __init__(self, layout: TaxelLayout | None) -> None:
         self.layout = layout
         self.tensors: dict[str, Tensor] = {}
 
@@ -113,7 +113,8 @@ class Describer:
             self.tensors[name] = value.detach()
             return {"$tensor": name}
         if isinstance(value, TaxelLayout):
-            same = value is self.layout or value.to_dict() == self.layout.to_dict()
+            own = self.layout
+            same = own is not None and (value is own or value.to_dict() == own.to_dict())
             return {"$layout": None if same else value.to_dict()}
         if isinstance(value, HandKinematics):
             return {"$kinematics": value.to_dict()}

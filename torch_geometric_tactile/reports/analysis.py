@@ -1,6 +1,5 @@
 r"""The page of an analysis: what a model has learnt, in numbers and pictures."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ def main(
     root: PathLike | None = None,
     frames: int = 200,
     seed: int = 0,
-    allow: Sequence[str] = (),
 ) -> Path:
     r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data, and
     returns the page.
@@ -37,15 +35,13 @@ def main(
         root (str or PathLike, optional): Folder of the data, instead of the configuration's.
         frames (int): How many frames of the test part, evenly spaced, are embedded and explained.
         seed (int): Seed of embeddings and of untrained models.
-        allow (sequence of str): Packages, modules or classes of your own that the
-            :obj:`config.yaml` of the run may name.
 
     Raises:
         FileNotFoundError: If there is no checkpoint or no configuration.
         ValueError: If the checkpoint is of another layout than the data, or there is no test part.
     """
-    predictor = open_predictor(model, config, allow)
-    data = load_data(model, config, root, allow)
+    predictor = open_predictor(model, config)
+    data = load_data(model, config, root)
     facts = {
         **_origin(Path(model)),
         "Model": f"`{predictor.model}`".splitlines()[0].rstrip("`(") + "`",

@@ -1,32 +1,37 @@
 r"""The predictor of a run and the test part of its data."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.predictor import MissingOwnError, Predictor, is_checkpoint
+from torch_geometric_tactile import datasets
+from torch_geometric_tactile.data import Protocol, Split, StaticDataset, Trials, Windows
+from torch_geometric_tactile.predictor import (
+    MissingOwnError,
+    Predictor,
+    is_checkpoint,
+    transform_classes,
+)
 from torch_geometric_tactile.transforms import fit_parts
 from torch_geometric_tactile.typing import PathLike
 
+_CONFIG_OPTION = "'--config FILE', which may name any class"
 
-def open_predictor(
-    path: PathLike, config: str | None = None, allow: Sequence[str] = ()
-) -> Predictor:
+
+def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
     r"""Reads a predictor from its file, or from a checkpoint of ``tactile fit``.
 
-    A model or transforms of the user's own are built from the configuration.
+    A model or transforms of the user's own are built from a configuration that is given, never from
+    one that lies beside the checkpoint.
 
     Args:
         path (str or PathLike): The file or checkpoint.
-        config (str, optional): The configuration, a file or a shipped one; that of the run if left
-            out.
-        allow (sequence of str): As of :func:`run_config`.
+        config (str, optional): The configuration, a file or a shipped one.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file cannot be read.
+        ValueError: If the file cannot be read, or needs a configuration.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no predictor or checkpoint '{path}'")
@@ -36,83 +41,42 @@ def open_predictor(
         try:
             return read(path, **own)
         except MissingOwnError as error:
-            settings = run_config(path, config, allow)
-            if settings is None or error.argument in own:
+            if config is None:
+                raise ValueError(f"{error}: give the configuration of {_CONFIG_OPTION}") from error
+            if error.argument in own:
                 raise
-            own[error.argument] = _own_parts(settings, error.argument)
+            own[error.argument] = _own_parts(_read_config(config), error.argument)
 
 
-def run_config(
-    path: PathLike, config: str | None = None, allow: Sequence[str] = ()
-) -> dict[str, Any] | None:
-    r"""Reads the sections :obj:`data` and :obj:`model` of the configuration of a run, or returns
-    :obj:`None` if there is none.
-
-    A configuration that is given may name any class. One that is found beside a checkpoint may be
-    anyone's: only classes that
-    :func:`~torch_geometric_tactile.training.safe_classes.safe_section` lets through are built.
-
-    Args:
-        path (str or PathLike): A checkpoint of the run.
-        config (str, optional): The configuration; the :obj:`config.yaml` that the run has beside
-            its checkpoints if left out.
-        allow (sequence of str): Packages, modules or classes of your own that the latter may name.
-
-    Raises:
-        ValueError: If it cannot be read, or names a class that it must not.
-    """
-    beside = Path(path).absolute().parent.parent / "config.yaml"
-    if config is None and not beside.is_file():
-        return None
-    from torch_geometric_tactile.training.config import load_config
-    from torch_geometric_tactile.training.given_arguments import own_modules
-    from torch_geometric_tactile.training.safe_classes import safe_section
-
-    settings = load_config(config or str(beside))
-    if not isinstance(settings.get("data"), Mapping):
-        raise ValueError(f"configuration '{config or beside}' must hold 'data' (got none)")
-    if config is not None:
-        return settings
-    if allow:
-        own_modules()
-    return {
-        key: safe_section(key, settings[key], beside, allow)
-        for key in ("data", "model")
-        if key in settings
-    }
-
-
-def load_data(
-    path: PathLike,
-    config: str | None = None,
-    root: PathLike | None = None,
-    allow: Sequence[str] = (),
-) -> Any:
+def load_data(path: PathLike, config: str | None = None, root: PathLike | None = None) -> Any:
     r"""Returns the data of a run as :class:`~torch_geometric_tactile.training.TactileDataModule`,
     without a transform after those of its data sets, set up.
 
+    A configuration that is given may name any class. The one beside a checkpoint may be anyone's:
+    it is a plain description of data sets, transforms and splits of this package, and its folders
+    lie in the working directory.
+
     Args:
         path (str or PathLike): A checkpoint of the run.
-        config (str, optional): As of :func:`run_config`.
+        config (str, optional): The configuration, a file or a shipped one; the :obj:`config.yaml`
+            that the run has beside its checkpoints if left out.
         root (str or PathLike, optional): Folder of the data, instead of the configuration's.
-        allow (sequence of str): As of :func:`run_config`.
 
     Raises:
         FileNotFoundError: If there is no configuration.
-        ValueError: As of :func:`run_config`.
+        ValueError: If it cannot be read, or one beside a checkpoint names anything else.
     """
-    settings = run_config(path, config, allow)
-    if settings is None:
+    beside = Path(path).absolute().parent.parent / "config.yaml"
+    if config is None and not beside.is_file():
         raise FileNotFoundError(
-            f"there is no '{Path(path).absolute().parent.parent / 'config.yaml'}', the "
-            "configuration of the run: give it with '--config'"
+            f"there is no '{beside}', the configuration of the run: give it with '--config'"
         )
-    settings = settings["data"]
+    settings = _read_config(config or str(beside))["data"]
     if root is not None:
         for key in ("dataset", "val_dataset", "test_dataset"):
             if settings.get(key):
                 settings[key].setdefault("init_args", {})["root"] = str(root)
-    data = _data_module(settings)
+    data = _own_data(settings) if config is not None else _described_data(settings, beside, root)
     data.transform = None  # the predictor has the fitted one
     data.setup()
     return data
@@ -140,10 +104,19 @@ def test_part(data: Any, predictor: Predictor) -> StaticDataset:
     return part
 
 
+def _read_config(config: str) -> dict[str, Any]:
+    from torch_geometric_tactile.training.config import load_config
+
+    settings = load_config(config)
+    if not isinstance(settings.get("data"), Mapping):
+        raise ValueError(f"configuration '{config}' must hold 'data' (got none)")
+    return settings
+
+
 def _own_parts(settings: dict[str, Any], argument: str) -> Any:
     from torch_geometric_tactile.training import classifier_from_config
 
-    data = _data_module(settings["data"])
+    data = _own_data(settings["data"])
     if argument == "model":
         if not isinstance(settings.get("model"), Mapping):
             raise ValueError("the configuration must hold 'model' (got none)")
@@ -151,7 +124,7 @@ def _own_parts(settings: dict[str, Any], argument: str) -> Any:
     return [data.dataset.pre_transform, data.dataset.transform, data.transform]
 
 
-def _data_module(settings: dict[str, Any]) -> Any:
+def _own_data(settings: dict[str, Any]) -> Any:
     from lightning.pytorch.cli import instantiate_module
 
     from torch_geometric_tactile.training import TactileDataModule
@@ -159,3 +132,48 @@ def _data_module(settings: dict[str, Any]) -> Any:
 
     own_modules()
     return instantiate_module(TactileDataModule, settings)
+
+
+def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | None) -> Any:
+    # Of plain values and names; no name is imported, and no text is parsed.
+    from torch_geometric_tactile.training import TactileDataModule
+
+    found = [Protocol, Split, Trials, Windows, *(getattr(datasets, n) for n in datasets.__all__)]
+    classes = {cls.__name__: cls for cls in found if isinstance(cls, type)} | transform_classes()
+
+    def built(value: Any) -> Any:
+        if isinstance(value, list):
+            return [built(item) for item in value]
+        if not isinstance(value, Mapping):
+            return value
+        if "class_path" not in value:
+            return {key: built(item) for key, item in value.items()}
+        path, arguments = str(value["class_path"]), value.get("init_args") or {}
+        cls = classes.get(path.rpartition(".")[2])
+        if cls is None or not f"{cls.__module__}.".startswith(f"{path.partition('.')[0]}."):
+            raise ValueError(f"it names '{path}', which is not built by name")
+        folder = arguments.get("root")
+        if root is None and folder is not None and not _is_inside(folder):
+            raise ValueError(
+                f"'root' must lie in the working directory (got '{folder}'), since processed files "
+                "are written there: give '--root'"
+            )
+        return cls(**{key: built(item) for key, item in arguments.items()})
+
+    unused = ("transform", "train_transform")  # the predictor has the fitted one
+    try:
+        parts = {key: built(item) for key, item in settings.items() if key not in unused}
+        data = TactileDataModule(**parts)
+        data.setup()
+        return data
+    except OSError:
+        raise
+    except Exception as error:  # whatever a constructor makes of arguments that it cannot take
+        told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        raise ValueError(
+            f"'{source}' cannot be used: {told}; if it is your own, give it by {_CONFIG_OPTION}"
+        ) from error
+
+
+def _is_inside(folder: Any) -> bool:
+    return Path(str(folder)).resolve().is_relative_to(Path.cwd().resolve())

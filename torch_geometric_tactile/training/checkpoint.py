@@ -8,15 +8,14 @@ from typing import Any, TypeVar
 import lightning as L
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
-from lightning.pytorch.cli import instantiate_module
 
 from torch_geometric_tactile.data.allocation_limit import AllocationLimit
 from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
 from torch_geometric_tactile.files import check_zip
-from torch_geometric_tactile.training.safe_classes import safe_section
+from torch_geometric_tactile.predictor import build_model
+from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import PathLike
 
-INSTANTIATOR = "lightning.pytorch.cli.instantiate_module"  # what Lightning calls on our arguments
 _MODEL = ("model", "num_classes", "task")  # settings that a model is another one by
 _logger = logging.getLogger(__name__)
 _T = TypeVar("_T", bound=L.LightningModule)
@@ -101,41 +100,39 @@ def load_module(
     path: PathLike,
     map_location: Any,
     strict: bool | None,
-    allow: Sequence[str],
     arguments: Mapping[str, Any],
 ) -> _T:
-    r"""Builds a module from the arguments and weights of a checkpoint.
+    r"""Builds a module from the plain description and the weights of a checkpoint. Nothing in it is
+    parsed or imported: the model is one of this package by its name, or is given.
 
     Args:
         cls (type): The class of the module.
         path (str or PathLike): The checkpoint.
         map_location (optional): Where to put the tensors: the CPU if :obj:`None`.
         strict (bool, optional): Whether all weights must be there and known.
-        allow (sequence of str): As of
-            :func:`~torch_geometric_tactile.training.safe_classes.safe_section`.
         arguments (Mapping): Arguments instead of those in the checkpoint.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged, is no checkpoint, or names a class that it must not.
+        ValueError: If the file is damaged, is no checkpoint or one of an older version, or its
+            model is the user's own and is missing.
     """
     checkpoint = read_checkpoint(path, "cpu" if map_location is None else map_location)
-    stored = checkpoint.get("hyper_parameters") or {}
-    if not isinstance(stored, Mapping):
-        raise ValueError(f"'{path}' must hold 'hyper_parameters' as a mapping (got {stored!r})")
-    stored = dict(stored)
-    instantiator = stored.pop("_instantiator", INSTANTIATOR)
-    if instantiator != INSTANTIATOR:
+    if not isinstance(checkpoint.get("module"), Mapping):
         raise ValueError(
-            f"'{path}' cannot be used: '_instantiator' must be '{INSTANTIATOR}' (got "
-            f"{instantiator!r})"
+            f"'{path}' must hold the description of its module (got none: until version 0.2.0 it "
+            "was kept as import paths, which are not followed any more): use "
+            "Predictor.from_checkpoint(path), or build the module as for its training and use "
+            "trainer.test(module, datamodule=data, ckpt_path=path), or train again"
         )
-    stored = {key: value for key, value in stored.items() if key not in arguments}
-    settings = {**safe_section("model", stored, path, allow), **arguments}
     weights = checkpoint["state_dict"]
+    arguments = dict(arguments)
     try:
         with AllocationLimit(weights.values()):
-            module = instantiate_module(cls, settings)
+            entry, layout = checkpoint["module"], checkpoint.get("layout")
+            layout = None if layout is None else TaxelLayout.from_dict(layout)
+            model = build_model(entry, weights, layout, arguments.pop("model", None))
+            module = cls(model, **{**entry["arguments"], **arguments})
         module.on_load_checkpoint(checkpoint)
         module.load_state_dict(weights, strict=strict is not False)
     except Exception as error:  # whatever other contents lead to
@@ -156,7 +153,7 @@ def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
     Raises:
         ValueError: If the model is another one.
     """
-    stored = read_checkpoint(path, "cpu").get("hyper_parameters")
+    stored = read_checkpoint(path, "cpu").get("config")
     if not isinstance(stored, Mapping):
         return
     other = []

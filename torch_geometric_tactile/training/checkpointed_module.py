@@ -1,12 +1,12 @@
 r"""What a module writes into its checkpoints, and takes from them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any, Self
 
 from torch import nn
 
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.predictor import checkpoint_entry
+from torch_geometric_tactile.predictor import checkpoint_entry, model_entry
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training.bare_model import warn_of_scaling
 from torch_geometric_tactile.training.checkpoint import load_module
@@ -24,12 +24,26 @@ class CheckpointedModule(ResumableModule):
     task: Task
     layout: TaxelLayout | None
     decision_threshold: float | None
+    #: The configuration that the module was built from: checkpoints keep it to be compared.
+    config: Mapping[str, Any] | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        r"""Returns the arguments of the constructor, but for model, optimizer and scheduler, that
+        checkpoints keep: plain values.
+        """
+        raise NotImplementedError
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        r"""Puts into the checkpoint the layout, and what
+        r"""Puts into the checkpoint the layout, the description of the model, and what
         :class:`~torch_geometric_tactile.predictor.Predictor` needs beside the weights.
         """
         super().on_save_checkpoint(checkpoint)
+        checkpoint["module"] = {
+            "arguments": self.arguments(),
+            **model_entry(self.model, self.layout),
+        }
+        if self.config is not None:
+            checkpoint["config"] = dict(self.config)
         if self.layout is not None:
             checkpoint["layout"] = self.layout.to_dict()
         if self.decision_threshold is not None:
@@ -68,14 +82,12 @@ class CheckpointedModule(ResumableModule):
         hparams_file: PathLike | None = None,
         strict: bool | None = None,
         weights_only: bool | None = None,
-        *,
-        allow: Sequence[str] = (),
         **kwargs: Any,
     ) -> Self:
         r"""Loads a module, without the transforms of its data (for live use, take
-        :class:`~torch_geometric_tactile.predictor.Predictor`). Its checksums are compared, nothing
-        in the file runs, and only classes that
-        :func:`~torch_geometric_tactile.training.safe_classes.safe_section` lets through are built.
+        :class:`~torch_geometric_tactile.predictor.Predictor`). Its checksums are compared, and
+        nothing in the file runs: models of this package are built by their names, any other is
+        given as :obj:`model`.
 
         Args:
             checkpoint_path (str or PathLike): The checkpoint.
@@ -83,13 +95,14 @@ class CheckpointedModule(ResumableModule):
             hparams_file (optional): Not supported.
             strict (bool, optional): Whether all weights must be there and known; yes if left out.
             weights_only (bool, optional): Must not be :obj:`False`.
-            allow (sequence of str): Packages, modules or classes of your own that the checkpoint
-                may name, such as :obj:`["my_package"]`.
-            **kwargs (optional): Arguments of the module, instead of those in the checkpoint.
+            **kwargs (optional): Arguments of the module, instead of those in the checkpoint:
+                :obj:`model` (it is copied), and :obj:`optimizer` and :obj:`lr_scheduler`, which a
+                checkpoint does not keep.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If the file is damaged, is no checkpoint, or names a class that it must not.
+            ValueError: If the file is damaged, is no checkpoint or one of an older version, or its
+                model is not of this package and not given.
         """
         for name, value in (
             ("weights_only", weights_only is False),
@@ -97,7 +110,7 @@ class CheckpointedModule(ResumableModule):
         ):
             if value:
                 raise ValueError(f"'{name}' must be left out, since it may run code (got it)")
-        return load_module(cls, checkpoint_path, map_location, strict, allow, kwargs)
+        return load_module(cls, checkpoint_path, map_location, strict, kwargs)
 
     def _datamodule(self) -> Any:
         return None if self._trainer is None else getattr(self.trainer, "datamodule", None)

@@ -2,7 +2,7 @@ r"""The parts of a data set that training, validation and test see."""
 
 import copy
 import os
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import lightning as L
 import torch
@@ -212,6 +212,18 @@ class TactileDataModule(L.LightningDataModule):
             part = self._parts[name]
             if len(part):
                 fit_parts(self.transform, part, adapt=True, before=part.transform)
+
+    @classmethod
+    def load_from_checkpoint(cls, *args: Any, **kwargs: Any) -> NoReturn:
+        r"""Not supported: Lightning's would call what the file names, and no checkpoint holds data.
+
+        Raises:
+            ValueError: Always.
+        """
+        raise ValueError(
+            f"'{cls.__name__}' must be built from its data set: no checkpoint holds data; what a "
+            "transform measured is taken from trainer.test(module, datamodule=data, ckpt_path=path)"
+        )
 
     def state_dict(self) -> dict[str, Any]:
         r"""Returns what the transform measured, for a checkpoint."""

@@ -31,7 +31,7 @@ from torch_geometric_tactile.training.given_arguments import (
     own_modules,
     read_config,
 )
-from torch_geometric_tactile.training.module import TactileModule, keep_config
+from torch_geometric_tactile.training.module import TactileModule
 from torch_geometric_tactile.training.sizes import fill_sizes
 
 
@@ -180,7 +180,7 @@ class TactileCLI(LightningCLI):
         checkpoint that is loaded, from which nothing is built.
         """
         config: dict[str, Any] = self.config_dump["model"]
-        keep_config(self.model, config)
+        self.model.config = config
         section = self.config.get(str(self.subcommand), self.config)
         path = section.get("ckpt_path")
         if path and Path(path).is_file() and section.get("weights_only") is not False:

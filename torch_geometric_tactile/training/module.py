@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
-from torch_geometric_tactile.training.checkpoint import INSTANTIATOR
 from torch_geometric_tactile.training.checks import (
     EDGE_SOURCE,
     check_data,
@@ -148,6 +147,18 @@ class TactileModule(DecidingModule):
         if class_weights is not None and not isinstance(class_weights, str):
             self.class_weight = torch.tensor(list(class_weights), dtype=torch.float)
         self.session_metrics = nn.ModuleList()
+
+    def arguments(self) -> dict[str, Any]:
+        r"""Returns the arguments of the constructor that checkpoints keep, as plain values."""
+        weights = self.class_weights
+        return {
+            "num_classes": self.num_classes,
+            "task": self.task,
+            "loss": self.regression_loss,
+            "class_weights": weights if weights is None or isinstance(weights, str) else [*weights],
+            "label_smoothing": self.label_smoothing,
+            "threshold": self.threshold,
+        }
 
     def _set_num_classes(self, num_classes: int) -> None:
         self.num_classes = num_classes
@@ -322,16 +333,15 @@ TactileClassifier = TactileModule
 def classifier_from_config(
     config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
 ) -> TactileModule:
-    r"""Builds a module from the :obj:`model` section of a configuration, so that
-    :meth:`TactileModule.load_from_checkpoint` can rebuild it.
+    r"""Builds a module from the :obj:`model` section of a configuration of the user's own, which
+    may name any class.
 
     Args:
         config (Mapping): The arguments of :class:`TactileModule`, classes as
             :obj:`{"class_path", "init_args"}`.
         data (TactileDataModule or DataSizes, optional): The data that sizes are taken from if the
             configuration leaves them out (see
-            :func:`~torch_geometric_tactile.training.sizes.fill_sizes`); the checkpoints have them,
-            so that loading one needs no data.
+            :func:`~torch_geometric_tactile.training.sizes.fill_sizes`).
 
     Raises:
         ValueError: If the configuration has a size that is not that of the data, or cannot be
@@ -353,15 +363,5 @@ def classifier_from_config(
     except Exception as error:  # whatever other values lead to, in jsonargparse or a constructor
         text = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"'config' must describe a TactileModule ({text})") from error
-    keep_config(classifier, config)
+    classifier.config = config
     return classifier
-
-
-def keep_config(classifier: TactileModule, config: Mapping[str, Any]) -> None:
-    r"""Stores a configuration in a module's checkpoints, as plain data.
-
-    Args:
-        classifier (TactileModule): The module.
-        config (Mapping): The :obj:`model` section that it was built from.
-    """
-    classifier.save_hyperparameters({**config, "_instantiator": INSTANTIATOR}, logger=False)
