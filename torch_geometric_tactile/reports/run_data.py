@@ -137,6 +137,7 @@ def _own_data(settings: dict[str, Any]) -> Any:
 def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | None) -> Any:
     # Of plain values and names; no name is imported, and no text is parsed.
     from torch_geometric_tactile.training import TactileDataModule
+    from torch_geometric_tactile.training.sizes import layout_from_text
 
     found = [Protocol, Split, Trials, Windows, *(getattr(datasets, n) for n in datasets.__all__)]
     classes = {cls.__name__: cls for cls in found if isinstance(cls, type)} | transform_classes()
@@ -158,7 +159,10 @@ def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | 
                 f"'root' must lie in the working directory (got '{folder}'), since processed files "
                 "are written there: give '--root'"
             )
-        return cls(**{key: built(item) for key, item in arguments.items()})
+        parts = {key: built(item) for key, item in arguments.items()}
+        if isinstance(parts.get("layout"), str):
+            parts["layout"] = layout_from_text(parts["layout"])
+        return cls(**parts)
 
     unused = ("transform", "train_transform")  # the predictor has the fitted one
     try:
