@@ -45,7 +45,8 @@ def first_picture(notebook: dict[str, Any]) -> bytes | None:
 def title_and_summary(notebook: dict[str, Any]) -> tuple[str, str]:
     """Returns the title of a notebook and the first paragraph below it."""
     for cell in _cells(notebook, "markdown"):
-        found = re.search(r"^# (.+?)\n+(.*?)(?:\n\s*\n|\Z)", _text(cell) + "\n", re.M | re.S)
+        text = _BADGE.sub("", _text(cell)) + "\n"
+        found = re.search(r"^# (.+?)\n+(.*?)(?:\n\s*\n|\Z)", text, re.M | re.S)
         if found:
             return found[1].strip(), " ".join(found[2].split())
     raise ValueError("a tutorial must begin with a title '# ...'")
@@ -111,13 +112,13 @@ def site_notebook(notebook: dict[str, Any], name: str, repository: str, root: Pa
 def _copy(app: Sphinx, config: Any) -> None:
     source = Path(app.srcdir)
     pages = source / "tutorials"
+    pages.mkdir(exist_ok=True)
     tutorials = []
     for name, path in _notebooks(source, config.tutorial_folders).items():
         notebook = json.loads(path.read_text("utf-8"))
         title, question = title_and_summary(notebook)
         picture = first_picture(notebook)
         if picture is not None:
-            pages.mkdir(exist_ok=True)
             (pages / f"{name}.png").write_bytes(picture)
         picture_name = f"{name}.png" if picture else None
         tutorials.append(Tutorial(name, title, shorten(question), picture_name))
@@ -168,9 +169,15 @@ def _insert(app: Sphinx, name: str, source: list[str]) -> None:
         source[0] = source[0].replace(_PLACE, app.tactile_gallery)  # type: ignore[attr-defined]
 
 
+def _outdated(*_: Any) -> list[str]:
+    # Whatever was run since the last build: Sphinx compares the page only, not its gallery.
+    return ["tutorials_index"]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Copies the notebooks before Sphinx looks for them."""
     app.add_config_value("tutorial_folders", [], "env")
     app.connect("config-inited", _copy)
     app.connect("source-read", _insert)
+    app.connect("env-get-outdated", _outdated)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

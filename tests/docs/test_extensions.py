@@ -1,3 +1,4 @@
+import json
 import sys
 from pathlib import Path
 
@@ -14,7 +15,13 @@ from api_pages import all_public_names, inherited_members, own_members, public_n
 from inventories import inventory  # noqa: E402
 from mathml import to_mathml  # noqa: E402
 from repository_links import rewrite_links  # noqa: E402
-from tutorial_pages import first_picture, gallery, shorten, site_notebook  # noqa: E402
+from tutorial_pages import (  # noqa: E402
+    first_picture,
+    gallery,
+    shorten,
+    site_notebook,
+    title_and_summary,
+)
 
 REPOSITORY = "https://github.com/owner/name"
 
@@ -107,6 +114,39 @@ def test_site_notebook():
     assert "badge.svg" not in text
     assert "!pip" not in text
     assert "Open in Colab" in text
+
+
+def test_badges_are_no_question():
+    badge = "[![Colab](https://host/badge.svg)](https://host)\n"
+    cell = {"cell_type": "markdown", "source": f"# T: why?\n\n{badge}{badge}\nFirst,\nhere.\n\nB"}
+    assert title_and_summary(notebook(cell)) == ("T: why?", "First, here.")
+
+
+def test_gallery_follows_what_was_run(tmp_path):
+    from sphinx.application import Sphinx
+
+    docs, runs = tmp_path / "docs", tmp_path / "runs"
+    docs.mkdir()
+    runs.mkdir()
+    (docs / "conf.py").write_text(
+        f"import sys\nsys.path.insert(0, {str(ROOT / 'docs' / '_ext')!r})\n"
+        "extensions = ['myst_nb', 'sphinx_design', 'tutorial_pages']\nnb_execution_mode = 'off'\n"
+        "repository_url = ''\ntutorial_folders = ['../runs']\nroot_doc = 'tutorials_index'\n"
+        "myst_enable_extensions = ['colon_fence']\n"
+        "def setup(app): app.add_config_value('repository_url', '', 'env')\n"
+    )
+    (docs / "tutorials_index.md").write_text("# All\n\n<!-- gallery -->\n")
+    title = {"cell_type": "markdown", "source": "# Why?\n\nSo.", "id": "a", "metadata": {}}
+    picture = {"image/png": "iVBORw0KGgo="}
+    outputs = [{"output_type": "display_data", "data": picture, "metadata": {}}]
+    code = {"cell_type": "code", "source": "1", "id": "b", "metadata": {}, "execution_count": None}
+    pages = []
+    for outs in ([], outputs):  # as in the repository, and after it was run
+        content = notebook(title, {**code, "outputs": outs})
+        (runs / "01_t.ipynb").write_text(json.dumps(content))
+        Sphinx(docs, docs, tmp_path / "html", tmp_path / "trees", "html", status=None).build()
+        pages.append((tmp_path / "html" / "tutorials_index.html").read_text())
+    assert ["<img" in page for page in pages] == [False, True]
 
 
 def test_gallery():
