@@ -7,7 +7,10 @@ from setuptools import setup
 
 _REPOSITORY = "torch-geometric-tactile/torch_geometric_tactile"
 _PAGES = f"https://github.com/{_REPOSITORY}/blob/main/"
-_IMAGES = f"https://raw.githubusercontent.com/{_REPOSITORY}/main/"
+_INIT = Path(__file__).parent / "torch_geometric_tactile" / "__init__.py"
+_VERSION = re.search(r'__version__ = "(.*)"', _INIT.read_text(encoding="utf-8"))[1]
+# Of the tag: an index shows the page of a release for good, and pictures of `main` change.
+_IMAGES = f"https://raw.githubusercontent.com/{_REPOSITORY}/v{_VERSION}/"
 
 
 def _absolute(page: str) -> str:

@@ -42,6 +42,10 @@ def problems(folder):
         for name in sorted(names):
             if name.split("/")[0] in ("tests", "benchmarks", "docs", "tutorials", "build"):
                 yield f"{kind} must not have {name}"
+    version = re.search(r"^Version: (.*)$", page, re.MULTILINE)[1]
+    for link in re.findall(r"https://raw\.githubusercontent\.com/[^)\"]*", page):
+        if f"/v{version}/" not in link:
+            yield f"the long description has a picture that is not of v{version}: '{link}'"
     for link in re.findall(r"\]\((?!https?://|#)([^)]*)\)", page):
         yield f"the long description has the relative link '{link}'"
 

@@ -72,6 +72,15 @@ def test_pyg_asks_for_its_extension_and_our_graph_does_not():
         OfPyG(k=2)(data)
 
 
+def test_notice_names_every_file_with_data_of_others():
+    package = ROOT / "torch_geometric_tactile"
+    folders = ("sensors/layouts", "sensors/chains", "live/taxel_maps")
+    names = [path.name for folder in folders for path in (package / folder).glob("*.json")]
+    notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
+    assert len(names) > 8
+    assert not [name for name in names if name not in notice]
+
+
 def test_install_lists_every_extra():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     listed = re.findall(r"^\| `(\w+)` \|", page("install.md"), flags=re.MULTILINE)
