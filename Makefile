@@ -48,7 +48,7 @@ dist: $(VENV)/installed
 	$(VENV)/bin/twine check --strict dist/*
 	$(VENV)/bin/python .ci/check_dist.py dist
 
-# The first command installs what it needs only: 1.4 GB, where the rest makes 2.8 GB of it.
+# The first command installs what it needs only: 1.6 GB, where the rest makes 2.8 GB of it.
 $(VENV)/demo: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed: make PYTHON=python3.11 ..."; exit 1; }
