@@ -24,7 +24,7 @@ def test_read_by_hand(write):
     assert np.array_equal(rec.tactile, [[[1], [2]], [[3], [np.nan]]], equal_nan=True)
     assert rec.joint.tolist() == [[0.5], [0.25]]
     assert rec.label == "mug"
-    assert rec.meta == {"unit": "count", "columns": {"tactile": ["thumb", "index"]}}
+    assert rec.meta == {"unit": "count", "column_names": {"tactile": ["thumb", "index"]}}
 
 
 def test_order_of_taxels_is_that_of_the_argument(write):
@@ -240,15 +240,13 @@ def test_no_rate_is_invented_for_a_file_without_time(write, options):
     assert read_named_csv(path, rate=4, **options).time.tolist() == [0, 0.25]
 
 
-@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("start", [0, 1, 40])
 def test_a_column_that_counts_the_frames_is_no_reading(write, start):
-    lines = [f"{i},{start + i},7" for i in range(3)]
+    lines = ["time,index,thumb", *[f"{i},{start + i},7" for i in range(10)]]
     with pytest.raises(ValueError, match=rf"column 'index' \(got {start}, {start + 1}, .*'ignore'"):
-        read_named_csv(write("time,index,thumb", *lines))
-    assert read_named_csv(write("time,index,thumb", *lines[:2])).num_taxels == 2
-    with pytest.raises(ValueError, match=r"column 'index' \(got 40, 41, 42, ..., which counts"):
-        read_named_csv(write("t,index", *[f"{i},{i + 40}" for i in range(10)]))
-    assert read_named_csv(write("t,a", *[f"{i},{i + 40}" for i in range(9)])).num_taxels == 1
+        read_named_csv(write(*lines))
+    assert read_named_csv(write(*lines[:-1])).num_taxels == 2
+    assert read_named_csv(write(*lines), tactile=".*[mx]").num_taxels == 1
 
 
 def test_marks_of_the_byte_order_are_no_part_of_a_name(write):
@@ -265,5 +263,5 @@ def test_an_expression_that_matches_no_joint_is_refused(write):
 def test_names_that_were_chosen_are_kept_and_those_of_a_list_are_not(write):
     path = write(HEADER, "0,1,2,0.5,4")
     recording = read_named_csv(path, tactile="thumb|index", joint="bend")
-    assert recording.meta["columns"] == {"tactile": ["thumb", "index"], "joint": ["bend"]}
+    assert recording.meta["column_names"] == {"tactile": ["thumb", "index"], "joint": ["bend"]}
     assert read_named_csv(path, tactile=["index"], joint=["bend"]).meta == {}

@@ -77,16 +77,18 @@ def read_named_csv(
             :obj:`meta`.
         rate (float, optional): Frames per second, for files without time, which need it.
 
-    The names of the columns that an expression, or nothing, chose are in :obj:`meta["columns"]`, by
-    which a data set or a predictor brings the columns of other files into its own order.
+    The names of the columns that an expression, or nothing, chose are in
+    :obj:`meta["column_names"]`, by which a data set or a predictor brings the columns of other
+    files into its own order.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If a column is missing or named twice, an expression matches none, neither the
-            time nor :obj:`rate` is known, a column that nobody named counts the frames, the names are numbers or an index that
-            pandas made up, the readings are no multiple of the channels, a line is empty, has
-            another number of cells or no end (a file that was cut), a cell is no finite number, the
-            time does not increase, or there is no frame. The message names the line.
+            time nor :obj:`rate` is known, a column that nobody named counts the frames, the names
+            are numbers or an index that pandas made up, the readings are no multiple of the
+            channels, a line is empty, has another number of cells or no end (a file that was cut),
+            a cell is no finite number, the time does not increase, or there is no frame. The
+            message names the line.
 
     Examples:
         >>> import tempfile
@@ -141,9 +143,8 @@ def read_named_csv(
     if tactile is None:
         _refuse_count(path, table[:, :stop], [columns.names[i] for i in columns.tactile])
     seconds = np.array(times) if columns.time is not None else np.arange(len(table)) / (rate or 1)
-    if columns.time is not None:
-        if time_unit is None and columns.time_unit == "s":
-            warn_of_unit(path, seconds, "give time_unit='ms'")
+    if columns.time is not None and time_unit is None and columns.time_unit == "s":
+        warn_of_unit(path, seconds, "give time_unit='ms'")
     joint_angles = table[:, stop : stop + len(columns.joint)]
     joint_angles[:, columns.degrees] = np.deg2rad(joint_angles[:, columns.degrees])
     content: dict[str, Any] = {} if label is None else _labels(path, label, labels)
@@ -154,7 +155,7 @@ def read_named_csv(
         for key, (given, places) in chosen.items()
         if given is None or isinstance(given, str)
     }
-    meta: dict[str, Any] = {"columns": found} if found else {}
+    meta: dict[str, Any] = {"column_names": found} if found else {}
     try:
         return Recording(
             time=seconds,
@@ -278,14 +279,13 @@ def _no_time(path: Path, column: int, name: str) -> ValueError:
 
 
 def _refuse_count(path: Path, table: np.ndarray, names: Sequence[str]) -> None:
-    counts = (np.diff(table, axis=0) == 1).all(axis=0) & (len(table) > 2)
-    counts &= (len(table) >= _SURELY_COUNTS) | np.isin(table[0], (0, 1))
-    if counts.any():
+    counts = (np.diff(table, axis=0) == 1).all(axis=0)
+    if counts.any() and len(table) >= _SURELY_COUNTS:
         first = int(counts.argmax())
         raise ValueError(
-            f"'{path}' must have readings in column {shown(names[first])} (got {table[0, first]:g}, "
-            f"{table[1, first]:g}, {table[2, first]:g}, ..., which counts the frames): give it as "
-            "'ignore', or the readings as 'tactile'"
+            f"'{path}' must have readings in column {shown(names[first])} (got "
+            f"{table[0, first]:g}, {table[1, first]:g}, {table[2, first]:g}, ..., which counts the "
+            "frames): give it as 'ignore', or the readings as 'tactile'"
         )
 
 
