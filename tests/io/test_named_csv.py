@@ -234,7 +234,7 @@ def test_a_clock_of_another_name_is_no_reading(write, name, options):
 @pytest.mark.parametrize("options", [{}, {"tactile": ["thumb"]}, {"tactile": "th.*"}])
 def test_no_rate_is_invented_for_a_file_without_time(write, options):
     path = write("horloge,thumb", "0.5,5", "0.75,6")
-    with pytest.raises(ValueError, match=r"'time' must name .*got horloge, thumb\): .* 'rate'"):
+    with pytest.raises(ValueError, match=r"column of the time \(got horloge, thumb\): .* 'rate'"):
         read_named_csv(path, **options)
     assert read_named_csv(path, time="horloge", **options).time.tolist() == [0.5, 0.75]
     assert read_named_csv(path, rate=4, **options).time.tolist() == [0, 0.25]

@@ -111,8 +111,8 @@ def read_named_csv(
     columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
     if columns.time is None and rate is None:
         raise ValueError(
-            f"'time' must name the column of the time of '{path}' (got {_few(columns.names)}): "
-            "if it has none, give 'rate', its frames per second"
+            f"'{path}' must have a column of the time (got {_few(columns.names)}): give its name "
+            "as 'time', or if there is none 'rate', the frames per second"
         )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(

@@ -77,10 +77,11 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         raise ValueError(
             f"'{path}' must have the column '1X' (got {', '.join(map(shown, header[:6]))})"
         )
-    read = sorted({time_column, number_column, *reading_columns, *force_columns})
-    unread = [cell for i, cell in enumerate(header) if i not in read and names[i] not in _CLOCKS]
+    clocks = [i for i, name in enumerate(names) if name in _CLOCKS]
+    read = [*clocks, *reading_columns, *force_columns]
+    unread = sorted({*range(len(header))} - {*read})
     if unread:
-        some = ", ".join(map(shown, unread[:6]))
+        some = ", ".join(shown(header[i]) for i in unread[:6])
         _logger.warning("'%s' has columns that are not read: %s", path, some)
     measured = [*reading_columns, *force_columns]
     columns = force_columns if forces else reading_columns
