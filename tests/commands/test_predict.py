@@ -208,7 +208,9 @@ def test_a_predictor_knows_the_columns_of_its_training(tmp_path, monkeypatch, ca
     capsys.readouterr()
     glove(tmp_path / "new.csv", ["q", *PADS[:-1], "pad_t"])
     assert main(["predict", "a.predictor", "new.csv"]) == 1
-    assert "'new.csv' must have the column 'pad_z3' (got stamp, q," in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "'new.csv' must have the column 'pad_z3' (got stamp, q," in error
+    assert "; say which columns of this file are those of the training by '--tactile'" in error
     assert main(["predict", "a.predictor", "new.csv", *declared]) == 1
     assert "(got 'pad_t' in place of 'pad_z3')" in capsys.readouterr().err
 
@@ -217,7 +219,7 @@ def test_columns_of_a_file_are_asked_for_where_they_are_unknown(folder, capsys):
     glove(folder / "new.csv", [*PADS, "q"])
     assert main(["predict", "a.predictor", "new.csv", "--time", "stamp"]) == 1
     error = capsys.readouterr().err
-    assert "4 taxels (got 13); say which columns of the CSV file are what by '--tactile'" in error
+    assert "4 taxels (got 13); say which columns of this file are those" in error
     glove(folder / "more.csv", [*PADS[::-1], "q"])
     declared = ["--tactile", "pad_.*", "--num-channels", "3", "--time", "stamp"]
     assert main(["predict", "a.predictor", "new.csv", "more.csv", *declared]) == 0

@@ -298,6 +298,10 @@ def _xela_frame(message: Any) -> dict[str, Any]:
     for key in keys:
         sensor = message[key]
         need(isinstance(sensor, dict) and isinstance(sensor.get("data"), str))
+        need(
+            str(sensor.get("sensor", key)).isdecimal()
+            and int(sensor.get("sensor", key)) == int(key)
+        )
         words = [word for word in re.split(r"[,\s]+", sensor["data"]) if word]
         need(bool(words) and all(re.fullmatch("[0-9A-Fa-f]{1,4}", word) for word in words))
         own = [int(word, 16) for word in words]

@@ -93,7 +93,8 @@ def test_missing_file_and_unknown_suffix(tmp_path):
     ],
 )
 def test_xela_logs_are_known_by_their_names_in_any_order(names, tmp_path, caplog):
-    cells = {"receive time": "6", "send time": "5", "message number": "1", "1x": "7", "1y": "8", "1z": "9"}
+    cells = dict.fromkeys(("receive time", "send time"), "5")
+    cells |= {"message number": "1", "1x": "7", "1y": "8", "1z": "9"}
     keys = [name.strip("\ufeff").lower().replace("_", " ") for name in names.split(",")]
     row = ",".join(cells.get(key, "hold") for key in keys)
     (tmp_path / "log.csv").write_text(f"{names}\n{row}\n")

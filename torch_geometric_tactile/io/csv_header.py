@@ -2,6 +2,7 @@ r"""First lines of CSV files: whether they are names, and what the names say abo
 
 import logging
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -82,6 +83,21 @@ def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -
                 f"'{path}', line 1 must name column {column} (got {shown(name)}, as above the "
                 "index of pandas): write the file with to_csv(index=False), or name the column"
             )
+
+
+def refuse_twice(path: Path, names: Sequence[str]) -> None:
+    r"""Checks that all columns have names of their own.
+
+    Args:
+        path (Path): The file, for the message.
+        names (sequence of str): The names of the columns.
+
+    Raises:
+        ValueError: If two have the same.
+    """
+    twice = [name for name, number in Counter(names).items() if number > 1]
+    if twice:
+        raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
 
 
 def time_unit(name: str) -> str | None:

@@ -15,6 +15,7 @@ from torch_geometric_tactile.io.csv_header import (
     is_counted,
     refuse_counted,
     refuse_index,
+    refuse_twice,
     warn_of_unit,
 )
 from torch_geometric_tactile.io.csv_header import time_unit as time_unit_of
@@ -190,10 +191,8 @@ def _columns(
         refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
     if all(map(is_number, names)) and not is_counted(names):
         raise _no_name(path, 0, names[0])
-    place = {name: i for i, name in reversed([*enumerate(names)])}
-    if len(place) < len(names):
-        twice = next(name for i, name in enumerate(names) if place[name] < i)
-        raise ValueError(f"'{path}' must name each column once (got {shown(twice)} twice)")
+    refuse_twice(path, names)
+    place = {name: i for i, name in enumerate(names)}
 
     def find(name: str) -> int:
         if name not in place:

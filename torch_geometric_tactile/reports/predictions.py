@@ -81,15 +81,19 @@ def write_recordings(
 def _read(predictor: Predictor, path: PathLike, given: Mapping[str, Any]) -> Recording:
     known = {**predictor.read_options, **given}
     taken = format_options(chosen_format(path, known))
-    return read_recording(path, **{k: v for k, v in known.items() if k in taken or k in given})
+    options = {k: v for k, v in known.items() if k in taken or k in given}
+    try:
+        return read_recording(path, **options)
+    except ValueError as error:
+        raise ValueError(f"{error}{_hint(str(error), path)}") from error
 
 
 def _hint(error: str, path: PathLike) -> str:
     if "call 'adapt'" in error:
         return "; 'tactile predict --rest SECONDS' and '--adapt' do so"
-    if Path(path).suffix.lower() == ".csv" and "a recording on layout" in error:
+    if Path(path).suffix.lower() == ".csv" and re.search(r"must have (the col|\d+ taxels)", error):
         return (
-            "; say which columns of the CSV file are what by '--tactile', '--joint', "
+            "; say which columns of this file are those of the training by '--tactile', '--joint', "
             "'--num-channels' and '--ignore', as to 'tactile inspect'"
         )
     return ""
