@@ -7,10 +7,11 @@ import torch
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.data import Recording, StaticData, Windows
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
+from torch_geometric_tactile.predictor.preparation import Preparation
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, Tare
 
@@ -196,6 +197,9 @@ def test_a_predictor_knows_the_columns_of_its_training(tmp_path, monkeypatch, ca
     expected = made(dataset.data.x[:3])
     loaded = Predictor.load("a.predictor")
     assert loaded.read_options == {**OPTIONS, "tactile": PADS, "joint": ["q"]}
+    assert loaded.with_tare().read_options == loaded.read_options
+    windows = Preparation.of_dataset(Windows(dataset, 2))
+    assert windows.read_options == loaded.read_options
     glove(tmp_path / "new.csv", ["q", "note", *PADS[::-1]])
     assert loaded.recording(read_recording("new.csv", **loaded.read_options)).allclose(expected)
     # Others' order, by an expression for the same names, or converted with their names.
