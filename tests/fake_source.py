@@ -9,7 +9,7 @@ from torch_geometric_tactile.live import Source, SourceEnded
 
 
 def frame(number=0, received=None, device_time=None, tactile=None, num_taxels=2):
-    received = time.monotonic_ns() if received is None else received
+    received = time.perf_counter_ns() if received is None else received
     if tactile is None:
         tactile = np.full((num_taxels, 3), number, dtype=np.float32)
     return LiveFrame(number, received * 1e-9, received, device_time, tactile)

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -57,7 +57,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         with _errors_about(path, temporary):
             yield temporary
             share(temporary)
-            with temporary.open("rb") as written:
+            with temporary.open("rb+") as written:  # Windows flushes no file opened for reading
                 os.fsync(written.fileno())
             os.replace(temporary, path)
     finally:
@@ -65,6 +65,52 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         if fcntl is None or _is_at(handle, temporary):
             temporary.unlink(missing_ok=True)
         _release(handle)
+
+
+def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
+    r"""Locks an open file, and returns the function that releases it. A file system without locks
+    holds nothing. On Windows, writers hold a second file :obj:`PATH.lock`, and readers nothing.
+
+    Args:
+        handle (int): The open file.
+        path (str or PathLike): Its path.
+        exclusive (bool): Whether to write it: nobody else may then read or write it.
+
+    Raises:
+        BlockingIOError: If another process writes it.
+    """
+    if fcntl is not None:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH))
+        except BlockingIOError as error:
+            raise is_held(path) from error
+        except OSError:  # a file system without locks
+            pass
+    elif exclusive:
+        from filelock import FileLock, Timeout
+
+        lock = FileLock(f"{path}.lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            raise is_held(path) from error
+        return lock.release
+    return _nothing  # closing the file releases it
+
+
+def is_held(path: PathLike) -> BlockingIOError:
+    r"""Returns the error of a file that another process writes.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    return BlockingIOError(
+        f"'{path}' is locked by another process that writes it: close it there first"
+    )
+
+
+def _nothing() -> None:
+    return
 
 
 def remove_leftovers(path: PathLike) -> None:

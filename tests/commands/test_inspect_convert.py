@@ -159,10 +159,12 @@ def test_convert_csv_with_names_of_its_own(tmp_path):
     rec = converted(tmp_path, text, *options, "--label", "grasp", "--unit", "count")
     assert rec.tactile.tolist() == [[[2], [1]]]
     assert rec.joint.tolist() == [[0.5]]
-    assert (rec.time.tolist(), rec.label, rec.meta) == ([0.009], "mug", {"unit": "count"})
+    meta = {"unit": "count", "column_names": {"joint": ["bend"]}}
+    assert (rec.time.tolist(), rec.label, rec.meta) == ([0.009], "mug", meta)
     options = ["--tactile", "pad_.*", "--num-channels", "2", "--rate", "10"]
     assert converted(tmp_path, text, *options).tactile.tolist() == [[[1, 2]]]
-    options = ["--ignore", "stamp_ms", "--ignore", "grasp", "--ignore", "wet", "--joint", "bend"]
+    ignored = [f"--ignore={name}" for name in ("stamp_ms", "grasp", "wet")]
+    options = [*ignored, "--joint", "bend", "--rate", "10"]
     assert converted(tmp_path, text, *options).tactile.tolist() == [[[1], [2]]]
     rec = converted(tmp_path, "a,b\n9,1\n", "--time", "a", "--time-unit", "us")
     assert rec.time.tolist() == [9e-6]
@@ -182,8 +184,9 @@ def test_convert_csv_without_names(tmp_path):
     [
         ("a.csv", b"0,1,2\n5,6,7\n", ["--num-taxels", "1"], "pandas writes for columns"),
         ("a.csv", b"x_0,taxel_0_x\n5,6\n", [], "(got 'x_0')"),
-        ("a.csv", b"a,b\n5," + b"9" * 5000 + b"\n", [], "must be finite"),
-        ("a.csv", b"Send time,Receive time\n", [], "at least one frame"),
+        ("a.csv", b"t,b\n5," + b"9" * 5000 + b"\n", [], "must be finite"),
+        ("a.csv", b"Send time,Receive time\n", [], "the column 'Message number'"),
+        ("a.csv", b"clock,a\n0,1\n", [], "a column of the time (got clock, a)"),
         ("a.npz", b"PK\x05\x06" + bytes(18), [], "a.npz'"),
         ("a.json", b'{"a":' * 100_000, [], "line 1"),
         ("a.json", b'{"message": ' + b"9" * 5000 + b"}", [], "line 1"),

@@ -7,9 +7,11 @@ import torch
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.data import Recording, StaticData
+from torch_geometric_tactile.data import Recording, StaticData, Windows
+from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
+from torch_geometric_tactile.predictor.preparation import Preparation
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, Tare
 
@@ -169,3 +171,63 @@ def test_the_test_part_of_a_run_is_predicted(tmp_path, monkeypatch, capsys):
     assert "wrote one.predictor: Predictor(GraspGCN" in capsys.readouterr().out
     assert main(["predict", "one.predictor", "--config", "grasp.yaml", "--out", "b.csv"]) == 0
     assert rows("b.csv") == found
+
+
+def glove(path, names, frames=(0, 1, 2)):
+    """A CSV file in which a cell tells its column and frame."""
+    cells = {name: 10.0 + 3 * i for i, name in enumerate(PADS)}
+    lines = [f"stamp,{','.join(names)}"]
+    lines += [f"{t},{','.join(str(cells.get(n, 0) + t * len(n)) for n in names)}" for t in frames]
+    path.write_text("\n".join(lines) + "\n")
+
+
+PADS = [f"pad_{axis}{i}" for i in (2, 10, 1, 3) for axis in "xyz"]
+OPTIONS = {"tactile": "pad_.*", "joint": "q", "num_channels": 3, "time": "stamp"}
+
+
+def test_a_predictor_knows_the_columns_of_its_training(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grasps").mkdir()
+    for name in ("cup_0", "mug_0"):
+        glove(tmp_path / "grasps" / f"{name}.csv", [*PADS, "q"])
+    dataset = RecordingFrames("grasps", layout=LAYOUT, read_options=OPTIONS)
+    torch.manual_seed(0)
+    made = Predictor.from_dataset(TactileFNN(4, 2, widths=(5,), pools=(1,)), dataset)
+    made.save("a.predictor")
+    expected = made(dataset.data.x[:3])
+    loaded = Predictor.load("a.predictor")
+    assert loaded.read_options == {**OPTIONS, "tactile": PADS, "joint": ["q"]}
+    assert loaded.with_tare().read_options == loaded.read_options
+    windows = Preparation.of_dataset(Windows(dataset, 2))
+    assert windows.read_options == loaded.read_options
+    glove(tmp_path / "new.csv", ["q", "note", *PADS[::-1]])
+    assert loaded.recording(read_recording("new.csv", **loaded.read_options)).allclose(expected)
+    # Others' order, by an expression for the same names, or converted with their names.
+    declared = ["--tactile", "pad_.*", "--joint", "q", "--num-channels", "3", "--time", "stamp"]
+    write_recording(read_recording("new.csv", **OPTIONS), "new.npz")
+    for arguments in (["new.csv"], ["new.csv", *declared], ["new.npz"]):
+        assert main(["predict", "a.predictor", *arguments]) == 0
+        found = [float(row["p_mug"]) for row in rows("predictions.csv")]
+        assert found == pytest.approx(expected[:, 1].tolist(), abs=1e-6)
+    capsys.readouterr()
+    glove(tmp_path / "new.csv", ["q", *PADS[:-1], "pad_t"])
+    assert main(["predict", "a.predictor", "new.csv"]) == 1
+    error = capsys.readouterr().err
+    assert "'new.csv' must have the column 'pad_z3' (got stamp, q," in error
+    assert "; say which columns of this file are those of the training by '--tactile'" in error
+    assert main(["predict", "a.predictor", "new.csv", *declared]) == 1
+    assert "(got 'pad_t' in place of 'pad_z3')" in capsys.readouterr().err
+
+
+def test_columns_of_a_file_are_asked_for_where_they_are_unknown(folder, capsys):
+    glove(folder / "new.csv", [*PADS, "q"])
+    assert main(["predict", "a.predictor", "new.csv", "--time", "stamp"]) == 1
+    error = capsys.readouterr().err
+    assert "4 taxels (got 13); say which columns of this file are those" in error
+    glove(folder / "more.csv", [*PADS[::-1], "q"])
+    declared = ["--tactile", "pad_.*", "--num-channels", "3", "--time", "stamp"]
+    assert main(["predict", "a.predictor", "new.csv", "more.csv", *declared]) == 0
+    found = [row["p_hard"] for row in rows("predictions.csv")]
+    assert found[:3] == found[3:]  # in the order of the first file
+    assert main(["predict", "a.predictor", "--tactile", "pad_.*"]) == 1
+    assert "the options of recordings, ['tactile'], must be left out" in capsys.readouterr().err

@@ -2,13 +2,15 @@ import errno
 import io
 import logging
 import tempfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticDataset
 from torch_geometric_tactile.datasets import RecordingFrames
-from torch_geometric_tactile.io import write_recording
+from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.transforms import KNNGraph
 
@@ -329,3 +331,68 @@ def test_target_is_the_column_of_the_label_even_if_it_never_changes(tmp_path):
     assert (dataset.class_names, dataset.data.y.tolist()) == (["pinch", "power"], [0, 1, 0, 0])
     with pytest.raises(ValueError, match="changes from frame to frame: choose target='grasp'"):
         RecordingFrames(tmp_path, target="label", **options)
+
+
+NAMES = ["pad1_x0", "pad1_y0", "pad1_x10", "pad1_y10", "pad1_x9", "pad1_y9", "q_b", "q_a"]
+COLUMNS = {"tactile": r"pad1_[xy]\d+", "joint": "q_.", "num_channels": 2}
+LABELLED = {"target": "label", "pattern": r"(?P<label>[a-z]+)_\d+"}
+
+
+def write_columns(folder, count, shuffled=None):
+    """CSV files in which a cell tells its column; those of one file in another order."""
+    for i in range(count):
+        names = NAMES[:: -1 if i == shuffled else 1]
+        cells = ",".join(f"{(1 + NAMES.index(name)) / 10}" for name in names)
+        lines = [f"t,{','.join(names)}", f"0,{cells}", f"1,{cells}"]
+        (folder / f"mug_{i:02}.csv").write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("options", [COLUMNS, {"joint": "q_.", "num_channels": 2}])
+@pytest.mark.parametrize("convert", [False, True])
+def test_columns_have_the_order_of_the_first_file_in_all_files(tmp_path, options, convert):
+    write_columns(tmp_path, 12, shuffled=7)
+    known = {"root": tmp_path, "read_options": options}
+    if convert:  # the names go with a recording, also into another format
+        known = {"recordings": []}
+        for path in sorted(tmp_path.glob("*.csv")):
+            write_recording(read_recording(path, **options), path.with_suffix(".npz"))
+            known["recordings"].append(read_recording(path.with_suffix(".npz")))
+            known["recordings"][-1] = replace(known["recordings"][-1], label="mug")
+    for _ in range(2):  # also of the processed file
+        dataset = RecordingFrames(layout=grid(1, 3, 0.01), **LABELLED, **known)
+        assert len(dataset) == 24
+        assert dataset.data.x.allclose(torch.tensor([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]]))
+        assert dataset.data.joint.allclose(torch.tensor([0.7, 0.8]))
+        assert dataset.file_options["tactile"] == NAMES[:6]
+        assert dataset.file_options["joint"] == NAMES[6:]
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (NAMES[1:], r"mug_02.csv': its columns of 'tactile' .* \(got none in place of 'pad1_x0'\)"),
+        ([*NAMES, "pad1_x7"], r"'tactile' must .* \(got 'pad1_x7' in place of none\)"),
+        (["pad1_x1", *NAMES[1:]], r"\(got 'pad1_x1' in place of 'pad1_x0'\)"),
+        ([*NAMES[:-1], "q_c"], r"'joint' must have the names .* \(got 'q_c' in place of 'q_a'\)"),
+    ],
+)
+def test_columns_of_other_names_are_refused_with_the_difference(tmp_path, names, message):
+    write_columns(tmp_path, 2)
+    (tmp_path / "mug_02.csv").write_text(f"t,{','.join(names)}\n0{',1' * len(names)}\n")
+    options = {**COLUMNS, "num_channels": 1}
+    with pytest.raises(ValueError, match=message):
+        RecordingFrames(tmp_path, layout=grid(1, 6, 0.01), read_options=options, **LABELLED)
+
+
+def test_channels_that_were_not_declared_are_asked_for(tmp_path):
+    write_columns(tmp_path, 1)
+    options = {**COLUMNS, "num_channels": 1}
+    with pytest.raises(ValueError, match=r"3 taxels \(got 6\): if each has 2 .* num_channels=2"):
+        RecordingFrames(tmp_path, layout=grid(1, 3, 0.01), read_options=options, **LABELLED)
+
+
+@pytest.mark.parametrize("names", [["a"], ["a", "a"], ["a", 1], "ab", 5])
+def test_names_of_columns_that_cannot_be_are_refused(names):
+    made = recording(column_names={"tactile": names}, label="a")
+    with pytest.raises(ValueError, match=r"recording 0: 'column_names' in 'meta' must name each"):
+        RecordingFrames(layout=GLOVE, recordings=[made], target="label")

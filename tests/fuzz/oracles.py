@@ -121,6 +121,7 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     """Columns by name; all but the time and the given ones if none are given."""
     head, rows = table(data)
     timed, time = seconds(head, rows)
+    need(timed is not None)
     used = {timed, *joint, label}
     all_given = tactile is not None
     tactile = [name for name in head if name not in used] if tactile is None else tactile
@@ -137,7 +138,7 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
     def columns(names: Any) -> np.ndarray:
         return numbers([[row[head.index(name)] for name in names] for row in rows])
 
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {} if all_given else {"meta": {"column_names": {"tactile": tactile}}}
     if label is not None:
         cells = [row[head.index(label)].strip() for row in rows]
         need(all(cells))
@@ -155,9 +156,12 @@ def named_csv(data: bytes, tactile: Any = None, joint: Any = (), label: str | No
 def xela_log(data: bytes, forces: bool = False) -> Any:
     """Rows that repeat the one before are counted and left out."""
     head, rows = table(data)
-    head = [" ".join(name.lower().split()) for name in head]
+    head = [" ".join(name.lower().replace("_", " ").split()) for name in head]
     need("send time" in head and "message number" in head and len(set(head)) == len(head))
-    found = numbers(rows)
+    known = [
+        bool(re.fullmatch(r"(force )?\d+[xyz]|(send|receive) time|message number", n)) for n in head
+    ]
+    found = numbers([[c if k else "" for c, k in zip(row, known, strict=True)] for row in rows])
     time, count = head.index("send time"), head.index("message number")
     own, other = (
         _xela_columns(head, "force " if forces else ""),
@@ -294,6 +298,10 @@ def _xela_frame(message: Any) -> dict[str, Any]:
     for key in keys:
         sensor = message[key]
         need(isinstance(sensor, dict) and isinstance(sensor.get("data"), str))
+        need(
+            str(sensor.get("sensor", key)).isdecimal()
+            and int(sensor.get("sensor", key)) == int(key)
+        )
         words = [word for word in re.split(r"[,\s]+", sensor["data"]) if word]
         need(bool(words) and all(re.fullmatch("[0-9A-Fa-f]{1,4}", word) for word in words))
         own = [int(word, 16) for word in words]

@@ -143,6 +143,12 @@ def test_read_refuses_a_last_line_without_end(write, cut):
         read_biotac_sp_csv(path)
 
 
+def test_many_columns_are_quick_to_name(write):
+    more = [f"c{i}" for i in range(100_000)]
+    rows = [[*HEADER, *more], [*ROW, *more]]
+    assert read_biotac_sp_csv(write(*rows)).object_names == ["cup"]
+
+
 def test_read_column_twice(write):
     with pytest.raises(ValueError, match=r"each column once \(got 'mf_biotac_7' twice\)"):
         read_biotac_sp_csv(write([*HEADER, "mf_biotac_7"], [*ROW, "5"]))

@@ -101,3 +101,16 @@ def test_damaged_checksums_are_refused_and_missing_ones_too(tmp_path):
         del file["checksums"]
     with pytest.raises(ValueError, match=r"a.h5' must hold 'checksums'"):
         read_hdf5(path)
+
+
+def test_checksums_are_compared_whatever_the_version_says(tmp_path):
+    path = tmp_path / "a.h5"
+    write_hdf5(WIDE, path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = 1
+    with pytest.raises(ValueError, match=r"a.h5' must hold the label, .* that its checksum is of"):
+        read_hdf5(path)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["checksum"]
+    with pytest.raises(ValueError, match=r"a.h5' must hold 'checksum'"):
+        read_hdf5(path)

@@ -281,6 +281,16 @@ def test_bad_mat(tmp_path, variables, match):
     assert str(path) in str(error.value)
 
 
+def test_a_cube_of_mat_may_be_read_both_ways(tmp_path):
+    cube = np.arange(64.0).reshape(4, 4, 4)
+    path = mat(tmp_path / "a.mat", {"a": cube})
+    with pytest.raises(ValueError, match=r"shape \(4, 4, 4\), in which they may be first or last"):
+        read_matrix_mat(path, (4, 4))
+    for part in (cube[:3], cube[:5:2], cube[0]):
+        found = read_matrix_mat(mat(path, {"a": part}), (4, 4))
+        assert np.array_equal(found, part.reshape(-1, 4, 4))
+
+
 def test_other_versions_of_mat(tmp_path):
     path = mat(tmp_path / "a.mat", {"a": MATRIX}, format="4")
     with pytest.raises(ValueError, match=r"no MAT file of version 5 to 7, or truncated: try save"):

@@ -79,3 +79,36 @@ def test_missing_file_and_unknown_suffix(tmp_path):
         ValueError, match=r"one of .h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson \(got '.json'\)"
     ):
         write_recording(plain(), tmp_path / "a.json")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "1X,1Y,1Z,Message number,Receive time,Send time",  # sorted by pandas
+        "index,Receive time,Send time,Message number,1X,1Y,1Z",
+        "Send time,Message number,1X,1Y,1Z",
+        "Receive_time,Send_time,Message_number,1X,1Y,1Z",
+        "timestamp,Receive time,Send time,Message number,1X,1Y,1Z",
+        "\ufeff\ufeffSend time,Message number,1X,1Y,1Z",
+    ],
+)
+def test_xela_logs_are_known_by_their_names_in_any_order(names, tmp_path, caplog):
+    cells = dict.fromkeys(("receive time", "send time"), "5")
+    cells |= {"message number": "1", "1x": "7", "1y": "8", "1z": "9"}
+    keys = [name.strip("\ufeff").lower().replace("_", " ") for name in names.split(",")]
+    row = ",".join(cells.get(key, "hold") for key in keys)
+    (tmp_path / "log.csv").write_text(f"{names}\n{row}\n")
+    assert recording_format(tmp_path / "log.csv") == "XELA log CSV"
+    recording = read_recording(tmp_path / "log.csv")
+    assert recording.tactile.tolist() == [[[7, 8, 9]]]
+    assert recording.time.tolist() == [5]
+    assert ("columns that are not read: 'index'" in caplog.text) == names.startswith("index")
+
+
+@pytest.mark.parametrize("names", ["Receive time,Message number,1X", "time,Message number,1X"])
+def test_xela_logs_without_the_time_are_refused_unless_columns_are_declared(names, tmp_path):
+    (tmp_path / "log.csv").write_text(f"{names}\n0,1,7\n")
+    with pytest.raises(ValueError, match=r"must have the column 'Send time'"):
+        read_recording(tmp_path / "log.csv")
+    options = {"tactile": ["1X"], "time": names.split(",")[0]}
+    assert read_recording(tmp_path / "log.csv", **options).tactile.tolist() == [[[7]]]

@@ -191,3 +191,10 @@ def test_read_bad_arguments(write, arguments, message):
 def test_read_what_is_no_text(write):
     with pytest.raises(ValueError, match=r"hand.csv' cannot be read as CSV"):
         read_wide_csv(write("\xe9,1", encoding="latin-1"))
+
+
+@pytest.mark.parametrize(("name", "warns"), [("time", True), ("time_ms", False)])
+def test_frames_that_are_seconds_apart_are_noticed(tmp_path, caplog, name, warns):
+    (tmp_path / "a.csv").write_text(f"{name},taxel_0_x\n0,1\n10,1\n")
+    read_wide_csv(tmp_path / "a.csv")
+    assert ("name the column time_ms" in caplog.text) == warns

@@ -76,6 +76,10 @@ def test_parse_takes_what_may_be_left_out():
         ({"1": sensor(model={"a": 1})}, r"'model' of XELA message 7 must be a text \(got {'a': 1}"),
         ({"1": sensor(handedness=1)}, r"'handedness' of XELA message 7 must be a text \(got 1\)"),
         ({"version": 1.8}, r"'version' of XELA message 7 must be a text \(got 1.8\)"),
+        ({"1": sensor(sensor="2")}, r"'sensor' of sensor '1' .* must be its key \(got '2'\)"),
+        ({"1": sensor(sensor=2)}, r"'sensor' of sensor '1' .* must be its key \(got 2\)"),
+        ({"1": sensor(sensor=True)}, r"'sensor' of sensor '1' .* must be its key \(got True\)"),
+        ({"1": sensor(sensor=10**5000)}, r"must be its key \(got one of type int\)"),
         ({"1": sensor(taxels=3)}, r"must hold 3 words for each of 3 taxels \(got 6\)"),
         ({"1": sensor(taxels=None)}, r"'taxels' of sensor '1' .* positive integer \(got None\)"),
         ({"1": sensor(integer=[1])}, r"'integer' of sensor '1' .* must say the same as 'data'"),
@@ -162,3 +166,8 @@ def test_format_by_hand():
 def test_format_refuses(arguments, message_):
     with pytest.raises(ValueError, match=message_):
         format_xela_message(**{"counts": np.zeros((2, 3)), "number": 1, "time": 0.0, **arguments})
+
+
+@pytest.mark.parametrize("said", ["1", 1, "01"])
+def test_a_sensor_may_say_its_key(said):
+    assert parse_xela_message(message(**{"1": sensor(sensor=said)})).taxels == (2,)

@@ -40,7 +40,7 @@ class NumberedSource(Source):
             time.sleep(min(wait, timeout))
             if wait > timeout:
                 return []
-        now = time.monotonic_ns()
+        now = time.perf_counter_ns()
         frame = LiveFrame(self.number, now / 1e9, now, None, contents(self.number))
         self.number += 1
         return [self.change(frame)]

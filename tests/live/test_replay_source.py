@@ -29,8 +29,8 @@ class Clock:
         self.now = 100 * 10**9
         self.slept = []
         module = "torch_geometric_tactile.live.replay_source.time"
-        monkeypatch.setattr(f"{module}.monotonic", lambda: self.now / 1e9)
-        monkeypatch.setattr(f"{module}.monotonic_ns", lambda: self.now)
+        monkeypatch.setattr(f"{module}.perf_counter", lambda: self.now / 1e9)
+        monkeypatch.setattr(f"{module}.perf_counter_ns", lambda: self.now)
         monkeypatch.setattr(f"{module}.sleep", self.sleep)
 
     def sleep(self, seconds):

@@ -166,7 +166,7 @@ def test_notes_come_once_and_to_pages_that_open_later(viewer):
     ],
 )
 def test_judgement_is_shown(viewer, task, label, probability, shown):
-    now = time.monotonic_ns()
+    now = time.perf_counter_ns()
     viewer.judgement(
         SimpleNamespace(
             label=label,
@@ -359,7 +359,7 @@ class Two(Source):
     def read(self, timeout):
         import time
         time.sleep(0.01)
-        now = time.monotonic_ns()
+        now = time.perf_counter_ns()
         return [LiveFrame(0, now / 1e9, now, None, np.zeros((2, 3), np.float32))]
 
 with Stream(Two("two:", {"sensor": "biotac"})) as stream, Viewer(stream) as viewer:

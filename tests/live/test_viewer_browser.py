@@ -97,7 +97,7 @@ class Opened:
 
 
 def say(viewer, label="sponge", probability=(0.7, 0.2, 0.1)):
-    now = time.monotonic_ns()
+    now = time.perf_counter_ns()
     viewer.judgement(
         SimpleNamespace(
             label=label,

@@ -165,6 +165,20 @@ HOSTILE = {
         lambda h, p: p.update(window={"length": 10**12, "hop": 1, "ragged": "error"}),
         "'length' must be a number of frames",
     ),
+    "a limit among the options": (
+        lambda h, p: p.update(read_options={"allow_large": True}),
+        r"its 'read_options' must be some of .*'tactile'.* \(got 'allow_large': True\)",
+    ),
+    "an expression among the options": (
+        lambda h, p: p.update(read_options={"tactile": "(a+)+"}),
+        "names as lists of texts .*got 'tactile': ",
+    ),
+    "options": (lambda h, p: p.update(read_options=["tactile"]), "must be a mapping"),
+    "a name of no text": (lambda h, p: p.update(read_options={"joint": [1]}), "got 'joint'"),
+    "a truth value for a number": (
+        lambda h, p: p.update(read_options={"num_channels": True}),
+        "got 'num_channels': True",
+    ),
     "no layout": (lambda h, p: p.pop("layout"), "KeyError: 'layout'"),
     "layout": (lambda h, p: p["layout"].update(taxels=[]), "at least one taxel"),
     "other layout": (lambda h, p: p["layout"]["taxels"].pop(), "'pos' must have shape|joins?"),

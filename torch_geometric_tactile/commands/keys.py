@@ -15,11 +15,15 @@ def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[
     Args:
         actions (Mapping of str to callable): What each key does, such as :obj:`{"t": tare}`.
     """
-    if os.name != "posix" or sys.stdin is None or not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():
         yield lambda: None
         return
-    import termios
-    import tty
+    try:
+        import termios
+        import tty
+    except ImportError:  # Windows
+        yield lambda: _heed_console(actions)
+        return
 
     line = sys.stdin.fileno()
     before = termios.tcgetattr(line)
@@ -36,6 +40,14 @@ def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[
         yield heed
     finally:
         termios.tcsetattr(line, termios.TCSADRAIN, before)
+
+
+def _heed_console(actions: Mapping[str, Callable[[], None]]) -> None:
+    import msvcrt
+
+    while msvcrt.kbhit():  # type: ignore[attr-defined, unused-ignore]
+        pressed = msvcrt.getwch()  # type: ignore[attr-defined, unused-ignore]
+        actions.get(pressed.lower(), _nothing)()
 
 
 def _nothing() -> None:

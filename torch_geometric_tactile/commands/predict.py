@@ -3,13 +3,15 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 import argparse
 
 from torch_geometric_tactile.commands.arguments import seconds
+from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
 
 HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
 Predicts each frame of recordings (HDF5, npz, MCAP, CSV, XELA logs and messages) or, without
 recordings, each sample of the test part of the model's data. Writes a CSV table with one
 row per frame: the predicted class or labels and all probabilities. Models of windows or
-whole trials give one row per window or trial, with its last frame.
+whole trials give one row per window or trial, with its last frame. A model of CSV files
+knows the names of their columns.
 """
 EXAMPLES = """\
 examples:
@@ -19,6 +21,8 @@ examples:
   tactile predict last.ckpt --config grasp_gcn_df --root data/BioTacSP
   tactile predict glove.predictor day2/*.h5 --rest 0.5
                                                  a model with a tare: half a second at rest
+  tactile predict glove.predictor glove.csv --tactile 'pad_.*' --joint 'bend_.*'
+                                                 a CSV file whose columns it does not know
   tactile predict last.ckpt --save grasp.predictor
                                                  layout, transforms, model and class names in
                                                  one file, which needs no extra to be used
@@ -74,6 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
     )
+    add_reading_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -95,6 +100,12 @@ def run(arguments: argparse.Namespace) -> int:
                 f"'--{name}' must be left out without recordings: the sessions of a test part are "
                 "always measured"
             )
+    options = reading_options(arguments)
+    if options and not arguments.recordings:
+        raise ValueError(
+            f"the options of recordings, {[*options]}, must be left out without any: a test part "
+            "is read as its configuration says"
+        )
     predictor = run_data.open_predictor(arguments.model, arguments.config)
     if arguments.save is not None:
         predictor.save(arguments.save)
@@ -108,6 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.out,
             arguments.adapt or arguments.rest is not None,
             arguments.rest,
+            options,
         )
     else:
         data = run_data.load_data(arguments.model, arguments.config, arguments.root)

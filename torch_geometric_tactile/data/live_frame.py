@@ -15,9 +15,9 @@ class LiveFrame:
 
     Args:
         sequence (int): Number of the frame, as its device counts, without wraps; a gap is a loss.
-        time (float): Its time on this host's monotonic clock in seconds, strictly increasing in a
-            stream. Until the stream has mapped it, the time of :obj:`received`.
-        received (int): When its last byte was read, on the monotonic clock in nanoseconds.
+        time (float): Its time on this host's clock (:func:`time.perf_counter`) in seconds, strictly
+            increasing in a stream. Until the stream has mapped it, the time of :obj:`received`.
+        received (int): When its last byte was read, on the clock of :func:`time.perf_counter_ns`.
         device_time (float, optional): Its time on the clock of the device in seconds, or
             :obj:`None` if the device sends none.
         tactile (numpy.ndarray): Readings :math:`(N, C)`, float32, in the unit of the source.

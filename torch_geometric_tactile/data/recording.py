@@ -42,7 +42,9 @@ class Recording:
             :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per second), :obj:`"tare"` and
             :obj:`"calibration"` (what was done to the readings), :obj:`"synthetic"` (whether a
             simulator made them), :obj:`"seed"`, :obj:`"joint_names"`, :obj:`"phase_names"` (names
-            of the integers in the privileged :obj:`"phase"`).
+            of the integers in the privileged :obj:`"phase"`), :obj:`"column_names"` (of
+            :obj:`"tactile"` and :obj:`"joint"`, in the order of a file's own, see
+            :func:`~torch_geometric_tactile.io.read_named_csv`).
         privileged (Mapping of str to numpy.ndarray): What a simulator knows and a robot does not,
             such as clean forces, the pose of the object and the phase; numbers, truth values or
             texts, with :math:`T` rows each.
@@ -197,9 +199,12 @@ class Recording:
             ValueError: If the numbers of taxels differ.
         """
         if self.num_taxels != layout.num_taxels:
+            channels, rest = divmod(self.num_taxels, layout.num_taxels)
+            is_flat = self.num_channels == 1 and channels and not rest
+            hint = f": if each has {channels} channels, give num_channels={channels}"
             raise ValueError(
                 f"a recording on layout '{layout.name}' must have {layout.num_taxels} taxels "
-                f"(got {self.num_taxels})"
+                f"(got {self.num_taxels}){hint if is_flat else ''}"
             )
 
     def __repr__(self) -> str:

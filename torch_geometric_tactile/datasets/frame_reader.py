@@ -8,6 +8,7 @@ from pathlib import Path
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data.column_order import column_names, in_column_order
 from torch_geometric_tactile.datasets.frame_files import FrameFiles
 from torch_geometric_tactile.datasets.trial import Trial, check_together, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -126,6 +127,7 @@ class FrameReader:
         self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
     ) -> tuple[Tensor, list[Trial]]:
         r"""Returns the readings of all frames, mapped from a temporary file, and the trials.
+        Columns with names are in the order of the first recording that knows them.
 
         Args:
             recordings (iterable of tuple): What to call each in messages, its name, and it.
@@ -139,8 +141,14 @@ class FrameReader:
         """
         trials: list[Trial] = []
         num_missing, num_channels = 0, self.num_channels
+        columns: dict[str, list[str]] = {}
         with FrameFiles(folder) as files:
-            for where, name, recording in recordings:
+            for where, name, given in recordings:
+                try:
+                    recording = in_column_order(given, columns)
+                    columns = {**column_names(recording), **columns}
+                except ValueError as error:
+                    raise ValueError(f"{where}: {error}") from error
                 trials.append(self._trial(where, name, recording))
                 num_channels = num_channels or recording.num_channels
                 if recording.num_channels != num_channels:

@@ -101,6 +101,7 @@ class RecordingFrames(TrialFolder):
             their names have the folders in front.
         read_options (Mapping, optional): Options of
             :func:`~torch_geometric_tactile.io.read_recording`, such as the names of columns.
+            Columns that an expression chooses are in the order of the first file in all files.
         unit (str, optional): The unit of recordings whose metadata name none, :obj:`"count"` or
             :obj:`"newton"`. Without it, all recordings name one, or none does.
         tare (float or str, optional): The frames at rest of each trial, whose mean reading is
@@ -252,6 +253,8 @@ class RecordingFrames(TrialFolder):
             x, trials = reader.read(opened_recordings(self._recordings), None)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
+        for trial in reversed(trials):
+            names |= {f"{key}_columns": own for key, own in trial.columns.items()}
         data = StaticData(x=x, **labels)
         if self.adjacency is not None:
             data.edge_index = self.layout.edge_index(self.adjacency)
@@ -261,6 +264,15 @@ class RecordingFrames(TrialFolder):
             data[key] = value
         data.y = self._labels.target(data, names, self.target, str(self.root))
         return data, names
+
+    @property
+    def file_options(self) -> dict[str, Any]:
+        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` that read another file
+        as those of this data set: :obj:`read_options` with the names of the columns, in their
+        order, in place of expressions.
+        """
+        known = {key: self._names.get(f"{key}_columns") for key in ("tactile", "joint")}
+        return {**self.read_options, **{key: names for key, names in known.items() if names}}
 
     @property
     def class_names(self) -> list[str]:

@@ -51,6 +51,11 @@ class Trial:
         return len(self.time)
 
     @property
+    def columns(self) -> dict[str, list[str]]:
+        r"""The names of the columns of readings and angles, as far as they are known."""
+        return dict(self.meta.get("column_names", {}))
+
+    @property
     def num_joints(self) -> int:
         r"""The number of joints, 0 without joint angles."""
         return 0 if self.joint is None else self.joint.shape[1]

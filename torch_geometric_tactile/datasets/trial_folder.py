@@ -22,7 +22,7 @@ class TrialFolder(SelectedFrames):
     force_reload: bool
     pattern: str
     suffixes: Sequence[str] = SUFFIXES
-    _content = "content=4"  # to be raised when the processed file gets other columns
+    _content = "content=5"  # to be raised when the processed file gets other columns
 
     @property
     def raw_dir(self) -> str:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile.io.csv_header import refuse_twice
 from torch_geometric_tactile.io.csv_table import check_width, csv_rows, is_number, shown
 from torch_geometric_tactile.typing import PathLike
 
@@ -74,9 +75,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
             f"'{path}' must have the column '{missing[0]}' ({len(missing)} of "
             f"{len(_COLUMNS)} columns are missing)"
         )
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
+    refuse_twice(path, header)
     place = [header.index(name) for name in _COLUMNS]
     for line, row in lines:
         where = f"'{path}', line {line}"

@@ -7,6 +7,7 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io.biotac_sp_csv import FINGERS, NUM_ELECTRODES
+from torch_geometric_tactile.io.csv_header import refuse_twice
 from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, shown
 from torch_geometric_tactile.typing import PathLike
 
@@ -73,9 +74,7 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
 
 
 def _check_header(path: Path, header: list[str]) -> None:
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
+    refuse_twice(path, header)
     expected = _OWN if {*header} <= {*_OWN} else _COLUMNS
     unknown = [name for name in header if name not in _COLUMNS]
     if unknown:

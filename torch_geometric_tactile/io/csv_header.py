@@ -1,16 +1,26 @@
 r"""First lines of CSV files: whether they are names, and what the names say about units."""
 
+import logging
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from torch_geometric_tactile.io.csv_table import is_number, shown
 
 _TIME = re.compile(r"(?:time|timestamp|t)(?:_(s|ms|us|ns))?", re.ASCII)
-_TIME_OF_ANOTHER_UNIT = re.compile(r"(?:time|timestamp)[\W_]+\w.*")
+# Times whose unit is not known, and numbers of frames.
+_CLOCK = re.compile(
+    r"(?:time|timestamp)[\W_]+\w.*|#|(?:.*[\W_])?(?:time|timestamp|datetime|stamp|epoch|elapsed|ts|"
+    r"secs?|seconds|zeit)|(?:frame|sample|seq|sequence|counter|message)(?:[\W_]+(?:id|index|no|num|"
+    r"number))?"
+)
 _PLACES = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 TIME_UNITS = tuple(_PLACES)
 _LATEST = 1e11  # seconds: the year 5138
+_logger = logging.getLogger(__name__)
 
 
 def has_names(row: Sequence[str]) -> bool:
@@ -75,6 +85,21 @@ def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -
             )
 
 
+def refuse_twice(path: Path, names: Sequence[str]) -> None:
+    r"""Checks that all columns have names of their own.
+
+    Args:
+        path (Path): The file, for the message.
+        names (sequence of str): The names of the columns.
+
+    Raises:
+        ValueError: If two have the same.
+    """
+    twice = [name for name, number in Counter(names).items() if number > 1]
+    if twice:
+        raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
+
+
 def time_unit(name: str) -> str | None:
     r"""Returns the unit of a column of the time, which its name says; nothing for other columns.
 
@@ -89,14 +114,29 @@ def time_unit(name: str) -> str | None:
     return None if match is None else match[1] or "s"
 
 
-def is_time_of_another_unit(name: str) -> bool:
-    r"""Tells whether a name begins as that of a time, but goes on with an unknown unit.
+def is_clock(name: str) -> bool:
+    r"""Tells whether a name is that of a time whose unit it does not say, or of a number of frames.
 
     Args:
         name (str): Name of the column.
     """
     name = name.lower()
-    return time_unit(name) is None and _TIME_OF_ANOTHER_UNIT.fullmatch(name) is not None
+    return time_unit(name) is None and _CLOCK.fullmatch(name) is not None
+
+
+def warn_of_unit(path: Path, seconds: np.ndarray, mend: str) -> None:
+    r"""Logs a warning if frames are as far apart as those of a time in milliseconds.
+
+    Args:
+        path (Path): The file, for the message.
+        seconds (numpy.ndarray): The times, taken as seconds :math:`(T,)`.
+        mend (str): What to do then, for the message.
+    """
+    step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    if step >= 1:
+        _logger.warning(
+            "'%s' has a frame every %g s: if its time is in milliseconds, %s", path, step, mend
+        )
 
 
 def cell_to_seconds(path: Path, line: int, cell: str, unit: str) -> float:

@@ -4,6 +4,7 @@ import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +63,9 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     last = 0
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, strict=True)
+            # Two programs may have put a mark of the byte order in front.
+            first = filter(None, [file.readline().lstrip("\ufeff")])
+            reader = csv.reader(chain(first, file), strict=True)
             for row in reader:
                 before, last = last, reader.line_num
                 if last > before + 1:

@@ -1,20 +1,16 @@
 r"""An HDF5 file that is opened: locked, and changed as a whole or not at all."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from torch_geometric_tactile.files import hold_file, is_held
 from torch_geometric_tactile.io.hdf5_journal import PatchedFile, ends_in_journal
 
 _INSTALL = 'pip install "torch-geometric-tactile[io]"'
 CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 
 def require_h5py() -> Any:
@@ -43,7 +39,7 @@ def opened(path: Path, mode: str) -> Iterator[Any]:
         ValueError: If it is damaged.
     """
     h5py = require_h5py()
-    handle = _locked(path, exclusive=mode == "r+")
+    handle, release = _locked(path, exclusive=mode == "r+")
     try:
         with _errors_of_reading(path):
             in_memory = mode == "r+" or ends_in_journal(path)
@@ -57,6 +53,7 @@ def opened(path: Path, mode: str) -> Iterator[Any]:
                 raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
     finally:
         os.close(handle)
+        release()
 
 
 @contextmanager
@@ -64,7 +61,7 @@ def _errors_of_reading(path: Path) -> Iterator[None]:
     try:
         yield
     except BlockingIOError as error:
-        raise _is_locked(path) from error
+        raise is_held(path) from error
     except Exception as error:  # h5py raises ten kinds for a damaged file
         ours = isinstance(error, ValueError | OSError) and f"'{path}'" in str(error)
         if ours or isinstance(error, PermissionError):
@@ -75,24 +72,15 @@ def _errors_of_reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _is_locked(path: Path) -> BlockingIOError:
-    return BlockingIOError(
-        f"'{path}' is locked by another process that writes it: close it there first"
-    )
-
-
-def _locked(path: Path, exclusive: bool) -> int:
+def _locked(path: Path, exclusive: bool) -> tuple[int, Callable[[], None]]:
     while True:
-        handle = os.open(path, os.O_RDWR if exclusive else os.O_RDONLY)
-        if fcntl is None:
-            return handle
+        flags = (os.O_RDWR if exclusive else os.O_RDONLY) | getattr(os, "O_BINARY", 0)
+        handle = os.open(path, flags)
         try:
-            fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH))
-        except BlockingIOError as error:
+            release = hold_file(handle, path, exclusive=exclusive)
+        except BlockingIOError:
             os.close(handle)
-            raise _is_locked(path) from error
-        except OSError:  # a file system without locks
-            return handle
+            raise
         if os.path.samestat(os.fstat(handle), path.stat()):
-            return handle
+            return handle, release
         os.close(handle)  # replaced by a new file meanwhile

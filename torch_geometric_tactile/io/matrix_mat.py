@@ -66,7 +66,8 @@ def read_matrix_mat(
         FileNotFoundError: If there is no such file.
         ValueError: If the file is of another format or version, cut or damaged, would take absurdly
             much memory, does not have the variable, has several numeric ones and none is named, or
-            an array of another size or kind. The message names the file.
+            an array of another size or kind, or as many square matrices as they have rows, which
+            may be first or last in it. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -195,6 +196,11 @@ def _numbers(variable: _Variable, size: tuple[int, ...], order: str, num_stored:
         raise ValueError(
             f"'{variable.name}' must be a matrix of {wanted} numbers or a stack of them (got shape "
             f"{shape}){hint}"
+        )
+    if shape[:2] == shape[1:]:
+        raise ValueError(
+            f"'{variable.name}' must have another number of matrices than of rows and columns (got "
+            f"shape {shape}, in which they may be first or last): save two parts of the stack"
         )
     if variable.flags & (_COMPLEX | _LOGICAL):
         raise ValueError(f"'{variable.name}' must hold real numbers (got complex or logical ones)")

@@ -5,10 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
+from torch_geometric_tactile.files import hold_file
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
@@ -59,24 +56,11 @@ class McapOutput:
                 f"'{path}' exists: give another name, or overwrite=True (--overwrite)"
             ) from error
         try:
-            if lock:
-                self._lock()
+            self._release = hold_file(self._handle, path) if lock else lambda: None
             os.ftruncate(self._handle, 0)
         except BaseException:
             os.close(self._handle)
             raise
-
-    def _lock(self) -> None:
-        if fcntl is None:
-            return
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise BlockingIOError(
-                f"'{self.path}' is locked by another process that writes it: close it there first"
-            ) from error
-        except OSError:  # a file system without locks
-            return
 
     def tell(self) -> int:
         r"""Returns how many bytes were written."""
@@ -118,3 +102,4 @@ class McapOutput:
         if not self.closed:
             self.closed = True
             os.close(self._handle)
+            self._release()

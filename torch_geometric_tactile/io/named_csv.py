@@ -1,6 +1,5 @@
 r"""Recordings as CSV files with column names of their own, as the logger of a glove writes them."""
 
-import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,10 +11,12 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io.csv_header import (
     TIME_UNITS,
     cell_to_seconds,
+    is_clock,
     is_counted,
-    is_time_of_another_unit,
     refuse_counted,
     refuse_index,
+    refuse_twice,
+    warn_of_unit,
 )
 from torch_geometric_tactile.io.csv_header import time_unit as time_unit_of
 from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, is_number, shown
@@ -25,7 +26,7 @@ from torch_geometric_tactile.typing import PathLike
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _MISSING = ("na", "n/a", "<na>", "null", "none")
 _LONGEST_LABEL = 1000
-_logger = logging.getLogger(__name__)
+_SURELY_COUNTS = 10  # frames in which a reading does not rise by one each
 
 
 class _Columns(NamedTuple):
@@ -49,7 +50,7 @@ def read_named_csv(
     label: str | None = None,
     ignore: Sequence[str] = (),
     unit: str | None = None,
-    rate: float = 100.0,
+    rate: float | None = None,
 ) -> Recording:
     r"""Reads a recording from a CSV file with one frame per row and a header with the names of the
     columns.
@@ -75,14 +76,20 @@ def read_named_csv(
         ignore (sequence of str): Columns that are not read.
         unit (str, optional): Unit of the readings, :obj:`"count"` or :obj:`"newton"`, for
             :obj:`meta`.
-        rate (float): Frames per second, for files without time.
+        rate (float, optional): Frames per second, for files without time, which need it.
+
+    The names of the columns that an expression, or nothing, chose are in
+    :obj:`meta["column_names"]`, by which a data set or a predictor brings the columns of other
+    files into its own order.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing or named twice, the names are numbers or an index that
-            pandas made up, the readings are no multiple of the channels, a line is empty, has
-            another number of cells or no end (a file that was cut), a cell is no finite number, the
-            time does not increase, or there is no frame. The message names the line.
+        ValueError: If a column is missing or named twice, an expression matches none, neither the
+            time nor :obj:`rate` is known, a column that nobody named counts the frames, the names
+            are numbers or an index that pandas made up, the readings are no multiple of the
+            channels, a line is empty, has another number of cells or no end (a file that was cut),
+            a cell is no finite number, the time does not increase, or there is no frame. The
+            message names the line.
 
     Examples:
         >>> import tempfile
@@ -94,7 +101,7 @@ def read_named_csv(
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100, label='cup')
     """
     path = checked_file(path)
-    if not rate > 0:
+    if rate is not None and not rate > 0:
         raise ValueError(f"'rate' must be positive (got {rate})")
     if time_unit not in (None, *TIME_UNITS):
         raise ValueError(f"'time_unit' must be one of {list(TIME_UNITS)} (got {time_unit})")
@@ -103,10 +110,10 @@ def read_named_csv(
     lines = csv_rows(path)
     header = next((row for _, row in lines), [])
     columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
-    if not columns.tactile and isinstance(tactile, str):
+    if columns.time is None and rate is None:
         raise ValueError(
-            f"'tactile' must match whole names of columns of '{path}', {_few(columns.names)} (got "
-            f"{tactile!r}, which matches none)"
+            f"'{path}' must have a column of the time (got {_few(columns.names)}): give its name "
+            "as 'time', or if there is none 'rate', the frames per second"
         )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
@@ -134,34 +141,32 @@ def read_named_csv(
         raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
     table = np.stack(rows)
     stop = len(columns.tactile)
-    seconds = np.arange(len(table)) / rate
-    if columns.time is not None:
-        seconds = np.array(times)
-        if time_unit is None and columns.time_unit == "s":
-            _warn_of_unit(path, seconds)
+    if tactile is None:
+        _refuse_count(path, table[:, :stop], [columns.names[i] for i in columns.tactile])
+    seconds = np.array(times) if columns.time is not None else np.arange(len(table)) / (rate or 1)
+    if columns.time is not None and time_unit is None and columns.time_unit == "s":
+        warn_of_unit(path, seconds, "give time_unit='ms'")
     joint_angles = table[:, stop : stop + len(columns.joint)]
     joint_angles[:, columns.degrees] = np.deg2rad(joint_angles[:, columns.degrees])
     content: dict[str, Any] = {} if label is None else _labels(path, label, labels)
+    # What was given as a list is in the order of the list.
+    chosen = {"tactile": (tactile, columns.tactile), "joint": (joint, columns.joint)}
+    found = {
+        key: [columns.names[i] for i in places]
+        for key, (given, places) in chosen.items()
+        if given is None or isinstance(given, str)
+    }
+    meta: dict[str, Any] = {"column_names": found} if found else {}
     try:
         return Recording(
             time=seconds,
             tactile=table[:, :stop].reshape(len(table), -1, num_channels),
             joint=joint_angles if columns.joint else None,
-            meta={} if unit is None else {"unit": unit},
+            meta=meta if unit is None else {**meta, "unit": unit},
             **content,
         )
     except ValueError as error:
         raise ValueError(f"'{path}': {error}") from error
-
-
-def _warn_of_unit(path: Path, seconds: np.ndarray) -> None:
-    step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
-    if step >= 1:
-        _logger.warning(
-            "'%s' has a frame every %g s: if its time is in milliseconds, give time_unit='ms'",
-            path,
-            step,
-        )
 
 
 def _with_advice(error: ValueError, is_guess: bool) -> ValueError:
@@ -186,10 +191,8 @@ def _columns(
         refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
     if all(map(is_number, names)) and not is_counted(names):
         raise _no_name(path, 0, names[0])
-    place = {name: i for i, name in reversed([*enumerate(names)])}
-    if len(place) < len(names):
-        twice = next(name for i, name in enumerate(names) if place[name] < i)
-        raise ValueError(f"'{path}' must name each column once (got {shown(twice)} twice)")
+    refuse_twice(path, names)
+    place = {name: i for i, name in enumerate(names)}
 
     def find(name: str) -> int:
         if name not in place:
@@ -199,7 +202,13 @@ def _columns(
     def find_all(argument: str, wanted: Sequence[str] | str) -> list[int]:
         if isinstance(wanted, str):
             pattern = _pattern(argument, wanted)
-            return [i for i, name in enumerate(names) if pattern.fullmatch(name)]
+            found = [i for i, name in enumerate(names) if pattern.fullmatch(name)]
+            if not found:
+                raise ValueError(
+                    f"'{argument}' must match whole names of columns of '{path}', {_few(names)} "
+                    f"(got {wanted!r}, which matches none)"
+                )
+            return found
         return [find(name) for name in wanted]
 
     label_column = None if label is None else find(label)
@@ -243,10 +252,6 @@ def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None
             f"'{path}' must have one column of the time (got {_few([names[i] for i in times])}): "
             "give it as 'time', and the others as 'ignore'"
         )
-    if not times:
-        for name in (name for i, name in enumerate(names) if i not in used):
-            if is_time_of_another_unit(name):
-                raise _no_time(path, names.index(name), name)
     return times[0] if times else None
 
 
@@ -261,7 +266,7 @@ def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
     for column, name in columns:
         if is_number(name) or name.lower() in _MISSING:
             raise _no_name(path, column, name)
-        if time_unit_of(name) or is_time_of_another_unit(name):
+        if time_unit_of(name) or is_clock(name):
             raise _no_time(path, column, name)
 
 
@@ -270,6 +275,17 @@ def _no_time(path: Path, column: int, name: str) -> ValueError:
         f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the time, "
         f"one of {list(TIME_UNITS)} (got {shown(name)}): give it as 'time' or 'ignore'"
     )
+
+
+def _refuse_count(path: Path, table: np.ndarray, names: Sequence[str]) -> None:
+    counts = (np.diff(table, axis=0) == 1).all(axis=0)
+    if counts.any() and len(table) >= _SURELY_COUNTS:
+        first = int(counts.argmax())
+        raise ValueError(
+            f"'{path}' must have readings in column {shown(names[first])} (got "
+            f"{table[0, first]:g}, {table[1, first]:g}, {table[2, first]:g}, ..., which counts the "
+            "frames): give it as 'ignore', or the readings as 'tactile'"
+        )
 
 
 def _no_name(path: Path, column: int, name: str) -> ValueError:

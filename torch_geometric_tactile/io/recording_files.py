@@ -2,11 +2,12 @@ r"""Recordings in whatever format a file has."""
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.csv_table import csv_rows
 from torch_geometric_tactile.io.mcap_reader import read_mcap
 from torch_geometric_tactile.io.mcap_records import MAGIC
 from torch_geometric_tactile.io.named_csv import read_named_csv
@@ -15,7 +16,7 @@ from torch_geometric_tactile.io.recording_mcap import write_mcap
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
 from torch_geometric_tactile.io.recording_schema import checked_file
 from torch_geometric_tactile.io.wide_csv import has_own_names, read_wide_csv, write_wide_csv
-from torch_geometric_tactile.io.xela_log_csv import read_xela_log_csv
+from torch_geometric_tactile.io.xela_log_csv import is_xela_log, read_xela_log_csv
 from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 from torch_geometric_tactile.typing import PathLike
 
@@ -49,7 +50,7 @@ _WRITERS: dict[str, Callable[[Recording, PathLike], None]] = {
     ".ndjson": write_xela_messages,
 }
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
-_XELA_LOG = re.compile(rb"(\xef\xbb\xbf)?\s*\"?receive time", re.IGNORECASE)
+_MESSAGES = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
 
 def recording_format(path: PathLike) -> str:
@@ -57,7 +58,8 @@ def recording_format(path: PathLike) -> str:
     :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`.
 
     The suffix must be a known one; the beginning of the file decides between the kinds of CSV, and
-    overrules a suffix that is wrong. CSV files with a header of names are named CSV, unless one is
+    overrules a suffix that is wrong. A header with a name of a XELA log's first columns is that of
+    one, in any order. Other CSV files with a header of names are named CSV, unless one is
     a name of :func:`write_wide_csv`, or they are as many as the hand data of the papers have
     columns; then they must be these names.
 
@@ -86,11 +88,19 @@ def recording_format(path: PathLike) -> str:
     for signature, name in _SIGNATURES.items():
         if head.startswith(signature):
             return name
-    if _XELA_LOG.match(head):
+    header = [] if _MESSAGES.match(head) else _first_row(path)
+    if is_xela_log(header):
         return "XELA log CSV"
-    if _SUFFIXES[suffix] == "wide CSV" and has_own_names(path):
+    if _SUFFIXES[suffix] == "wide CSV" and has_own_names(header):
         return "named CSV"
     return _SUFFIXES[suffix]
+
+
+def _first_row(path: Path) -> list[str]:
+    try:
+        return next(csv_rows(path), (0, []))[1]
+    except ValueError:  # is reported when the file is read
+        return []
 
 
 def read_recording(path: PathLike, **kwargs: Any) -> Recording:
@@ -116,13 +126,9 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         ...     read_recording(path, unit="count")
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
-    name = recording_format(path)
-    if name in ("wide CSV", "named CSV"):
-        sizes = {"num_taxels", "num_joints", "header"} & kwargs.keys()
-        own = {*_options(read_named_csv)} - {*_options(read_wide_csv)}
-        name = "wide CSV" if sizes else "named CSV" if own & kwargs.keys() else name
+    name = chosen_format(path, kwargs)
     reader = _READERS[name]
-    options = _options(reader)
+    options = format_options(name)
     for key in kwargs:
         if key not in options:
             known = ", ".join(options) or "none"
@@ -130,8 +136,38 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
     return reader(path, **kwargs)
 
 
-def _options(reader: Callable[..., Recording]) -> list[str]:
-    return [*inspect.signature(reader).parameters][1:]
+def chosen_format(path: PathLike, options: Iterable[str]) -> str:
+    r"""Returns the format that a file is read as with some options, which decide between the kinds
+    of CSV.
+
+    Args:
+        path (str or PathLike): The file.
+        options (iterable of str): The names of the options.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the suffix is unknown.
+    """
+    name, given = recording_format(path), {*options}
+    if not name.endswith("CSV"):
+        return name
+    if name != "XELA log CSV" and given & {"num_taxels", "num_joints", "header"}:
+        return "wide CSV"
+    own = {*format_options("named CSV")} - {*format_options("wide CSV")}
+    return "named CSV" if own & given else name
+
+
+def format_options(name: str) -> list[str]:
+    r"""Returns the names of the options of a format's reader.
+
+    Args:
+        name (str): The format, as :func:`recording_format` names it.
+
+    Examples:
+        >>> format_options("XELA messages")
+        ['forces']
+    """
+    return [*inspect.signature(_READERS[name]).parameters][1:]
 
 
 def write_recording(recording: Recording, path: PathLike) -> None:

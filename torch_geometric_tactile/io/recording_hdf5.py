@@ -10,7 +10,8 @@ frame, uint32 :math:`(T,)`.
 Version 2, which is written, has a checksum of every part: fletcher32 for each block of the arrays,
 the CRC-32 of each frame, those of HDF5 1.10 for its own structures, and that of the attributes,
 whose texts have a fixed length. A damaged file is refused or reads as before. Version 1, which is
-still read, has none of this: a flipped bit may read as another number.
+still read, has none of this: a flipped bit may read as another number. Checksums that are there are
+compared in any version.
 
 Nothing that a file refers to outside of itself is read, and only the filters of HDF5 itself are
 used.
@@ -271,7 +272,8 @@ def _checked(path: Path, file: Any) -> _Content:
     num_frames = integer_attribute(path, attrs, "num_frames")
     texts = {name: text_attribute(path, attrs, name) for name in ("label", "meta")}
     checksums = None
-    if version > 1:
+    # A file that says it is of version 1 may have been changed to say so.
+    if version > 1 or "checksum" in attrs or FRAMES in file:
         checksum = head_checksum(version, num_frames, texts, datasets)
         if integer_attribute(path, attrs, "checksum") != checksum:
             raise ValueError(

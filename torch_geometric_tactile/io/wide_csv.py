@@ -15,6 +15,7 @@ from torch_geometric_tactile.io.csv_header import (
     has_names,
     refuse_counted,
     refuse_index,
+    warn_of_unit,
 )
 from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
 from torch_geometric_tactile.io.recording_schema import checked_file
@@ -150,6 +151,8 @@ def read_wide_csv(
         line, row = next(lines, (line, []))
     if not rows:
         raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
+    if columns.time_unit == "s":
+        warn_of_unit(path, np.array(times), "name the column time_ms")
     if is_counted and len(rows) > 1:
         raise ValueError(
             f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as the "
@@ -218,17 +221,13 @@ def _seconds(
     return time
 
 
-def has_own_names(path: PathLike) -> bool:
-    r"""Tells whether a CSV file has a header whose names and number are not those of a recording
+def has_own_names(row: Sequence[str]) -> bool:
+    r"""Tells whether a first line is a header whose names and number are not those of a recording
     that :func:`read_wide_csv` reads without arguments, or refuses since they are meant so.
 
     Args:
-        path (str or PathLike): The file.
+        row (sequence of str): The cells of the line.
     """
-    try:
-        _, row = next(csv_rows(checked_file(path)), (0, []))
-    except ValueError:  # is reported when the file is read
-        return False
     if not row or not has_names(row) or any(map(is_wide_name, row)):
         return False
     return len(row) - NUM_TAXELS * NUM_CHANNELS - NUM_JOINTS not in (0, 1)

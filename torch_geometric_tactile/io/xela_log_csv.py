@@ -1,6 +1,8 @@
 r"""The CSV files of ``xela_log``, the logger of XELA's server: one message of one sensor a row."""
 
+import logging
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ from torch_geometric_tactile.io.recording_schema import checked_file
 from torch_geometric_tactile.typing import PathLike
 
 _SEND_TIME, _NUMBER = "send time", "message number"
+_CLOCKS = {"receive time", _SEND_TIME, _NUMBER}
+_logger = logging.getLogger(__name__)
 _COLUMN = re.compile(r"(force )?([0-9]{1,9})([xyz])")
 
 
@@ -53,7 +57,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     path = checked_file(path)
     lines = csv_rows(path)
     _, header = next(lines)
-    names = [" ".join(name.lower().split()) for name in header]
+    names = _names(header)
     _refuse_twice(path, names, header)
     for name in (_SEND_TIME, _NUMBER):
         if name not in names:
@@ -73,6 +77,12 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         raise ValueError(
             f"'{path}' must have the column '1X' (got {', '.join(map(shown, header[:6]))})"
         )
+    clocks = [i for i, name in enumerate(names) if name in _CLOCKS]
+    read = [*clocks, *reading_columns, *force_columns]
+    unread = sorted({*range(len(header))} - {*read})
+    if unread:
+        some = ", ".join(shown(header[i]) for i in unread[:6])
+        _logger.warning("'%s' has columns that are not read: %s", path, some)
     measured = [*reading_columns, *force_columns]
     columns = force_columns if forces else reading_columns
     if not columns:
@@ -80,7 +90,8 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     rows: list[np.ndarray] = []
     stale, before = 0, None
     for line, row in lines:
-        numbers = csv_numbers(path, line, row, header)
+        numbers = np.full(len(header), np.nan)
+        numbers[read] = csv_numbers(path, line, row, header, read)
         time, number = numbers[time_column], numbers[number_column]
         for name, value in ((_SEND_TIME, time), (_NUMBER, number)):
             if np.isnan(value):
@@ -117,6 +128,23 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         )
     except ValueError as error:
         raise ValueError(f"'{path}': {error}") from error
+
+
+def is_xela_log(header: Sequence[str]) -> bool:
+    r"""Tells whether a first line names what only a XELA log has, or lacks a part of.
+
+    Args:
+        header (sequence of str): Its cells.
+
+    Examples:
+        >>> is_xela_log(["1X", "1Y", "1Z", "Send_time"]), is_xela_log(["time", "thumb"])
+        (True, False)
+    """
+    return not _CLOCKS.isdisjoint(_names(header))
+
+
+def _names(header: Sequence[str]) -> list[str]:
+    return [" ".join(name.lower().replace("_", " ").split()) for name in header]
 
 
 def _refuse_twice(path: Path, names: list[str], header: list[str]) -> None:

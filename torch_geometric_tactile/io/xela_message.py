@@ -67,8 +67,9 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Raises:
-        ValueError: If something is missing, ``data`` and ``integer`` differ, a number of taxels or
-            sensors is wrong, or a sensor has no forces and they are wanted.
+        ValueError: If something is missing, ``data`` and ``integer`` or a sensor and its key
+            differ, a number of taxels or sensors is wrong, or a sensor has no forces and they are
+            wanted.
 
     Examples:
         >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
@@ -96,6 +97,13 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         ]
         found = np.concatenate(readings), tuple(len(reading) for reading in readings)
     reading, taxels = found
+    for key, sensor in zip(keys, sensors, strict=True):
+        said = sensor.get("sensor", key)
+        is_number = said == key or _SENSOR.fullmatch(few(said).strip("'"))
+        if not is_number or int(said) != int(key):
+            raise ValueError(
+                f"'sensor' of sensor '{key}' of {where} must be its key (got {few(said)})"
+            )
     return XelaFrame(
         number=number,
         time=float(time),

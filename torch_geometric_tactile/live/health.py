@@ -144,7 +144,7 @@ class HealthMeter:
             now (int, optional): The time on the monotonic clock in nanoseconds; the present if left
                 out.
         """
-        now = time.monotonic_ns() if now is None else now
+        now = time.perf_counter_ns() if now is None else now
         frames, counts = self._frames, source.counts
         received = np.sort(self._received[: min(frames, _KEPT)])
         last = int(received[-1]) if frames else 0

@@ -3,7 +3,7 @@ r"""From live frames to labels."""
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from time import monotonic_ns
+from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -154,7 +154,7 @@ class Judge:
             frame (LiveFrame): The frame, the one after those before.
             wanted (bool): Whether an answer is wanted; without, the frame is part of windows only.
         """
-        start = monotonic_ns()
+        start = perf_counter_ns()
         self._check(frame)
         if not self._is_measured(frame):
             return None
@@ -162,7 +162,7 @@ class Judge:
         probability = self._model.add(frame.tactile, frame.joint, wanted)
         if probability is None:
             return None
-        finished = monotonic_ns()
+        finished = perf_counter_ns()
         latency = {
             "wait": (start - frame.received) * 1e-9,
             "prepare": (finished - start - self._model.model_ns) * 1e-9,

@@ -137,7 +137,7 @@ class Recorder:
             kind (str): What kind of event.
             text (str): More about it.
         """
-        self._add("event", time.monotonic(), kind, text)
+        self._add("event", time.perf_counter(), kind, text)
 
     def close(self) -> None:
         r"""Writes what came up to now, and closes the file.
@@ -147,7 +147,7 @@ class Recorder:
             Exception: What the stream raised, or the file refused.
         """
         if self._thread is not None and self._stopping is None:
-            self._stopping = time.monotonic_ns()
+            self._stopping = time.perf_counter_ns()
             self._asked.set()
             self._thread.join()
             if self.error is not None:

@@ -154,7 +154,7 @@ class Hdf5File(RecordingFile):
             self._add()
 
     def idle(self) -> None:  # noqa: D102
-        waited = time.monotonic_ns() - self._frames[0].received if self._frames else 0
+        waited = time.perf_counter_ns() - self._frames[0].received if self._frames else 0
         if waited >= _HDF5_SECONDS * _NANO:
             self._add()
 

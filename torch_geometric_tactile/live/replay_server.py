@@ -142,12 +142,12 @@ class ReplayServer:
 
         with self._lock:
             if self._began is None:
-                self._began = time.monotonic()
+                self._began = time.perf_counter()
             self._clients.add(client)
         finished = False
         try:
             client.send(json.dumps({"message": "Welcome"}))
-            finished = self._send_all(client, self._next_after(time.monotonic()))
+            finished = self._send_all(client, self._next_after(time.perf_counter()))
         except (ConnectionClosed, OSError):
             pass
         finally:
@@ -160,13 +160,13 @@ class ReplayServer:
     def _send_all(self, client: Any, frame: int) -> bool:
         length = self._messages.num_frames
         while self.loop or frame < length:
-            late = time.monotonic() - self._due(frame)
+            late = time.perf_counter() - self._due(frame)
             while late < 0:
                 if self._stop.wait(min(-late, _WAIT)):
                     return False
-                late = time.monotonic() - self._due(frame)
+                late = time.perf_counter() - self._due(frame)
             if late > _MOST_LATE:
-                frame = self._next_after(time.monotonic())
+                frame = self._next_after(time.perf_counter())
                 continue
             if self._stop.is_set():
                 return False
@@ -180,7 +180,7 @@ class ReplayServer:
         return self._began + self._messages.seconds(frame) / self.speed
 
     def _stamp(self, frame: int) -> float:
-        return time.time() - time.monotonic() + self._due(frame)
+        return time.time() - time.perf_counter() + self._due(frame)
 
     def _next_after(self, now: float) -> int:
         assert self._began is not None

@@ -110,13 +110,13 @@ class ReplaySource(Source):
             raise OSError(f"{self.name} is not open")
         if self._next is None:
             raise SourceEnded(f"{self.name} has ended")
-        now = time.monotonic()
+        now = time.perf_counter()
         if not self._start:
             self._start = now
         wait = self._due(self._next) - now
         if wait > 0:
             time.sleep(min(wait, max(0.0, timeout)))
-        received = time.monotonic_ns()
+        received = time.perf_counter_ns()
         frames: list[LiveFrame] = []
         while self._next is not None and len(frames) < _CHUNK:
             if self._due(self._next) * 1e9 > received:

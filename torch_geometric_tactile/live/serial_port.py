@@ -69,9 +69,9 @@ def find_port(path: str) -> SerialPort | None:
     Args:
         path (str): The path or name.
     """
-    real = os.path.realpath(path)
+    real = os.path.normcase(os.path.realpath(path))
     for port in list_ports():
-        if path == port.device or real == os.path.realpath(port.device):
+        if real == os.path.normcase(os.path.realpath(port.device)):
             return port
     return None
 

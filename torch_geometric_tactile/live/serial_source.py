@@ -130,11 +130,11 @@ class SerialSource(Source):
         """
         if self._line is None:
             raise OSError(f"{self.name} is not open")
-        deadline = time.monotonic() + timeout
+        deadline = time.perf_counter() + timeout
         while True:
             data = self._bytes(timeout)
-            frames = self.decoder.feed(data, time.monotonic_ns()) if data else []
-            if frames or time.monotonic() >= deadline:
+            frames = self.decoder.feed(data, time.perf_counter_ns()) if data else []
+            if frames or time.perf_counter() >= deadline:
                 break
         if not data:
             self._check_there()
@@ -168,7 +168,7 @@ class SerialSource(Source):
         r"""Returns whether the port is there."""
         if self._usb is not None:
             return find_again(self._usb) is not None
-        return self.port.startswith("/") and os.path.exists(self.port)
+        return os.path.exists(self.port) or find_port(self.port) is not None
 
     def close(self) -> None:
         r"""Closes the port; does nothing if it is closed."""

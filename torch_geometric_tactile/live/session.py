@@ -175,9 +175,9 @@ class LiveSession:
         Raises:
             Exception: What a callback, the model or the source raised.
         """
-        stop = None if seconds is None else time.monotonic() + seconds
+        stop = None if seconds is None else time.perf_counter() + seconds
         while not self._ended.is_set():
-            left = math.inf if stop is None else stop - time.monotonic()
+            left = math.inf if stop is None else stop - time.perf_counter()
             if left <= 0 or self._ended.wait(min(left, _STATUS_SECONDS)):
                 break
             self._tell_status(on_status)

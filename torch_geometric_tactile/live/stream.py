@@ -64,7 +64,7 @@ class Stream:
         self.source = source
         self.taxel_map = taxel_map
         self.silent_after = silent_after
-        self.anchor = (time.time_ns(), time.monotonic_ns())
+        self.anchor = (time.time_ns(), time.perf_counter_ns())
         self.error: BaseException | None = None
         self._state = "closed"
         self._meter = HealthMeter()
@@ -184,7 +184,7 @@ class Stream:
                 subscription.end(error)
 
     def _read_all(self) -> None:
-        last = time.monotonic()
+        last = time.perf_counter()
         back_off = _BACK_OFF[0]
         while not self._stop.is_set():
             try:
@@ -195,13 +195,13 @@ class Stream:
                 if not self.source.reopens:
                     raise
                 back_off = self._open_again(error, back_off)
-                last = time.monotonic()
+                last = time.perf_counter()
                 continue
             if frames:
                 self._deliver(frames)
                 self._state = "open"
-                last, back_off = time.monotonic(), _BACK_OFF[0]
-            elif time.monotonic() - last > self.silent_after:
+                last, back_off = time.perf_counter(), _BACK_OFF[0]
+            elif time.perf_counter() - last > self.silent_after:
                 self._state = "silent"
 
     def _open_again(self, error: BaseException, back_off: float) -> float:
@@ -279,13 +279,13 @@ class Stream:
 
 def _came_back(source: Source, stop: threading.Event, back_off: float) -> bool:
     # Waits, but no longer than until a source that was gone is seen to be back.
-    deadline = time.monotonic() + back_off
+    deadline = time.perf_counter() + back_off
     missing = not source.is_there()
-    while not stop.wait(max(0.0, min(_READ, deadline - time.monotonic()))):
+    while not stop.wait(max(0.0, min(_READ, deadline - time.perf_counter()))):
         there = source.is_there()
         if missing and there:
             return True
         missing = missing or not there
-        if time.monotonic() >= deadline:
+        if time.perf_counter() >= deadline:
             break
     return False

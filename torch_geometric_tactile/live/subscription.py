@@ -4,7 +4,7 @@ import asyncio
 import threading
 from collections import deque
 from contextlib import suppress
-from time import monotonic
+from time import perf_counter
 from typing import Literal, Self
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
@@ -104,13 +104,13 @@ class Subscription:
             StreamOverflow: If frames of policy :obj:`"all"` were lost after those delivered.
             Exception: What the source raised, if it failed.
         """
-        deadline = None if timeout is None else monotonic() + timeout
+        deadline = None if timeout is None else perf_counter() + timeout
         with self._changed:
             while True:
                 frame = self._take()
                 if frame is not None:
                     return frame
-                left = None if deadline is None else deadline - monotonic()
+                left = None if deadline is None else deadline - perf_counter()
                 if left is not None and left <= 0:
                     raise TimeoutError(f"no frame came within {timeout:g} s")
                 self._changed.wait(left)

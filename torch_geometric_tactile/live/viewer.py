@@ -161,7 +161,7 @@ class Viewer:
     @recording.setter
     def recording(self, recording: bool) -> None:
         if recording != self.recording:
-            self._screen.recording_since = time.monotonic() if recording else None
+            self._screen.recording_since = time.perf_counter() if recording else None
 
     @property
     def on_tare(self) -> Callable[[], object] | None:

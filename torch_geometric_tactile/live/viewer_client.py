@@ -57,9 +57,9 @@ class ViewerClient:
                 if self._gone:
                     return
                 self._shown.clear()
-                await asyncio.sleep(max(0.0, due - time.monotonic()))
+                await asyncio.sleep(max(0.0, due - time.perf_counter()))
                 message = await self._next()
-                due = time.monotonic() + 1 / _RATE - _LEAD
+                due = time.perf_counter() + 1 / _RATE - _LEAD
                 await self._socket.send(message)
         finally:
             self._subscription.close()
@@ -96,19 +96,19 @@ class ViewerClient:
     def _note_age(self) -> None:
         if self._sent is None:
             return
-        now = time.monotonic_ns()
+        now = time.perf_counter_ns()
         self._age = (now - self._sent.received) / 1e6
         if self._seen is not None:
             self._oldest = (now - self._seen.received) / 1e6
         self._seen, self._sent = self._sent, None
 
     async def _next(self) -> bytes:
-        quiet = time.monotonic() + _QUIET
+        quiet = time.perf_counter() + _QUIET
         while True:
             frame = self._newest() or self._kept
             if frame is not None:
                 return await self._picture(frame)
-            if time.monotonic() >= quiet or self._gone:
+            if time.perf_counter() >= quiet or self._gone:
                 return pack_message({"kind": "facts", **self._facts()})
             await asyncio.sleep(_LOOK)
 
@@ -140,12 +140,12 @@ class ViewerClient:
         self._sent, self._kept = frame, None
         head: dict[str, Any] = {"kind": "frame", "sequence": frame.sequence}
         head |= {"age": self._age, "oldest": self._oldest}
-        if time.monotonic() >= self._facts_due:
+        if time.perf_counter() >= self._facts_due:
             head |= self._facts()
         return pack_message(head, arrays)
 
     def _facts(self) -> dict[str, Any]:
-        self._facts_due = time.monotonic() + _FACTS
+        self._facts_due = time.perf_counter() + _FACTS
         facts = self._screen.facts(self._last_note)
         if facts["notes"]:
             self._last_note = facts["notes"][-1][0]

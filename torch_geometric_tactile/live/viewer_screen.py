@@ -169,7 +169,7 @@ class ViewerScreen:
             "source": self.stream.source.name,
             "health": self._health(),
             "rest": self.rest.kind,
-            "recording": None if since is None else time.monotonic() - since,
+            "recording": None if since is None else time.perf_counter() - since,
             "can_record": self.on_record is not None,
             "judgement": self._judged(),
             "notes": [note for note in tuple(self.notes) if note[0] > since_note],
@@ -191,7 +191,7 @@ class ViewerScreen:
             "names": list(judgement.class_names),
             "probability": np.asarray(judgement.probability, dtype=float).tolist(),
             "latency": (judgement.finished - judgement.received) / 1e6,
-            "since": (time.monotonic_ns() - judgement.finished) / 1e9,
+            "since": (time.perf_counter_ns() - judgement.finished) / 1e9,
         }
 
     def tare(self) -> None:

@@ -58,7 +58,7 @@ class WebSocket:
         """
         from websockets.client import ClientProtocol
 
-        deadline = time.monotonic() + timeout
+        deadline = time.perf_counter() + timeout
         uri = self._uri
         self._timeout = math.inf
         self._socket = socket.create_connection((uri.host, uri.port), timeout=timeout)
@@ -72,7 +72,7 @@ class WebSocket:
             self._send()
             self._closed = "before it had greeted"
             while self._closed:
-                if self._socket is None or not self._receive(deadline - time.monotonic()):
+                if self._socket is None or not self._receive(deadline - time.perf_counter()):
                     raise TimeoutError("it does not answer as a WebSocket")
         except BaseException:
             self.close()
@@ -88,11 +88,11 @@ class WebSocket:
             EOFError: If the server has closed the connection.
             OSError: If the connection is lost.
         """
-        deadline = time.monotonic() + timeout
+        deadline = time.perf_counter() + timeout
         while not self._messages:
             if self._closed:
                 raise EOFError(self._closed)
-            if not self._receive(deadline - time.monotonic()):
+            if not self._receive(deadline - time.perf_counter()):
                 return None
         return self._messages.popleft()
 

@@ -88,18 +88,18 @@ class XelaSource(Source):
             return frames
         if not self._is_open:
             raise OSError(f"{self.name} is not open")
-        deadline = time.monotonic() + timeout
+        deadline = time.perf_counter() + timeout
         while True:
             try:
-                text = self._socket.receive(max(0.0, deadline - time.monotonic()))
+                text = self._socket.receive(max(0.0, deadline - time.perf_counter()))
             except EOFError as error:
                 raise EOFError(f"the server at '{self.name}' has closed: {error}") from error
             if text is None:
                 return []
-            frame = self._frame(text, time.monotonic_ns())
+            frame = self._frame(text, time.perf_counter_ns())
             if frame is not None:
                 return [frame]
-            if time.monotonic() >= deadline:
+            if time.perf_counter() >= deadline:
                 return []
 
     def _frame(self, text: bytes, received: int) -> LiveFrame | None:

@@ -75,6 +75,7 @@ def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
         "schema": shared.schema,
         "model": describer.model(model),
     }
+    header["read_options"] = preparation.read_options
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
     for key in _TRANSFORMS:
         transform = getattr(preparation, key)
@@ -220,6 +221,7 @@ def build(
         num_joints,
         window=None if window is None else WindowCut.from_dict(window),
         frame_transform=parts[0],
+        read_options=header.get("read_options"),  # older files have none
     )
     for part in preparation.fitted:
         fitted = part.center if part.attr == "joint" and num_joints else None

@@ -234,6 +234,7 @@ class Predictor(WindowedModel):
             preparation.num_channels,
             preparation.num_joints,
             window=preparation.window,
+            read_options=preparation.read_options,
         )
         names = self.class_names
         return self._of(Content(tared, copy.deepcopy(self.model), names, self.task, self.threshold))
@@ -248,11 +249,12 @@ class Predictor(WindowedModel):
             batch_size (int): Number of frames or windows that are computed at a time.
 
         Raises:
-            ValueError: If it has other taxels, channels or joints, or too few frames for a window.
+            ValueError: If it has other taxels, channels, joints or names of columns, or too few
+                frames for a window.
         """
         if self.window is not None:
             return self.of_windows(self.windows(recording)[0], batch_size)
-        recording.check(self.layout)
+        recording = self.preparation.ordered(recording)
         parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
         return torch.cat(parts)
 

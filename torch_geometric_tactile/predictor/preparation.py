@@ -1,7 +1,7 @@
 r"""From a reading to the input of a model."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -9,9 +9,11 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data.column_order import in_column_order
 from torch_geometric_tactile.data.frame_view import FrameView
 from torch_geometric_tactile.predictor.classes import flat
+from torch_geometric_tactile.predictor.file_options import checked_options, stored_options
 from torch_geometric_tactile.predictor.settling import access, is_settled, settle
 from torch_geometric_tactile.predictor.window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -38,6 +40,8 @@ class Preparation:
         window (WindowCut, optional): How windows are cut from frames, if the model takes windows:
             then both transforms are applied to windows.
         frame_transform (callable, optional): Applied to frames before windows are cut.
+        read_options (Mapping, optional): How files of recordings are read, as
+            :func:`~torch_geometric_tactile.predictor.file_options.checked_options` takes it.
     """
 
     def __init__(
@@ -51,7 +55,9 @@ class Preparation:
         *,
         window: WindowCut | None = None,
         frame_transform: Transform | None = None,
+        read_options: Mapping[str, Any] | None = None,
     ) -> None:
+        self.read_options = checked_options(read_options or {})
         self.layout = layout
         self.shared = _only_shared(shared)
         self.pre_transform = copy.deepcopy(pre_transform)
@@ -102,6 +108,7 @@ class Preparation:
         known: dict[str, Any] = {
             "num_channels": None if steps else frame.num_features,
             "num_joints": 0 if joint is None else joint.size(-1),
+            "read_options": stored_options(getattr(frames, "file_options", {})),
         }
         if window is not None:
             known |= {"window": window, "frame_transform": _joined([*steps, frames.transform])}
@@ -159,6 +166,19 @@ class Preparation:
         for key in self.keys:
             data[key] = torch.full((len(x),), self._session(session), device=device)
         return data
+
+    def ordered(self, recording: Recording) -> Recording:
+        r"""Returns a recording with its columns in the order of those of the training, if their
+        names are known.
+
+        Args:
+            recording (Recording): The recording.
+
+        Raises:
+            ValueError: If it has other taxels, or columns of other names.
+        """
+        recording.check(self.layout)
+        return in_column_order(recording, self.read_options)
 
     def _num_frames(self, x: Tensor) -> int:
         # Of a window, by the number of its channels, which is known from training.

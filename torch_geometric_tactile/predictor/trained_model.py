@@ -1,6 +1,6 @@
 r"""A model with the layout and the transforms that it was trained with."""
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import torch
 from torch import Tensor
@@ -60,6 +60,14 @@ class TrainedModel:
     def transform(self) -> Transform | None:
         r"""What the samples of a data set go through, with its fitted state."""
         return self.preparation.transform
+
+    @property
+    def read_options(self) -> dict[str, Any]:
+        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` that read a file as
+        those of the training: the names of the columns, the number of channels, and the like;
+        empty if the predictor does not know them.
+        """
+        return dict(self.preparation.read_options)
 
     @property
     def window(self) -> WindowCut | None:

@@ -29,7 +29,7 @@ class WindowedModel(TrainedModel):
         """
         if self.window is None:
             raise ValueError("this predictor takes single frames, not windows: call 'recording'")
-        recording.check(self.layout)
+        recording = self.preparation.ordered(recording)
         # A session is the same for all frames, and may be adapted to with these windows.
         frames = self.preparation.data(
             recording.tactile,

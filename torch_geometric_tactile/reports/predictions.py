@@ -5,7 +5,7 @@ import itertools
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,11 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.data.column_order import column_names, in_column_order
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.io.csv_table import safe_cell
+from torch_geometric_tactile.io.recording_files import chosen_format, format_options
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.typing import PathLike
 
@@ -30,6 +32,7 @@ def write_recordings(
     out: PathLike,
     adapt: bool = False,
     rest: float | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> Counter[str]:
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
     probabilities. With a model of windows, a row for each window, with its last frame.
@@ -42,6 +45,9 @@ def write_recordings(
             labels, where a transform measures sessions.
         rest (float, optional): How many seconds of each recording are measured: those at its
             beginning in which nothing is touched. The whole recording if left out.
+        options (Mapping, optional): Options of
+            :func:`~torch_geometric_tactile.io.read_recording`, before those that the predictor
+            knows.
 
     Returns:
         Counter: How often each prediction was made.
@@ -52,9 +58,12 @@ def write_recordings(
     """
 
     def rows() -> _Rows:
+        columns: dict[str, list[str]] = {}
         for path in paths:
-            recording = read_recording(path)
+            recording = _read(predictor, path, options or {})
             try:
+                recording = predictor.preparation.ordered(in_column_order(recording, columns))
+                columns = {**column_names(recording), **columns}
                 frames: Sequence[int] = range(recording.num_frames)
                 if predictor.window is not None:
                     frames = predictor.windows(recording)[1].tolist()
@@ -62,16 +71,32 @@ def write_recordings(
                     _adapt(predictor, recording if rest is None else _beginning(recording, rest))
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
-                hint = (
-                    "; 'tactile predict --rest SECONDS' and '--adapt' do so"
-                    if "call 'adapt'" in str(error)
-                    else ""
-                )
-                raise ValueError(f"'{path}': {error}{hint}") from error
+                raise ValueError(f"'{path}': {error}{_hint(str(error), path)}") from error
             for i, row in zip(frames, probability, strict=True):
                 yield [_cell(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
+
+
+def _read(predictor: Predictor, path: PathLike, given: Mapping[str, Any]) -> Recording:
+    known = {**predictor.read_options, **given}
+    taken = format_options(chosen_format(path, known))
+    options = {k: v for k, v in known.items() if k in taken or k in given}
+    try:
+        return read_recording(path, **options)
+    except ValueError as error:
+        raise ValueError(f"{error}{_hint(str(error), path)}") from error
+
+
+def _hint(error: str, path: PathLike) -> str:
+    if "call 'adapt'" in error:
+        return "; 'tactile predict --rest SECONDS' and '--adapt' do so"
+    if Path(path).suffix.lower() == ".csv" and re.search(r"must have (the col|\d+ taxels)", error):
+        return (
+            "; say which columns of this file are those of the training by '--tactile', '--joint', "
+            "'--num-channels' and '--ignore', as to 'tactile inspect'"
+        )
+    return ""
 
 
 def _adapt(predictor: Predictor, measured: Recording) -> None:
