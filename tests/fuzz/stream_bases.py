@@ -46,6 +46,15 @@ def m1616(folder: Path) -> None:
         (folder / f"{name}.bin").write_bytes(b"".join(packets))
 
 
+def flexitac(folder: Path) -> None:
+    draw = np.random.default_rng(0)
+    for name, pair in (("a", None), ("b", 3)):
+        made = draw.integers(0, 256, (PACKETS, 6)).astype(np.uint8)
+        if pair is not None:  # readings that look like a header, in every other frame
+            made[::2, pair : pair + 2] = 0xAA, 0x55
+        (folder / f"{name}.bin").write_bytes(b"".join(b"\xaa\x55" + row.tobytes() for row in made))
+
+
 def text(folder: Path) -> None:
     draw = np.random.default_rng(0)
     for name, end in (("a", "\r\n"), ("b", "\n")):
@@ -82,6 +91,7 @@ def letter_array(folder: Path) -> None:
 SETTINGS: dict[str, dict[str, Any]] = {
     "cobs": {"max_size": 400},
     "anyskin": {"num_magnetometers": 2},
+    "flexitac": {"shape": (2, 3)},
     "m1616": {},
     "text": {"shape": (2, 3)},
     "robotiq": {},

@@ -65,6 +65,25 @@ def anyskin(data: bytes) -> Any:
     return frames
 
 
+def flexitac(data: bytes) -> Any:
+    """Eight bytes from a header on: where the frame before ended if none is inside, else if another
+    header follows."""
+    header, frames, place, follows = b"\xaa\x55", [], 0, False
+    while place + 8 <= len(data):
+        told = data[place + 8 : place + 10]
+        doubt = not follows or header in data[place + 1 : place + 9]
+        doubt = doubt or (not told and data[place + 7] == 0xAA)
+        if not data.startswith(header, place) or (doubt and not header.startswith(told)):
+            place, follows = place + 1, False
+            continue
+        if doubt and told != header:  # it may still come
+            break
+        counts = np.frombuffer(data, np.uint8, 6, place + 2).astype("f4")
+        frames.append([None, counts.tobytes(), None])
+        place, follows = place + 8, True
+    return frames
+
+
 def m1616(data: bytes) -> Any:
     """Every header with 516 bytes behind it, and no other header that begins among them."""
     header, size = b"\xaa\xab\xac", 519

@@ -375,6 +375,7 @@ TARGETS: Sequence[Target] = (
     ),
     _stream("cobs", 4),
     _stream("anyskin", 4),
+    _stream("flexitac", 3),
     _stream("m1616", 3),
     _stream("text", 4),
     _stream("robotiq", 4),

@@ -38,7 +38,7 @@ def test_settings_as_values_and_as_texts():
     [
         (
             lambda: decoder_of("reskin"),
-            r"one of cobs, anyskin, m1616, text, robotiq, letter_array \(got 'reskin'\)",
+            r"one of cobs, anyskin, flexitac, m1616, text, robotiq, letter_array \(got 'reskin'\)",
         ),
         (lambda: decoder_of("text", size=3), r"'text' must have settings among shape \(got 'size'"),
         (lambda: decoder_of("m1616", a=1), r"'m1616' must have settings among none \(got 'a'\)"),

@@ -4,6 +4,7 @@ from .bigs_grasp import read_bigs
 from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
 from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
 from .decoder import Decoder, DecoderCounts
+from .flexitac import FlexiTacDecoder
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot
@@ -41,6 +42,7 @@ __all__ = [
     "CobsDecoder",
     "Decoder",
     "DecoderCounts",
+    "FlexiTacDecoder",
     "GraspTable",
     "ICubGraspFrames",
     "LetterArrayDecoder",

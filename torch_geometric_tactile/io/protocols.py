@@ -7,6 +7,7 @@ from typing import Any
 
 from torch_geometric_tactile.io.anyskin import AnySkinDecoder
 from torch_geometric_tactile.io.decoder import Decoder
+from torch_geometric_tactile.io.flexitac import FlexiTacDecoder
 from torch_geometric_tactile.io.letter_array_packets import LetterArrayDecoder
 from torch_geometric_tactile.io.m1616 import M1616Decoder
 from torch_geometric_tactile.io.packets import CobsDecoder
@@ -18,6 +19,7 @@ PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(
     {
         "cobs": CobsDecoder,
         "anyskin": AnySkinDecoder,
+        "flexitac": FlexiTacDecoder,
         "m1616": M1616Decoder,
         "text": TextRowsDecoder,
         "robotiq": RobotiqDecoder,

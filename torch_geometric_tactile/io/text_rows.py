@@ -1,4 +1,4 @@
-r"""Rows of numbers as text, as 3D-ViTac and FlexiTac boards send them."""
+r"""Rows of numbers as text, as 3D-ViTac boards send them."""
 
 import re
 from typing import ClassVar
@@ -7,6 +7,7 @@ import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoder import Decoder
+from torch_geometric_tactile.io.flexitac import checked_shape
 
 _TEXT = b"0123456789 \t\r\n"
 _LEADING = re.compile(rb"[\r\n]*")
@@ -15,7 +16,7 @@ _HIGHEST = 255
 
 
 class TextRowsDecoder(Decoder):
-    r"""Decoder of `3D-ViTac <https://binghao-huang.github.io/3D-ViTac/>`_ and FlexiTac boards.
+    r"""Decoder of `3D-ViTac <https://binghao-huang.github.io/3D-ViTac/>`_ boards.
 
     A frame is rows of numbers from 0 to 255 in ASCII with blanks between them, each row with CR LF
     at its end, and an empty row after the last. A frame with another number of rows or columns,
@@ -43,9 +44,7 @@ class TextRowsDecoder(Decoder):
 
     def __init__(self, shape: tuple[int, int] = (16, 16)) -> None:
         super().__init__()
-        if len(shape) != 2 or not all(1 <= size <= 1024 for size in shape):
-            raise ValueError(f"'shape' must be rows and columns, from 1 to 1024 each (got {shape})")
-        self.shape = (int(shape[0]), int(shape[1]))
+        self.shape = checked_shape(shape)
         self._longest = self.shape[0] * (5 * self.shape[1] + 2)  # of a frame, with some blanks
         self._sequence = -1
         self._missing = 0  # rows since the last frame
