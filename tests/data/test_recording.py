@@ -170,7 +170,10 @@ def test_meta_is_a_copy_with_lists_for_tuples():
         ({"meta": {1: "a"}}, r"'meta' must have texts as keys \(got 1\)"),
         ({"meta": {"a": np.zeros(2)}}, r"'meta' must hold JSON values \(.*ndarray.*, for 'a'\)"),
         ({"meta": {"a": NAN}}, r"'meta' must hold JSON values \(.*, for 'a'\)"),
-        ({"meta": {"unit": "N"}}, r"must be one of \('count', 'newton'\) \(got 'N'\)"),
+        (
+            {"meta": {"unit": "N"}},
+            r"must be one of \['count', 'newton', 'microtesla'\] \(got 'N'\)",
+        ),
         ({"privileged": {"p": [1, 2, 3]}}, r"'p' must have 2 frames, as 'time' has \(got 3\)"),
         ({"privileged": {"p": 1.0}}, r"'p' must have one row per frame \(got a scalar\)"),
         ({"privileged": {"p": [None, 1]}}, r"'p' must hold numbers, .* \(got object\)"),

@@ -55,6 +55,16 @@ def flexitac(folder: Path) -> None:
         (folder / f"{name}.bin").write_bytes(b"".join(b"\xaa\x55" + row.tobytes() for row in made))
 
 
+def paxini(folder: Path) -> None:
+    draw = np.random.default_rng(0)
+    for name in "ab":
+        made = b"\xaa\x56\x00\x01\x00\x00\xff"  # the answer to the start
+        for _ in range(PACKETS):
+            body = b"\xaa\x56\x00\x16\x00\x00" + draw.integers(0, 256, 21, np.uint8).tobytes()
+            made += body + bytes([-sum(body) % 256])
+        (folder / f"{name}.bin").write_bytes(made)
+
+
 def text(folder: Path) -> None:
     draw = np.random.default_rng(0)
     for name, end in (("a", "\r\n"), ("b", "\n")):
@@ -93,6 +103,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "anyskin": {"num_magnetometers": 2},
     "flexitac": {"shape": (2, 3)},
     "m1616": {},
+    "paxini": {"points": (2, 1)},
     "text": {"shape": (2, 3)},
     "robotiq": {},
     "letter_array": {},

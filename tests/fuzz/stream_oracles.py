@@ -84,6 +84,36 @@ def flexitac(data: bytes) -> Any:
     return frames
 
 
+def _force(b: bytes) -> list[Any]:
+    signed = [value - 256 if value > 127 else value for value in b[:2]]
+    return [np.float32(value) * np.float32(0.1) for value in (*signed, b[2])]
+
+
+def paxini(data: bytes) -> Any:
+    """Every place from which on the bytes are one of both lengths, and their sum is zero."""
+    frames, place = [], 0
+    while place + 7 <= len(data):
+        length = int.from_bytes(data[place + 3 : place + 5], "little")
+        size = 6 + length
+        found = data[place : place + size]
+        if not data.startswith(b"\xaa\x56", place) or length not in (1, 22):
+            place += 1
+            continue
+        if len(found) < size:  # the rest may come
+            break
+        if sum(found) % 256:
+            place += 1
+            continue
+        place += size
+        if length == 22:
+            points = [_force(found[i : i + 3]) for i in (12, 15, 24)]
+            whole = [_force(found[i : i + 6 : 2]) for i in (6, 18)]
+            arrays = [np.float32(points), np.float32(whole), np.float32([found[5]])]
+            tactile, *extra = [array.tobytes() for array in arrays]
+            frames.append([None, tactile, None, *extra])
+    return frames
+
+
 def m1616(data: bytes) -> Any:
     """Every header with 516 bytes behind it, and no other header that begins among them."""
     header, size = b"\xaa\xab\xac", 519

@@ -377,6 +377,7 @@ TARGETS: Sequence[Target] = (
     _stream("anyskin", 4),
     _stream("flexitac", 3),
     _stream("m1616", 3),
+    _stream("paxini", 3),
     _stream("text", 4),
     _stream("robotiq", 4),
     _stream("letter_array", 2),

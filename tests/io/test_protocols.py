@@ -18,7 +18,7 @@ def test_every_protocol_has_a_decoder(name):
         pytest.importorskip("cobs", reason="needs the extra 'live'")
     decoder = decoder_of(name)
     assert isinstance(decoder, Decoder)
-    assert decoder.checksum in ("none", "crc32")
+    assert decoder.checksum in ("none", "sum", "crc32")
     assert decoder.feed(b"", 0) == []
 
 
@@ -38,7 +38,8 @@ def test_settings_as_values_and_as_texts():
     [
         (
             lambda: decoder_of("reskin"),
-            r"one of cobs, anyskin, flexitac, m1616, text, robotiq, letter_array \(got 'reskin'\)",
+            r"one of cobs, anyskin, flexitac, m1616, paxini, text, robotiq, letter_array "
+            r"\(got 'reskin'\)",
         ),
         (lambda: decoder_of("text", size=3), r"'text' must have settings among shape \(got 'size'"),
         (lambda: decoder_of("m1616", a=1), r"'m1616' must have settings among none \(got 'a'\)"),

@@ -3,6 +3,14 @@ import pytest
 from torch_geometric_tactile.live import ReplaySource, open_source
 
 
+def test_magnetic_skin_has_its_unit_and_layout():
+    source = open_source("serial:/dev/ttyX?protocol=anyskin")
+    assert source.meta == {"unit": "microtesla", "sensor": "anyskin"}
+    source = open_source("serial:/dev/ttyX?protocol=anyskin&num_magnetometers=3")
+    assert source.meta == {"unit": "microtesla"}
+    assert open_source("serial:/dev/ttyX?protocol=flexitac&shape=2x3").decoder.shape == (2, 3)
+
+
 def test_open_source_of_files(tmp_path):
     source = open_source("file:some/grasp.h5?speed=2.5&loop=1")
     assert isinstance(source, ReplaySource)

@@ -110,6 +110,29 @@ def say(viewer, label="sponge", probability=(0.7, 0.2, 0.1)):
     )
 
 
+def skin():
+    draw = np.random.default_rng(0)
+    tactile = draw.normal(0, 2, (200, 5, 3)).astype(np.float32)
+    tactile[:, 1, 2] -= 400
+    tactile[:, 2, 2] += 300
+    meta = {"sensor": "anyskin", "unit": "microtesla"}
+    return Recording(np.arange(200) / 100, tactile, meta=meta)
+
+
+def test_a_magnetic_field_is_no_pressure_and_has_two_signs(browser):
+    with Stream(ReplaySource(skin(), loop=True)) as stream, Viewer(stream) as viewer:
+        viewer.rest = np.zeros((5, 3), np.float32)
+        with Opened(browser, viewer, "desk") as opened:
+            opened.wait("full >= 400")
+            text = opened.page.inner_text("body")
+            assert "anyskin" in text
+            assert "Field along z, relative to rest" in text
+            assert "µT" in text
+            assert "essure" not in text
+            ticks = opened.page.inner_text("#ticks").split()
+            assert [ticks[0].strip("\u2212"), ticks[-2]] == ["500", "500"]
+
+
 def test_page_asks_nobody_else(browser, hand):
     with Opened(browser, hand) as opened:
         opened.page.wait_for_timeout(300)

@@ -28,9 +28,7 @@ def test_stock_paths_can_be_loaded():
 
 
 def test_unknown_name_lists_the_names():
-    known = (
-        r"\['allegro_uskin', 'allegro_uskin_240', 'allegro_uskin_368', 'biotac', 'biotac_sp'.*\]"
-    )
+    known = r"\['allegro_uskin', 'allegro_uskin_240', 'allegro_uskin_368', 'anyskin', .*\]"
     with pytest.raises(ValueError, match=rf"'name' must be one of {known} \(got 'allegro'\)"):
         stock_layout("allegro")
     with pytest.raises(ValueError, match=r"\['allegro_right'.*\] \(got 'allegro_uskin'\)"):
@@ -40,6 +38,14 @@ def test_unknown_name_lists_the_names():
 def test_unknown_kind_lists_the_kinds():
     with pytest.raises(ValueError, match=r"'kind' must be one of .* \(got 'layout'\)"):
         stock_path("layout", "biotac")
+
+
+def test_anyskin_is_a_cross_around_its_centre():
+    layout = stock_layout("anyskin")
+    assert layout.pos.sum(0).tolist() == [0, 0, 0]
+    assert layout.pos.norm(dim=1).tolist() == pytest.approx([0, 0.007, 0.007, 0.007, 0.007])
+    assert layout.image_map.tolist() == [[1, 1], [1, 0], [1, 2], [0, 1], [2, 1]]
+    assert "our model" in layout.source
 
 
 def test_stock_names():

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="FILE.onnx", help="the file to write")
     parser.add_argument(
         "--unit",
-        choices=("count", "newton"),
+        choices=("count", "newton", "microtesla"),
         help="unit of the readings, written to the metadata of the file",
     )
     parser.add_argument(

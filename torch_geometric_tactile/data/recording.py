@@ -19,7 +19,8 @@ from torch_geometric_tactile.data.recording_arrays import (
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
 
-UNITS = ("count", "newton")
+# Units of readings, and how figures and pages name them.
+UNITS = {"count": "counts", "newton": "N", "microtesla": "µT"}
 _FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
 
 
@@ -38,8 +39,8 @@ class Recording:
         joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
         label (str or int, optional): What the trial is an example of.
         meta (Mapping): What is known about the trial, as JSON values. Keys with a meaning:
-            :obj:`"unit"` (:obj:`"count"` or :obj:`"newton"`), :obj:`"object"`, :obj:`"trial"`,
-            :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per second), :obj:`"tare"` and
+            :obj:`"unit"` (:obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`),
+            :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per second), :obj:`"tare"` and
             :obj:`"calibration"` (what was done to the readings), :obj:`"synthetic"` (whether a
             simulator made them), :obj:`"seed"`, :obj:`"joint_names"`, :obj:`"phase_names"` (names
             of the integers in the privileged :obj:`"phase"`), :obj:`"column_names"` (of
@@ -245,5 +246,5 @@ def _checked_meta(meta: Any) -> dict[str, Any]:
         except (RecursionError, TypeError, ValueError) as error:
             raise ValueError(f"'meta' must hold JSON values ({error}, for '{key}')") from error
     if "unit" in out and out["unit"] not in UNITS:
-        raise ValueError(f"'unit' in 'meta' must be one of {UNITS} (got {out['unit']!r})")
+        raise ValueError(f"'unit' in 'meta' must be one of {[*UNITS]} (got {out['unit']!r})")
     return out

@@ -160,7 +160,7 @@ class RecordingFrames(TrialFolder):
         tare: float | str | None = None,
         pattern: str = _PATTERN,
         read_options: Mapping[str, Any] | None = None,
-        unit: Literal["count", "newton"] | None = None,
+        unit: Literal["count", "newton", "microtesla"] | None = None,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
         pre_filter: Filter | None = None,
@@ -303,7 +303,7 @@ def _check_arguments(
         both = "none" if root is None else "both"
         raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")
     if unit not in (None, *UNITS):
-        raise ValueError(f"'unit' must be one of {UNITS} or None (got {unit!r})")
+        raise ValueError(f"'unit' must be one of {[*UNITS]} or None (got {unit!r})")
 
 
 def _warn_of_one_object(dataset: RecordingFrames) -> None:

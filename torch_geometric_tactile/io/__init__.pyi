@@ -20,6 +20,7 @@ from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
 from .packets import CobsDecoder, encode_packet
+from .paxini import PaXiniDecoder
 from .protocols import PROTOCOLS, decoder_of
 from .recording_files import read_recording, recording_format, write_recording
 from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
@@ -48,6 +49,7 @@ __all__ = [
     "LetterArrayDecoder",
     "M1616Decoder",
     "McapWriter",
+    "PaXiniDecoder",
     "RepairReport",
     "RobotiqDecoder",
     "TextRowsDecoder",

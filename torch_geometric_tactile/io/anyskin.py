@@ -51,6 +51,7 @@ class AnySkinDecoder(Decoder):
 
     checksum: ClassVar[str] = "none"
     baudrate: ClassVar[int] = 115_200
+    unit: ClassVar[str] = "microtesla"
 
     def __init__(self, num_magnetometers: int = 5) -> None:
         super().__init__()
@@ -65,6 +66,11 @@ class AnySkinDecoder(Decoder):
         self._looked = 0  # up to where terminators were looked for
         self._in_place = True  # whether the next frame is expected where the buffer begins
         self._missing = 0  # bytes since the last frame
+
+    @property
+    def layout(self) -> str | None:
+        r"""Name of the layout of boards with five magnetometers."""
+        return "anyskin" if self.num_magnetometers == 5 else None
 
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
         r"""Takes bytes, and returns the frames that they complete."""

@@ -40,6 +40,8 @@ class Decoder(ABC):
         checksum (str): What guards a frame, such as :obj:`"crc32"`; :obj:`"none"` if a damaged
             reading may pass.
         baudrate (int): Speed of the serial line in bits per second.
+        unit (str): Unit of the readings; :obj:`"count"` if they are raw, or
+            :obj:`"newton"`, :obj:`"microtesla"`.
         clock_period (float, optional): After how many seconds the clock of the device starts
             over; :obj:`None` if it has no clock or never does.
 
@@ -61,6 +63,7 @@ class Decoder(ABC):
 
     checksum: ClassVar[str] = "none"
     baudrate: ClassVar[int] = 115_200
+    unit: ClassVar[str] = "count"
     clock_period: ClassVar[float | None] = None
 
     def __init__(self) -> None:
@@ -80,6 +83,11 @@ class Decoder(ABC):
     @abstractmethod
     def reset(self) -> None:
         r"""Forgets a half frame, as after the port was opened again; the counts stay."""
+
+    @property
+    def layout(self) -> str | None:
+        r"""Name of the layout of the sensor, if one comes with the package."""
+        return None
 
     def start(self) -> bytes:
         r"""Returns what has to be written to the device before it sends, if anything."""

@@ -11,6 +11,7 @@ from torch_geometric_tactile.io.flexitac import FlexiTacDecoder
 from torch_geometric_tactile.io.letter_array_packets import LetterArrayDecoder
 from torch_geometric_tactile.io.m1616 import M1616Decoder
 from torch_geometric_tactile.io.packets import CobsDecoder
+from torch_geometric_tactile.io.paxini import PaXiniDecoder
 from torch_geometric_tactile.io.robotiq import RobotiqDecoder
 from torch_geometric_tactile.io.text_rows import TextRowsDecoder
 
@@ -21,6 +22,7 @@ PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(
         "anyskin": AnySkinDecoder,
         "flexitac": FlexiTacDecoder,
         "m1616": M1616Decoder,
+        "paxini": PaXiniDecoder,
         "text": TextRowsDecoder,
         "robotiq": RobotiqDecoder,
         "letter_array": LetterArrayDecoder,

@@ -49,7 +49,8 @@ class SerialSource(Source):
         baudrate = decoder.baudrate if baudrate is None else baudrate
         if isinstance(baudrate, bool) or not isinstance(baudrate, int) or baudrate < 1:
             raise ValueError(f"'baudrate' must be a positive number (got {baudrate!r})")
-        super().__init__(f"serial:{port}", {"unit": "count"})
+        sensor = {} if decoder.layout is None else {"sensor": decoder.layout}
+        super().__init__(f"serial:{port}", {"unit": decoder.unit, **sensor})
         self.port = port
         self.decoder = decoder
         self.baudrate = baudrate

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import torch
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.onnx_check import TOLERANCE, largest_difference
@@ -25,7 +26,6 @@ from torch_geometric_tactile.typing import PathLike
 METADATA = "torch_geometric_tactile"
 FORMAT = 1
 OPSET = 18
-_UNITS = ("count", "newton", None)
 _NO_DIGEST = "0" * 64
 _EXTRAS = ("onnx", "onnxscript", "onnxruntime")
 
@@ -66,8 +66,8 @@ def export_onnx(
     Args:
         predictor (Predictor): The predictor; it stays as it is.
         path (str or PathLike): The file.
-        unit (str, optional): The unit of the readings, :obj:`"count"` or :obj:`"newton"`, for the
-            metadata.
+        unit (str, optional): The unit of the readings, :obj:`"count"`, :obj:`"newton"` or
+            :obj:`"microtesla"`, for the metadata.
         num_channels (int, optional): Number of channels of a taxel, if the predictor does not know.
 
     Raises:
@@ -76,8 +76,8 @@ def export_onnx(
         ValueError: If the graph gives other numbers, or the predictor lacks what the graph needs.
     """
     require_export()
-    if unit not in _UNITS:
-        raise ValueError(f"'unit' must be one of {list(_UNITS)} (got {unit!r})")
+    if unit not in (None, *UNITS):
+        raise ValueError(f"'unit' must be one of {[*UNITS]} or None (got {unit!r})")
     graph = OnnxGraph(_copy(predictor), num_channels)
     program = _program(graph)
     program.ir_version = min(program.ir_version, 10)  # read by every runtime that we support

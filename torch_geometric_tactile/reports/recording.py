@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.io import read_recording, recording_format
 from torch_geometric_tactile.texts import printable
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.recording import plot_recording
 
-_UNITS = {"count": "counts", "newton": "N"}
 _MOST_NAMES = 12
 _MOST_LETTERS = 100
 
@@ -40,7 +40,7 @@ def describe_recording(recording: Recording) -> str:
     frames = str(recording.num_frames)
     if recording.num_frames > 1:
         frames += f" in {recording.duration:.6g} s, {recording.rate:.6g} per second"
-    unit = _UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
+    unit = UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
     missing, dead = recording.missing, recording.dead_taxels
     cells = "none"
     if missing.any():

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.style import (
     DASHES,
@@ -73,7 +74,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
         window = min(rest, recording.duration / 10)
         change = recording.tactile - _rest(recording.tactile, time, window)
     zero = "median" if single else "rest"
-    unit = {"count": "counts", "newton": "N"}.get(recording.meta.get("unit", ""), "unit unknown")
+    unit = UNITS.get(recording.meta.get("unit", ""), "unit unknown")
     channels = _channel_names(recording.num_channels)
     phases = _phases(recording, time)
 
