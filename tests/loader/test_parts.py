@@ -1,5 +1,7 @@
 """StaticLoader of parts of data sets, and of several in one."""
 
+import re
+
 import pytest
 import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
@@ -10,7 +12,7 @@ from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import KNNGraph
+from torch_geometric_tactile.transforms import KNNGraph, ZScore
 
 LAYOUT = grid(2, 2, pitch=0.01)
 
@@ -156,6 +158,48 @@ def other_layout():
 def test_parts_that_cannot_be_joined(other, match):
     with pytest.raises(ValueError, match=match):
         StaticLoader(ConcatDataset([numbered(0), other()]))
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ({"y": ["cube", "ball"]}, {"y": ["cup", "ball"]}),
+        (
+            {"y": [0, 1], "class_names": ["hold", "slip"]},
+            {"y": [0, 1], "class_names": ["slip", "hold"]},
+        ),
+        ({"group": ["a", "b"]}, {"group": ["b", "c"]}),
+        ({"session": ["a", "b"]}, {"session": [0, 1]}),
+    ],
+)
+def test_parts_whose_names_differ(ours, theirs):
+    x = torch.zeros(2, 4, 1)
+    first, other = (
+        StaticDataset.from_arrays(x, layout=LAYOUT, **columns) for columns in (ours, theirs)
+    )
+    both = ConcatDataset([first, first[:0], Subset(other, [0])])
+    key = next(iter(ours))
+    names = {"y": "class_names", "group": "group_names", "session": "session_names"}[key]
+    lists = [re.escape(str(getattr(part, names))) for part in (first, other)]
+    match = rf"part 2 of 'dataset' must have the {names} {lists[0]} .* \(got {lists[1]}\)"
+    with pytest.raises(ValueError, match=match):
+        StaticLoader(both)
+    with pytest.raises(ValueError, match=match):
+        ZScore().fit(both)
+
+    def without(data):
+        del data[key]
+        return data
+
+    first.transform = other.transform = without  # then nothing can be mixed
+    assert len(list(StaticLoader(both))) == 3
+
+
+def test_parts_whose_empty_one_has_other_names():
+    named = StaticDataset.from_arrays(torch.zeros(2, 4, 1), ["b", "a"], layout=LAYOUT)
+    other = StaticDataset.from_arrays(torch.zeros(2, 4, 1), ["c", "a"], layout=LAYOUT)
+    (batch,) = StaticLoader(ConcatDataset([other[:0], named, named]), 4)
+    assert batch.y.tolist() == [1, 0, 1, 0]
 
 
 def test_parts_whose_shared_value_differs():

@@ -67,8 +67,8 @@ class StaticLoader(DataLoader):
     Args:
         dataset (StaticDataset): The data set; or a :class:`~torch.utils.data.Subset` of one, such
             as the parts of :func:`~torch.utils.data.random_split`, or a
-            :class:`~torch.utils.data.ConcatDataset` of several with one layout, the same edges and
-            the same attributes.
+            :class:`~torch.utils.data.ConcatDataset` of several with one layout, the same edges,
+            the same attributes and the same names of classes, groups and sessions.
         batch_size (int, optional): Number of samples of a batch. With :obj:`None`, each index of
             the sampler (or list of indices) is a batch.
         shuffle (bool or str, optional): Whether to draw the samples in a new order every epoch:
@@ -85,8 +85,8 @@ class StaticLoader(DataLoader):
         TypeError: If :obj:`dataset` is of another kind, or :obj:`collate_fn`,
             :obj:`follow_batch` or :obj:`exclude_keys` are given.
         ValueError: If the parts of a :class:`~torch.utils.data.ConcatDataset` differ in their
-            layouts, edges or attributes, or :obj:`shuffle` is none of these, or goes
-            with a sampler.
+            layouts, edges, attributes or names, or :obj:`shuffle` is none of these, or
+            goes with a sampler.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
