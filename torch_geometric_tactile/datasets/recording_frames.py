@@ -188,13 +188,14 @@ class RecordingFrames(TrialFolder):
         self.read_options = dict(read_options or {})
         self.unit = unit
         self._recordings: list[Recording] | None = None if recordings is None else list(recordings)
-        edge_index = None if adjacency is None else self.layout.edge_index(adjacency)
+        edge_index = None if adjacency is None else self.layout.edge_index(adjacency).clone()
         self.pre_transform, self.pre_filter = pre_transform, pre_filter
         self.selection_args = (*_SELECTION_ARGS, *self._set_after_loading())
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         self._recordings = None
         if not self._is_filtered:
             self._data.edge_index = edge_index
+            self._own_shared()
             self._data.y = self._labels.target(self._data, self._names, target, str(self.root))
         _warn_of_one_object(self)
         self._tare()

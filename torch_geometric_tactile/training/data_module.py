@@ -64,7 +64,8 @@ class TactileDataModule(L.LightningDataModule):
         TypeError: If a data set is of another kind.
         ValueError: If :obj:`split` is unknown, a part of :obj:`dataset` is asked for although
             :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
-            layouts or names of classes (or of sessions, where these are scaled apart), or :obj:`train_transform` has parts that must be fitted.
+            layouts or names of classes (or of sessions, where these are scaled apart), or
+            :obj:`train_transform` has parts that must be fitted.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
