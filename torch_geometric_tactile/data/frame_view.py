@@ -133,8 +133,8 @@ class FrameView(StaticDataset):
             return self._data.select(self._index())
         return super()._selected()
 
-    def _stored(self) -> Mapping[str, Any]:
-        return self.dataset._stored() if isinstance(self._data, WindowData) else super()._stored()
+    def _watched(self) -> Mapping[str, Any]:
+        return self.dataset._watched() if isinstance(self._data, WindowData) else super()._watched()
 
     def _build(self) -> tuple[Any, dict[str, list[str]]]:
         runs = TrialRuns.of(self.dataset)

@@ -136,7 +136,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
         sample = self.get(self.indices()[idx])
         if self.transform is None:
             return sample
-        with unwritten(self.transform, self._stored()):
+        with unwritten(self.transform, self._watched()):
             return returned(self.transform, sample, object)
 
     def index_select(self, idx: Any) -> Self:
@@ -153,7 +153,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
         selection: Self = super().index_select(idx)
         return selection
 
-    def _stored(self) -> Mapping[str, Any]:
+    def _watched(self) -> Mapping[str, Any]:
         return self._data._store._mapping
 
     @property

@@ -83,8 +83,8 @@ class RecordingFrames(TrialFolder):
         split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
             move no frame to another split.
         fold (int): Which fold of a protocol with folds is tested on.
-        adjacency (str, optional): Which edges of the layout. If left out, its only ones; without
-            any, a :obj:`pre_transform` such as
+        adjacency (str, optional): Which edges of the layout. If left out, :obj:`"original"`, or its
+            only ones; without such, a :obj:`pre_transform` such as
             :class:`~torch_geometric_tactile.transforms.KNNGraph` may add some.
         phases (sequence of str, optional): Only the frames in these phases, of
             :obj:`privileged["phase"]` and :obj:`meta["phase_names"]`.
@@ -127,7 +127,7 @@ class RecordingFrames(TrialFolder):
         ...     for label in ("slip", "hold", "slip")
         ... ]
         >>> dataset = RecordingFrames(
-        ...     layout=grid(2, 3, 0.01), recordings=grasps, target="label", adjacency="original"
+        ...     layout=grid(2, 3, 0.01), recordings=grasps, target="label"
         ... )
         >>> dataset, dataset.class_names, dataset.data.y.tolist()
         (RecordingFrames(6), ['hold', 'slip'], [1, 1, 0, 0, 1, 1])
@@ -170,8 +170,7 @@ class RecordingFrames(TrialFolder):
         if layout is None:
             raise ValueError("'layout' must name the taxel layout of the recordings (got None)")
         self.layout = as_layout(layout)
-        if adjacency is None and len(self.layout.adjacency) == 1:
-            (adjacency,) = self.layout.adjacency
+        adjacency = self.layout.default_adjacency if adjacency is None else adjacency
         self.target = target
         self.split = split
         self.protocol = Protocol("trial", stratify="auto") if protocol is None else protocol
