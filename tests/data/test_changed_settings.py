@@ -322,3 +322,26 @@ def test_arguments_are_kept_no_longer_than_needed(tmp_path):
     assert list(settings) == ["class", "arrays", "layout", "pre_transform", "pre_filter"]
     assert settings["arrays"].startswith("(tensor(torch.float32, (100,), ")
     assert copy.copy(dataset).data.x.equal(dataset.data.x)
+
+
+class Listed(Binned):
+    raw_file_names = ()
+
+
+def test_no_raw_file_is_named_though_settings_change(tmp_path):
+    Listed("a", root=tmp_path)
+    with pytest.raises(ValueError, match=r"are missing in .* \('raw_file_names' is empty: leave"):
+        Listed("b", root=tmp_path)
+    Binned("a", root=tmp_path / "other")
+    assert len(Binned("b", root=tmp_path / "other")) == 3  # as it says
+
+
+@pytest.mark.parametrize("name", ["save", "load", "collate"])
+def test_methods_of_pygs_in_memory_data_sets_name_ours(binned, name):
+    dataset = binned("a")
+    with pytest.raises(
+        AttributeError, match=rf"no attribute '{name}', .* define 'read' in place of"
+    ):
+        getattr(dataset, name)
+    with pytest.raises(AttributeError, match=r"has no attribute 'other'$"):
+        _ = dataset.other

@@ -262,7 +262,14 @@ class StaticDataset(FromArrays, ProcessedDataset):
         data = self.__dict__.get("_data")  # not there while PyG's constructor runs
         if data is not None and key in data:
             return self.column(key)
-        raise AttributeError(f"'{type(self).__name__}' object has no attribute '{key}'")
+        what = f"'{type(self).__name__}' object has no attribute '{key}'"
+        if key in ("save", "load", "collate"):
+            what += (
+                ", which is of PyG's InMemoryDataset: define 'read' in place of 'process', and "
+                "return the samples from it (StaticData.from_data_list makes them of a list); they "
+                "are saved and loaded for you"
+            )
+        raise AttributeError(what)
 
     @property
     def num_classes(self) -> int:
