@@ -212,23 +212,6 @@ def test_dataset_on_a_gpu(build):
     assert dataset.cpu()[0].x.device.type == "cpu"
 
 
-def test_dataset_getitems_is_a_lazy_list(build):
-    calls = []
-
-    def watch(data):
-        calls.append(int(data.trial))
-        return data
-
-    samples = build(transform=watch)[[4, 0]].__getitems__([1, 0])
-    assert len(samples) == 2
-    assert calls == []
-    assert [int(data.trial) for data in samples] == [0, 2]
-    assert samples[1].x.equal(samples[-1].x)
-    assert calls == [0, 2]
-    assert type(pickle.loads(pickle.dumps(samples))) is list
-    assert samples.batch().trial.tolist() == [0, 2]
-
-
 def stretch(data):
     data.pos *= 1000
     return data

@@ -175,6 +175,15 @@ def test_edges_without_a_named_adjacency_are_the_same_everywhere(layout, expecte
             assert dataset.data.edge_index.equal(layout.edge_index(expected))
 
 
+def test_one_object_only_names_the_option(caplog):
+    made = [recording(object="mug", label=label) for label in ("slip", "hold")]
+    RecordingFrames(layout=GLOVE, recordings=made, target="label")
+    assert "one object" not in caplog.text
+    RecordingFrames(layout=GLOVE, recordings=made)
+    assert "one object only, 'mug': " in caplog.text
+    assert "learn something else with target='label' or" in caplog.text
+
+
 def test_edges_of_a_transform_replace_those_of_the_layout():
     made = [recording(taxels=6, object=name) for name in "ab"]
     layout = grid(2, 3, 0.01)

@@ -5,6 +5,7 @@ import re
 import pytest
 import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
+from torch_geometric.loader import DataListLoader
 from torch_geometric.loader import DataLoader as PyGLoader
 from torch_geometric.transforms import Distance, RandomJitter
 
@@ -261,6 +262,14 @@ def test_pygs_loader_gets_data_objects(workers):
     assert batches[0].y_batch.tolist() == [0, 1, 2, 3]
     assert "pos" not in batches[0]
     assert batches[0][1].x.equal(dataset[1].x)
+
+
+@pytest.mark.parametrize("make", [lambda: numbered(0), both, nested])
+def test_pygs_loader_of_lists_gives_lists_with_any_number_of_workers(make):
+    found = [list(DataListLoader(make(), 3, num_workers=workers)) for workers in (0, 2)]
+    for one, other in zip(*found, strict=True):
+        assert type(one) is type(other) is list
+        assert [data.trial.tolist() for data in one] == [data.trial.tolist() for data in other]
 
 
 def test_pygs_loader_applies_a_random_transform_once_to_each():

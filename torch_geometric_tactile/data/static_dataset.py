@@ -13,7 +13,6 @@ from torch_geometric_tactile.data.apply_transform import apply_transform, return
 from torch_geometric_tactile.data.from_arrays import FromArrays
 from torch_geometric_tactile.data.processed_dataset import ProcessedDataset
 from torch_geometric_tactile.data.static_data import StaticData, flat_index
-from torch_geometric_tactile.data.static_samples import StaticSamples
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
@@ -186,14 +185,6 @@ class StaticDataset(FromArrays, ProcessedDataset):
         if self._indices is not None:
             index = self._index()[index]
         return apply_transform(self.transform, self._data.index_select(index))
-
-    def __getitems__(self, index: Sequence[int]) -> StaticSamples:
-        r"""Returns some samples, read when they are asked for: what loaders call for a batch.
-
-        Args:
-            index (sequence of int): Indices into this selection :math:`(B,)`.
-        """
-        return StaticSamples(self, index)
 
     def copy(self, idx: Any = None) -> Self:
         r"""Returns a copy with the samples of this selection only, which shares no memory with this

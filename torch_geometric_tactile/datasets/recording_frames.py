@@ -138,6 +138,7 @@ class RecordingFrames(TrialFolder):
     _stored: tuple[str, ...] = ("object", "property")  # targets that are in every processed file
     _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
     _labels = ObjectLabels()
+    _other_target = "target='label' or target='property'"
 
     def __init__(
         self,
@@ -297,7 +298,9 @@ def _check_arguments(
 def _warn_of_one_object(dataset: RecordingFrames) -> None:
     if len(dataset.group_names) == 1 and dataset.target == "object":
         _logger.warning(
-            "'%s' holds one object only, '%s': there is nothing to tell apart",
+            "'%s' holds one object only, '%s': there is nothing to tell apart; learn something "
+            "else with %s",
             dataset.root,
             dataset.group_names[0],
+            dataset._other_target,
         )

@@ -14,7 +14,6 @@ from torch_geometric.data import Data
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.apply_transform import stack_like
 from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
-from torch_geometric_tactile.data.static_samples import StaticSamples
 from torch_geometric_tactile.loader.block_sampler import BlockSampler
 from torch_geometric_tactile.loader.keyed_batches import CutBatches, EpochOrder
 from torch_geometric_tactile.loader.memory_limit import exceeds_memory
@@ -37,12 +36,10 @@ class StaticCollater:
         r"""Returns the samples of a batch in one piece, if they were not read yet.
 
         Args:
-            samples (StaticSamples or StaticData or StaticDataset or list or Data): The samples.
+            samples (StaticData or StaticDataset or list or Data): The samples.
         """
         if isinstance(samples, StaticData):
             return samples
-        if isinstance(samples, StaticSamples):
-            return samples.batch()
         if isinstance(samples, StaticDataset):  # of a sampler that yields lists
             return samples.batch(range(len(samples)))
         samples = [samples] if isinstance(samples, Data) else list(samples)
