@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 # Messages of other libraries, each produced in a test below or only by a GPU.
 OTHERS = (
     "'knn_graph' requires 'pyg-lib>=0.6.0'",
+    "`MessagePassing.propagate` only supports integer tensors of shape ...",
     "invalid value for environment variable MUJOCO_GL: ...",
 )
 
@@ -57,6 +58,15 @@ def test_quoted_messages_are_those_of_the_package():
 
 def test_quoted_messages_of_others_are_quoted():
     assert {*OTHERS} <= {*quoted()}
+
+
+def test_pyg_layer_without_edges():
+    import torch
+    from torch_geometric.nn import GCNConv
+
+    (message,) = (text for text in OTHERS if "propagate" in text)
+    with pytest.raises(ValueError, match=re.escape(message.removesuffix("..."))):
+        GCNConv(1, 1)(torch.zeros(2, 1), None)
 
 
 def test_pyg_asks_for_its_extension_and_our_graph_does_not():

@@ -2,7 +2,7 @@ import pytest
 import torch
 import torch_geometric.transforms as T
 from torch import Tensor
-from torch_geometric.data import Data
+from torch_geometric.data import Data, HeteroData
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticRule, apply_transform
@@ -209,6 +209,60 @@ def test_caller_is_unedited():
     apply_transform(T.Compose([T.AddSelfLoops("edge_attr"), T.Constant(), T.Center()]), data)
     assert data.to_dict().keys() == before.keys()
     assert all(torch.equal(value, before[key]) for key, value in data.to_dict().items())
+
+
+def stretch(data):
+    data.pos *= 1000
+    return data
+
+
+class Stretch(BaseTransform):
+    supports_static = True
+
+    def forward(self, data):
+        return stretch(data)
+
+
+WRITING = [
+    stretch,
+    Stretch(),
+    static_transform(stretch, reads=["pos"]),
+    T.Compose([T.Distance(), stretch]),
+]
+
+
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+@pytest.mark.parametrize("transform", WRITING, ids=["function", "static", "declared", "Compose"])
+def test_write_into_what_samples_share_is_refused(transform, mode):
+    data, own = samples(), samples(own_pos=True)
+    expected = 1000 * own.pos
+    with mode():
+        with pytest.raises(ValueError, match=r"must leave the tensor of 'pos' .* by .*[Ss]tretch"):
+            apply_transform(transform, data)
+        out = apply_transform(transform, own)  # whose samples do not share it
+    torch.testing.assert_close(out.pos, expected)
+
+
+def test_write_into_a_batch_of_readings_is_harmless():
+    def clear(data):
+        data.x[0] = 0
+        return data
+
+    assert apply_transform(clear, samples()).x[:, 0].abs().sum() == 0
+
+
+@pytest.mark.parametrize(
+    ("returned", "found"), [(None, "None"), ((1, 2), "tuple"), (HeteroData(), "HeteroData")]
+)
+@pytest.mark.parametrize("reads", [None, ["pos"]])
+def test_transform_that_returns_no_sample(returned, found, reads):
+    def transform(data):
+        return returned
+
+    if reads:
+        transform = static_transform(transform, reads=reads)
+    with pytest.raises(TypeError, match=rf"must return the sample, a Data object \(got {found} fr"):
+        apply_transform(transform, samples())
 
 
 def add_height(data):

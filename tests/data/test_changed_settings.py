@@ -5,6 +5,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from torch_geometric.transforms import BaseTransform, Compose, Distance
@@ -13,7 +14,7 @@ from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.processed_file import read_processed
 from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import KNNGraph
+from torch_geometric_tactile.transforms import CommonMode, KNNGraph
 
 
 class Binned(StaticDataset):
@@ -123,6 +124,11 @@ def test_other_pre_filter_is_processed_again(binned, caplog):
     assert [text.split(":")[0] for text in messages(caplog)] == ["pre_filter"] * 2
 
 
+class Plain(BaseTransform):
+    def forward(self, data):
+        return data
+
+
 class Cached(BaseTransform):
     def __init__(self, k):
         self.k = k
@@ -131,6 +137,9 @@ class Cached(BaseTransform):
     def forward(self, data):
         self._cache = data.pos
         return data
+
+    def __getstate__(self):
+        return {"k": self.k}
 
 
 def test_transform_that_has_been_used_is_the_same(binned):
@@ -142,6 +151,25 @@ def test_transform_that_has_been_used_is_the_same(binned):
     assert Binned.reads == 1
     binned("a", pre_transform=Cached(3))
     assert Binned.reads == 2
+
+
+@pytest.mark.parametrize("name", ["k", "_k"])
+@pytest.mark.parametrize("wrap", [list, torch.tensor, np.array, lambda k: {"k": k}])
+def test_other_attribute_of_a_transform_is_processed_again(binned, name, wrap):
+    def made(k):
+        transform = Plain()
+        setattr(transform, name, wrap([k]))
+        return transform
+
+    for k, reads in ((2, 1), (2, 1), (3, 2)):
+        binned("a", pre_transform=made(k))
+        assert Binned.reads == reads
+
+
+def test_other_segments_are_processed_again(binned):
+    for segments, reads in (([0, 0, 1, 1], 1), ([0, 0, 1, 1], 1), ([0, 1, 0, 1], 2)):
+        binned("a", pre_transform=CommonMode(segments))
+        assert Binned.reads == reads
 
 
 def test_biotac_sp_with_other_edges(write_bts3, tmp_path, caplog):
@@ -294,3 +322,26 @@ def test_arguments_are_kept_no_longer_than_needed(tmp_path):
     assert list(settings) == ["class", "arrays", "layout", "pre_transform", "pre_filter"]
     assert settings["arrays"].startswith("(tensor(torch.float32, (100,), ")
     assert copy.copy(dataset).data.x.equal(dataset.data.x)
+
+
+class Listed(Binned):
+    raw_file_names = ()
+
+
+def test_no_raw_file_is_named_though_settings_change(tmp_path):
+    Listed("a", root=tmp_path)
+    with pytest.raises(ValueError, match=r"are missing in .* \('raw_file_names' is empty: leave"):
+        Listed("b", root=tmp_path)
+    Binned("a", root=tmp_path / "other")
+    assert len(Binned("b", root=tmp_path / "other")) == 3  # as it says
+
+
+@pytest.mark.parametrize("name", ["save", "load", "collate"])
+def test_methods_of_pygs_in_memory_data_sets_name_ours(binned, name):
+    dataset = binned("a")
+    with pytest.raises(
+        AttributeError, match=rf"no attribute '{name}', .* define 'read' in place of"
+    ):
+        getattr(dataset, name)
+    with pytest.raises(AttributeError, match=r"has no attribute 'other'$"):
+        _ = dataset.other

@@ -1,7 +1,9 @@
+import copy
 import enum
 import functools
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +13,7 @@ import torch
 import torch_geometric.transforms as T
 from torch_geometric.data import Data
 
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data.fingerprint import (
     changes,
     constructor_arguments,
@@ -18,8 +21,8 @@ from torch_geometric_tactile.data.fingerprint import (
     listed,
     state_changes,
 )
-from torch_geometric_tactile.sensors import HandKinematics, biotac_sp, grid
-from torch_geometric_tactile.transforms import KNNGraph, TaxelPose, ZScore
+from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin, biotac_sp, grid
+from torch_geometric_tactile.transforms import CommonMode, KNNGraph, TaxelPose, ZScore
 
 
 class Kind(enum.Enum):
@@ -47,6 +50,23 @@ class Private:
     def __init__(self, k):
         self._k = k
         self._cache = []
+
+
+class Cached(Private):
+    def __getstate__(self):
+        return {"_k": self._k}
+
+
+class Centred(torch.nn.Module):
+    def __init__(self, center):
+        super().__init__()
+        self._center = torch.tensor([center])
+
+
+class OwnCommonMode(CommonMode):
+    def __init__(self, times):
+        super().__init__([0, 0, 1])
+        self._times = {"x": [times]}
 
 
 def double(data):
@@ -97,6 +117,17 @@ DIFFERENT = [
     (Plain, Pair),
     (Slotted(1), Slotted(2)),
     (Private(1), Private(2)),
+    (Private([2]), Private([3])),
+    (Private({"a": (1, torch.zeros(1))}), Private({"a": (1, torch.ones(1))})),
+    (Private(np.zeros(2)), Private(np.ones(2))),
+    (Private(double), Private(triple)),
+    (Private(T.Distance()), Private(T.Cartesian())),
+    (Private([T.KNNGraph(2)]), Private([T.KNNGraph(3)])),
+    (Private(grid(2, 2, 0.01)), Private(grid(2, 2, 0.02))),
+    (Centred(1.0), Centred(2.0)),
+    (CommonMode([0, 0, 0, 1, 1, 1]), CommonMode([0, 1, 0, 1, 0, 1])),
+    (CommonMode("digit", allegro_uskin()), CommonMode("patch", allegro_uskin())),
+    (OwnCommonMode(1), OwnCommonMode(2)),
     (KNNGraph(2), KNNGraph(3)),
     (KNNGraph(2), T.KNNGraph(2)),
     (T.Distance(), T.Distance(cat=False)),
@@ -117,6 +148,11 @@ def test_other_values_are_described_otherwise(one, other):
 MADE_TWICE = [
     Plain,
     lambda: Private(3),
+    lambda: Private([torch.ones(2), {"a": None}]),
+    lambda: Private(threading.Lock()),
+    lambda: Private(np.random.default_rng()),
+    lambda: Centred(1.0),
+    lambda: OwnCommonMode(1),
     lambda: Slotted(3),
     lambda: {"b": 1, "a": {3, 1, 2}},
     lambda: torch.arange(6).view(2, 3),
@@ -141,6 +177,21 @@ def test_use_does_not_change_the_description():
     before = describe(pose)
     pose(Data(joint=torch.zeros(1, 16)))
     assert describe(pose) == before
+
+
+def test_use_does_not_change_the_description_of_a_fitted_one():
+    data = StaticData(x=torch.rand(3, 2, 1))
+    score = ZScore().fit(data)
+    before = describe(score)
+    score(copy.copy(data))
+    assert score._kept is not None
+    assert describe(score) == before
+
+
+def test_what_a_copy_leaves_out_does_not_count():
+    used = Cached(1)
+    used._cache.append(torch.zeros(2))
+    assert describe(used) == describe(Cached(1)) != describe(Cached(2))
 
 
 def test_description_in_another_run():

@@ -1,6 +1,6 @@
 import pytest
 import torch
-from torch_geometric.data import Data
+from torch_geometric.data import Data, HeteroData
 from torch_geometric.transforms import BaseTransform, Compose, Distance, RandomJitter
 
 from torch_geometric_tactile.data import StaticData, apply_transform
@@ -268,3 +268,10 @@ def test_apply_transform_rejects_topologies_that_differ():
     data = StaticData(x=torch.zeros(2, 2, 1), edge_index=EDGES, y=torch.tensor([1, 2]))
     with pytest.raises(ValueError, match=r"one topology, many samples; use .*InMemoryDataset"):
         apply_transform(cut, data)
+
+
+@pytest.mark.parametrize("other", [HeteroData(), (sample(), sample()), None, EDGES])
+def test_from_data_list_of_other_kinds(other):
+    match = rf"must hold torch_geometric.data.Data .*got {type(other).__name__} as sample 1\)"
+    with pytest.raises(TypeError, match=match):
+        StaticData.from_data_list([sample(), other])

@@ -2,14 +2,15 @@ import copy
 import pickle
 from functools import partial
 
+import numpy as np
 import pytest
 import torch
 from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import Compose, Distance, RandomJitter, ToUndirected
 
-from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.datasets import FakeTactileDataset
+from torch_geometric_tactile.data import Recording, StaticDataset, Windows
+from torch_geometric_tactile.datasets import FakeTactileDataset, RecordingFrames
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import KNNGraph
 
@@ -211,18 +212,97 @@ def test_dataset_on_a_gpu(build):
     assert dataset.cpu()[0].x.device.type == "cpu"
 
 
-def test_dataset_getitems_is_a_lazy_list(build):
-    calls = []
+def stretch(data):
+    data.pos *= 1000
+    return data
 
-    def watch(data):
-        calls.append(int(data.trial))
-        return data
 
-    samples = build(transform=watch)[[4, 0]].__getitems__([1, 0])
-    assert len(samples) == 2
-    assert calls == []
-    assert [int(data.trial) for data in samples] == [0, 2]
-    assert samples[1].x.equal(samples[-1].x)
-    assert calls == [0, 2]
-    assert type(pickle.loads(pickle.dumps(samples))) is list
-    assert samples.batch().trial.tolist() == [0, 2]
+def shift(data):
+    data.x -= 1
+    return data
+
+
+@pytest.mark.parametrize(("transform", "name"), [(stretch, "pos"), (shift, "x")])
+def test_dataset_transform_that_writes_into_what_is_stored(build, transform, name):
+    dataset = build(transform=transform)
+    with pytest.raises(ValueError, match=f"must leave the tensor of '{name}' as it is"):
+        dataset[0]
+
+
+def test_windows_transform_that_writes_into_what_is_stored():
+    trial = torch.arange(6) // 3
+    frames = StaticDataset.from_arrays(
+        torch.ones(6, 4, 1), trial=trial, layout=grid(2, 2, 0.01), transform=shift
+    )
+    windows = Windows(frames, 2, transform=shift)
+    for _ in range(2):  # readings of a window are its own
+        assert windows[0].x.unique().tolist() == [-1]
+    for transforms in ((None, stretch), (stretch, None)):
+        frames.transform, last = transforms
+        with pytest.raises(ValueError, match="must leave the tensor of 'pos' as it is"):
+            Windows(frames, 2, transform=last)[0]
+
+
+def test_layout_and_arguments_stay_as_they_are():
+    layout, gain = grid(2, 2, pitch=0.01), torch.ones(2)
+    before = copy.deepcopy(layout)
+    dataset = StaticDataset.from_arrays(
+        torch.rand(3, 4, 1), layout=layout, gain=gain, shared=["gain"]
+    )
+    for name in ("pos", "normal", "edge_index", "gain"):
+        dataset._data[name].zero_()
+    recordings = [Recording(time=[0.0, 1.0], tactile=torch.rand(2, 4, 1), meta={"object": "a"})]
+    frames = RecordingFrames(layout=layout, recordings=recordings, adjacency="original")
+    for name in ("pos", "normal", "edge_index"):
+        frames._data[name].zero_()
+    assert gain.tolist() == [1, 1]
+    assert layout.pos.equal(before.pos)
+    assert layout.normal.equal(before.normal)
+    assert layout.edge_index("original").equal(before.edge_index("original"))
+
+
+def test_dataset_transform_that_returns_nothing(build):
+    dataset = build(transform=lambda data: None)
+    with pytest.raises(TypeError, match=r"must return the sample, a Data object \(got None from"):
+        dataset[0]
+
+
+INDICES = [
+    (torch.tensor([[0, 1], [5, 2]]), [0, 1, 5, 2]),
+    (torch.tensor([[True, False, True], [False, False, True]]), [0, 2, 5]),
+    (np.array([[3], [1]], dtype=np.int16), [3, 1]),
+    ((2, 0), [2, 0]),
+    ([True, False, True, False, False, False], [0, 2]),
+    (range(1, 3), [1, 2]),
+    ([], []),
+]
+
+
+@pytest.mark.parametrize(("index", "expected"), INDICES)
+def test_dataset_index_of_any_shape(build, index, expected):
+    dataset = build()
+    for data in (dataset[index].data, dataset.data[index], dataset.batch(index)):
+        assert data.trial.tolist() == dataset.trial[expected].tolist()
+        assert data.x.shape == (len(expected), 4, 2)
+
+
+@pytest.mark.parametrize(
+    "index", [(slice(2), 0), "trial", [0.5], torch.rand(3), None, [[0], [1, 2]]]
+)
+def test_dataset_index_that_is_none(build, index):
+    dataset = build()
+    with pytest.raises(IndexError, match=r"'index' must (be a slice, integers or a mask|hold int)"):
+        dataset[index]
+    with pytest.raises(IndexError, match="'index' must"):
+        dataset.batch(index)
+
+
+def test_dataset_number_of_classes_is_that_of_all_samples():
+    x, layout = torch.zeros(6, 4, 1), grid(2, 2, pitch=0.01)
+    dataset = StaticDataset.from_arrays(x, [0, 1, 2, 0, 1, 2], layout=layout)
+    assert dataset[:2].num_classes == dataset[:0].num_classes == 3
+    assert dataset[:2].copy().num_classes == 2  # it stores no others
+    trial = torch.arange(6) // 2
+    frames = StaticDataset.from_arrays(x, trial, trial=trial, layout=layout)
+    assert Windows(frames, 2)[:1].num_classes == 3
+    assert StaticDataset.from_arrays(x, layout=layout).num_classes == 0

@@ -265,6 +265,23 @@ def test_windows_of_frames_in_another_order():
     assert len(Windows(frames_of(time=None), 3)) == 8
 
 
+@pytest.mark.parametrize("make", [lambda frames: Windows(frames, 3), Trials])
+def test_frames_without_time_that_go_back_within_a_trial(make):
+    frames = frames_of([0] * 6 + [1] * 6, time=None)
+    backwards = [5, 4, 3, 2, 1, 0, 6, 7, 8, 9, 10, 11]
+    match = r"sample 4 of it after sample 5, in frame 1 of trial 0\): sort the selection"
+    with pytest.raises(ValueError, match=match):
+        make(frames[backwards])
+    with pytest.raises(ValueError, match=r"sample 7 of it after sample 7, in frame 2 of trial 1"):
+        make(frames[[*range(6), 6, 7, 7, 8, 9, 10]])
+    torch.manual_seed(0)
+    with pytest.raises(ValueError, match=r"must be in the order .* of trial 1"):
+        make(frames[6:].shuffle())
+    assert make(frames[::2])[0].time is None
+    others_first = frames[[*range(6, 12), *range(6)]]
+    assert make(others_first).column("trial").unique_consecutive().tolist() == [1, 0]
+
+
 def test_windows_of_what_is_no_frames():
     frames = frames_of()
     with pytest.raises(TypeError, match="must be a StaticDataset of frames"):

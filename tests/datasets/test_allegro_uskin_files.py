@@ -261,6 +261,7 @@ def test_one_object_only_is_warned_of(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         assert len(everything(tmp_path)) == 2
     assert "holds one object only, 'sponge'" in caplog.text
+    assert "learn something else with task='property' or" in caplog.text
 
 
 def test_object_with_one_trial_cannot_be_split_by_trial(root):

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import Protocol, Recording, StaticDataset
-from torch_geometric_tactile.datasets import RecordingFrames
+from torch_geometric_tactile.datasets import FakeTactileDataset, RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.transforms import KNNGraph
@@ -144,12 +145,57 @@ def test_hand_with_links_has_no_positions_of_its_own():
     assert dataset.layout.matches(allegro_uskin())
 
 
-def test_edges_are_those_of_the_only_adjacency_or_of_a_transform():
+def named(*names):
+    edges = {name: [[0, i], [i, 0]] for i, name in enumerate(names, 1)}
+    return TaxelLayout("pad", torch.rand(4, 3), adjacency=edges)
+
+
+@pytest.mark.parametrize(
+    ("layout", "expected"),
+    [
+        (named("b", "original", "a"), "original"),
+        (named("only"), "only"),
+        (named("one", "other"), None),
+        (named(), None),
+        (TaxelLayout.join([named("original")] * 2, ["a", "b"]), "original"),
+    ],
+)
+def test_edges_without_a_named_adjacency_are_the_same_everywhere(layout, expected):
+    made = [recording(taxels=len(layout), object=name) for name in "ab"]
+    x = torch.zeros(2, len(layout), 3)
+    found = [
+        RecordingFrames(layout=layout, recordings=made),
+        StaticDataset.from_arrays(x, layout=layout),
+        FakeTactileDataset(4, layout=layout),
+    ]
+    assert layout.default_adjacency == expected
+    for dataset in found:
+        if expected is None:
+            assert dataset.data.edge_index is None
+        else:
+            assert dataset.data.edge_index.equal(layout.edge_index(expected))
+
+
+def test_one_object_only_names_the_option(caplog):
+    made = [recording(object="mug", label=label) for label in ("slip", "hold")]
+    RecordingFrames(layout=GLOVE, recordings=made, target="label")
+    assert "one object" not in caplog.text
+    RecordingFrames(layout=GLOVE, recordings=made)
+    assert "one object only, 'mug': " in caplog.text
+    assert "learn something else with target='label' or" in caplog.text
+
+
+def test_edges_of_a_transform_replace_those_of_the_layout():
     made = [recording(taxels=6, object=name) for name in "ab"]
-    dataset = RecordingFrames(layout=grid(2, 3, 0.01), recordings=made)
-    assert dataset.data.edge_index is None
-    joined = RecordingFrames(layout=grid(2, 3, 0.01), recordings=made, pre_transform=KNNGraph(2))
-    assert joined[0].num_edges > 0
+    layout = grid(2, 3, 0.01)
+    dataset = RecordingFrames(layout=layout, recordings=made, pre_transform=KNNGraph(2))
+    assert dataset[0].edge_index.equal(KNNGraph(2)(Data(pos=layout.pos)).edge_index)
+    pads = TaxelLayout.join([layout] * 2, ["a", "b"])
+    made = [recording(taxels=12, object=name) for name in "ab"]
+    with pytest.raises(
+        ValueError, match=r"KNNGraph needs 'pos' \(got none\): .* put TaxelPose before"
+    ):
+        RecordingFrames(layout=pads, recordings=made, pre_transform=KNNGraph(2))
 
 
 @pytest.mark.parametrize(

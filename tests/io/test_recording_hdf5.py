@@ -163,21 +163,6 @@ def test_metadata_of_any_length(tmp_path):
     assert read_hdf5(tmp_path / "a.h5").meta == rec.meta
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        (np.zeros(1, dtype=np.longdouble), r"'privileged/p' must hold numbers of at most 8 bytes"),
-        (np.array(["\ud800"]), r"'privileged/p' must hold texts that UTF-8 can hold"),
-    ],
-)
-def test_hdf5_refuses_to_write_what_it_cannot_read(values, message, tmp_path):
-    rec = Recording([0.5], [[[7.0]]], privileged={"p": values})
-    for write in (write_hdf5, append_hdf5):
-        with pytest.raises(ValueError, match=message):
-            write(rec, tmp_path / "a.h5")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_append_that_is_killed_keeps_every_frame_that_was_reported(tmp_path):
     path = tmp_path / "a.h5"
     with subprocess.Popen(

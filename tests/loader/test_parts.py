@@ -1,8 +1,11 @@
 """StaticLoader of parts of data sets, and of several in one."""
 
+import re
+
 import pytest
 import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
+from torch_geometric.loader import DataListLoader
 from torch_geometric.loader import DataLoader as PyGLoader
 from torch_geometric.transforms import Distance, RandomJitter
 
@@ -10,7 +13,7 @@ from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import KNNGraph
+from torch_geometric_tactile.transforms import KNNGraph, ZScore
 
 LAYOUT = grid(2, 2, pitch=0.01)
 
@@ -158,6 +161,48 @@ def test_parts_that_cannot_be_joined(other, match):
         StaticLoader(ConcatDataset([numbered(0), other()]))
 
 
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [
+        ({"y": ["cube", "ball"]}, {"y": ["cup", "ball"]}),
+        (
+            {"y": [0, 1], "class_names": ["hold", "slip"]},
+            {"y": [0, 1], "class_names": ["slip", "hold"]},
+        ),
+        ({"group": ["a", "b"]}, {"group": ["b", "c"]}),
+        ({"session": ["a", "b"]}, {"session": [0, 1]}),
+    ],
+)
+def test_parts_whose_names_differ(ours, theirs):
+    x = torch.zeros(2, 4, 1)
+    first, other = (
+        StaticDataset.from_arrays(x, layout=LAYOUT, **columns) for columns in (ours, theirs)
+    )
+    both = ConcatDataset([first, first[:0], Subset(other, [0])])
+    key = next(iter(ours))
+    names = {"y": "class_names", "group": "group_names", "session": "session_names"}[key]
+    lists = [re.escape(str(getattr(part, names))) for part in (first, other)]
+    match = rf"part 2 of 'dataset' must have the {names} {lists[0]} .* \(got {lists[1]}\)"
+    with pytest.raises(ValueError, match=match):
+        StaticLoader(both)
+    with pytest.raises(ValueError, match=match):
+        ZScore().fit(both)
+
+    def without(data):
+        del data[key]
+        return data
+
+    first.transform = other.transform = without  # then nothing can be mixed
+    assert len(list(StaticLoader(both))) == 3
+
+
+def test_parts_whose_empty_one_has_other_names():
+    named = StaticDataset.from_arrays(torch.zeros(2, 4, 1), ["b", "a"], layout=LAYOUT)
+    other = StaticDataset.from_arrays(torch.zeros(2, 4, 1), ["c", "a"], layout=LAYOUT)
+    (batch,) = StaticLoader(ConcatDataset([other[:0], named, named]), 4)
+    assert batch.y.tolist() == [1, 0, 1, 0]
+
+
 def test_parts_whose_shared_value_differs():
     parts = [numbered(i, gain=torch.tensor([1.0 + i]), shared=["gain"]) for i in (0, 4)]
     loader = StaticLoader(ConcatDataset(parts), batch_size=8)
@@ -217,6 +262,14 @@ def test_pygs_loader_gets_data_objects(workers):
     assert batches[0].y_batch.tolist() == [0, 1, 2, 3]
     assert "pos" not in batches[0]
     assert batches[0][1].x.equal(dataset[1].x)
+
+
+@pytest.mark.parametrize("make", [lambda: numbered(0), both, nested])
+def test_pygs_loader_of_lists_gives_lists_with_any_number_of_workers(make):
+    found = [list(DataListLoader(make(), 3, num_workers=workers)) for workers in (0, 2)]
+    for one, other in zip(*found, strict=True):
+        assert type(one) is type(other) is list
+        assert [data.trial.tolist() for data in one] == [data.trial.tolist() for data in other]
 
 
 def test_pygs_loader_applies_a_random_transform_once_to_each():

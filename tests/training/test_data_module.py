@@ -1,12 +1,13 @@
 import pytest
 import torch
+from torch.utils.data import ConcatDataset
 from torch_geometric.transforms import BaseTransform, Compose
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.data import Protocol, Split
+from torch_geometric_tactile.data import Protocol, Split, StaticDataset
 from torch_geometric_tactile.datasets import FakeTactileDataset
-from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.sensors import biotac, grid
 from torch_geometric_tactile.training import TactileDataModule
 from torch_geometric_tactile.transforms import DropTaxels, KNNGraph, SessionZScore, Tare, ZScore
 
@@ -223,6 +224,30 @@ def test_bad_validation_parts_are_named(labelled):
         TactileDataModule(labelled(), val=0.1, val_dataset=labelled())
     with pytest.raises(ValueError, match=r"'val_dataset' must have the layout .*got 'biotac_sp'"):
         TactileDataModule(labelled(), val_dataset=fake())
+
+
+@pytest.mark.parametrize("name", ["val_dataset", "test_dataset"])
+def test_parts_that_number_their_names_otherwise_are_refused(name):
+    def named(y, session):
+        x = torch.rand(4, 4, 1)
+        return StaticDataset.from_arrays(x, y * 2, session=session * 2, layout=grid(2, 2, 0.01))
+
+    train, others = named(["cube", "ball"], ["a", "b"]), named(["cup", "ball"], ["a", "b"])
+    match = rf"'{name}' must have the class_names \['ball', 'cube'\] .* \(got \['ball', 'cup'\]"
+    with pytest.raises(ValueError, match=match):
+        TactileDataModule(train, split="frame", **{name: others})
+    later = named(["cube", "ball"], ["b", "c"])
+    TactileDataModule(train, split="frame", transform=ZScore(), **{name: later})
+    with pytest.raises(ValueError, match=rf"'{name}' must have the session_names \['a', 'b'\]"):
+        TactileDataModule(train, split="frame", transform=SessionZScore(), **{name: later})
+
+
+def test_data_sets_of_other_kinds_are_refused():
+    joined = ConcatDataset([fake(), fake()])
+    with pytest.raises(TypeError, match=r"'dataset' must be a StaticDataset \(got ConcatDataset\)"):
+        TactileDataModule(joined)
+    with pytest.raises(TypeError, match=r"'test_dataset' must be a StaticDataset \(got list\)"):
+        TactileDataModule(fake(), list(fake()))
 
 
 def test_split_of_nothing_is_refused():

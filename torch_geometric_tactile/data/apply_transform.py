@@ -1,7 +1,8 @@
 r"""Transforms of many samples at once."""
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
 import torch
@@ -131,7 +132,9 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
         data (StaticData): The samples.
 
     Raises:
-        ValueError: If the transform gives the samples different topologies.
+        TypeError: If the transform does not return the sample.
+        ValueError: If the transform gives the samples different topologies, or writes into what
+            they share.
 
     Examples:
         >>> from torch_geometric.transforms import ToUndirected
@@ -146,8 +149,16 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
         for part in transform.transforms:
             data = apply_transform(part, data)
         return data
+    schema: Schema = data._schema
+    values = data._store._mapping.items()
+    shared = {key: value for key, value in values if schema.is_shared(key, value)}
+    with unwritten(transform, shared):
+        return _applied(transform, data)
+
+
+def _applied(transform: Transform, data: StaticData) -> StaticData:
     if getattr(transform, "supports_static", False):
-        out: StaticData = transform(data)
+        out: StaticData = returned(transform, data)
         return out
     rule = static_rule(transform)
     once = _applied_once(transform, rule, data)
@@ -155,7 +166,55 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
         return once
     if data.num_samples == 0:
         return data
-    return stack_like([transform(sample) for sample in data.to_data_list()], data, rule)
+    samples = [returned(transform, sample) for sample in data.to_data_list()]
+    return stack_like(samples, data, rule)
+
+
+@contextmanager
+def unwritten(transform: Transform, stored: Mapping[str, Any]) -> Iterator[None]:
+    r"""Checks that a transform, which is called within, writes into none of the tensors that a data
+    set stores: they would change for all samples, and again at every access.
+
+    Args:
+        transform (callable): The transform, for the message.
+        stored (Mapping): The attributes by their names.
+
+    Raises:
+        ValueError: If it does.
+    """
+    before = [(key, value, _version(value)) for key, value in stored.items()]
+    yield
+    for key, value, version in before:
+        if _version(value) != version:
+            raise ValueError(
+                f"'transform' must leave the tensor of '{key}' as it is, which the data set keeps "
+                f"(got a write into it by {transform!r}): set a new one, as in data.{key} = "
+                f"data.{key} * 2, and make the data set again"
+            )
+
+
+def _version(value: Any) -> int:
+    return value._version if isinstance(value, Tensor) and not value.is_inference() else 0
+
+
+def returned(transform: Transform, data: Data, kind: type = Data) -> Any:
+    r"""Returns what a transform makes of a sample.
+
+    Args:
+        transform (callable): The transform.
+        data (torch_geometric.data.Data): The sample, or all at once.
+        kind (type): What it must be.
+
+    Raises:
+        TypeError: If it is nothing, or something else.
+    """
+    out = transform(data)
+    if out is None or not isinstance(out, kind):
+        found = "None" if out is None else type(out).__name__
+        raise TypeError(
+            f"'transform' must return the sample, a Data object (got {found} from {transform!r})"
+        )
+    return out
 
 
 def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> StaticData | None:
@@ -164,7 +223,7 @@ def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> S
         return None
     sample = (data if data.num_samples else _blank(data)).sample(0)
     given = sample.to_dict()  # taken first, since a function may change `sample` itself
-    found = transform(sample).to_dict()
+    found = returned(transform, sample).to_dict()
     # Transforms copy shallowly, so that an attribute that they leave alone is the same object.
     changed = {key: value for key, value in found.items() if value is not given.get(key)}
     if "x" in changed and rule.x is not None:

@@ -1,6 +1,6 @@
 r"""Batches of data sets that are parts of others, or several in one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import torch
@@ -9,6 +9,8 @@ from torch.utils.data import ConcatDataset, Subset
 
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
+
+_NAMES = {"y": "class_names", "group": "group_names", "session": "session_names"}
 
 
 def static_parts(dataset: Any) -> Iterator[StaticDataset]:
@@ -72,7 +74,8 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
         parts (sequence of StaticDataset): The data sets.
 
     Raises:
-        ValueError: If they differ in their layouts, edges or attributes.
+        ValueError: If they differ in their layouts, edges or attributes, or in the names behind
+            labels, groups or sessions that they have.
     """
     first, firsts = parts[0], None
     for i, part in enumerate(parts):
@@ -84,9 +87,33 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
         if len(part) == 0:
             continue
         sample = part.batch([0])
-        if firsts is not None:
-            _check_same(firsts, sample, i)
-        firsts = sample if firsts is None else firsts
+        if firsts is None:
+            first, firsts = part, sample
+            continue
+        _check_same(firsts, sample, i)
+        check_names(first, part, sample.keys(), f"part {i} of 'dataset'")
+
+
+def check_names(first: StaticDataset, other: StaticDataset, keys: Iterable[str], what: str) -> None:
+    r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets.
+
+    Args:
+        first (StaticDataset): One of them.
+        other (StaticDataset): The other.
+        keys (iterable of str): The attributes of the samples that count.
+        what (str): What the other is, for the message.
+
+    Raises:
+        ValueError: If there are other names behind their numbers.
+    """
+    for key in sorted(_NAMES.keys() & {*keys}):
+        names, others = (getattr(part, _NAMES[key]) for part in (first, other))
+        if names != others:
+            raise ValueError(
+                f"{what} must have the {_NAMES[key]} {names} of the first, since '{key}' holds "
+                f"their numbers (got {others}): give both one list, read both as one data set, or "
+                f"remove '{key}' by the 'transform' of each"
+            )
 
 
 def _check_same(first: StaticData, other: StaticData, i: int) -> None:

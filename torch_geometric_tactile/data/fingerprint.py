@@ -14,10 +14,17 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _PLAIN = (bool, int, float, complex, str, bytes, torch.dtype, torch.device, torch.layout)
+_COUNTED = (
+    *_PLAIN,
+    *(Tensor, np.ndarray, np.generic, PathLike, enum.Enum, TaxelLayout, BaseTransform, type),
+    *(types.FunctionType, types.BuiltinFunctionType, types.MethodType, functools.partial),
+)
+_OF_MODULES = vars(torch.nn.Module()).keys()
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _BYTECODE = re.compile(r"bytecode (\d+\.\d+) [0-9a-f]+")
 _LONG = 400  # characters of a description, beyond which only its hash is kept
@@ -31,8 +38,9 @@ def describe(value: Any) -> str:
 
     Tensors, arrays and layouts are described by a hash of their numbers; functions by their name,
     their byte code, their defaults and the variables that they close over; other objects by their
-    class and their public attributes, and by those private ones that are plain numbers or text
-    (others may be caches).
+    class, their public attributes, the :obj:`arguments()` of transforms that have them, and those
+    private attributes that are data, functions, layouts or transforms, or lists, tuples, sets or
+    dictionaries of such. What :obj:`__getstate__` leaves out, such as a cache, does not count.
 
     Args:
         value (Any): The setting.
@@ -124,16 +132,21 @@ def _describe_object(value: Any, inside: tuple[int, ...]) -> str:
         state["state_dict"] = value.state_dict()
         state["repr"] = repr(value)
     slots = (name for kind in type(value).__mro__ for name in _slots(kind))
-    names = {*getattr(value, "__dict__", ()), *slots}
-    for name in names:
-        item = getattr(value, name, None)
-        if name == "training" or (name.startswith("_") and not _is_plain(item)):
-            continue
-        state[name] = item
+    items = {name: getattr(value, name, None) for name in {*getattr(value, "__dict__", ()), *slots}}
+    if items and type(value).__getstate__ is not object.__getstate__:
+        kept = value.__getstate__()
+        items = kept if isinstance(kept, dict) else items
+    for name, item in items.items():
+        if isinstance(value, torch.nn.Module) and name in _OF_MODULES:
+            continue  # the parameters are described by now
+        if not name.startswith("_") or (item is not None and _counts(item)):
+            state[name] = item
+    if isinstance(value, BaseTransform) and hasattr(value, "arguments"):
+        state |= value.arguments()
     if not state and type(value).__repr__ is not object.__repr__:
         return f"{_path(type(value))}: {_ADDRESS.sub('', repr(value))}"
-    items = ", ".join(f"{name}={_describe(state[name], inside)}" for name in sorted(state))
-    return f"{_path(type(value))}({items})"
+    text = ", ".join(f"{name}={_describe(state[name], inside)}" for name in sorted(state))
+    return f"{_path(type(value))}({text})"
 
 
 def _slots(kind: type) -> Sequence[str]:
@@ -141,10 +154,13 @@ def _slots(kind: type) -> Sequence[str]:
     return (slots,) if isinstance(slots, str) else tuple(slots)
 
 
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, tuple):
-        return all(_is_plain(item) for item in value)
-    return value is not None and isinstance(value, _PLAIN)
+def _counts(value: Any) -> bool:
+    # Of private attributes: others are caches or resources, which use or another run changes.
+    if isinstance(value, Mapping):
+        return all(map(_counts, value.values()))
+    if isinstance(value, Sequence | Set) and not isinstance(value, str | bytes):
+        return all(map(_counts, value))
+    return value is None or isinstance(value, _COUNTED)
 
 
 def _path(value: Any) -> str:

@@ -1,7 +1,7 @@
 r"""Data sets whose samples are cut from the frames of another one."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -132,6 +132,9 @@ class FrameView(StaticDataset):
         if isinstance(self._data, WindowData) and self._indices is not None:
             return self._data.select(self._index())
         return super()._selected()
+
+    def _watched(self) -> Mapping[str, Any]:
+        return self.dataset._watched() if isinstance(self._data, WindowData) else super()._watched()
 
     def _build(self) -> tuple[Any, dict[str, list[str]]]:
         runs = TrialRuns.of(self.dataset)

@@ -3,7 +3,6 @@ r"""Data sets of arrays and lists of your own."""
 from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
-from torch import Tensor
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data.arrays import layout_of, static_data_from_arrays
@@ -110,8 +109,9 @@ class FromArrays:
         layout = as_layout(layout)
         if edge_index is not None and adjacency is not None:
             raise ValueError("only one of 'edge_index' and 'adjacency' may be given (got both)")
-        if edge_index is None:
-            edge_index = _edges(layout, adjacency)
+        adjacency = layout.default_adjacency if adjacency is None else adjacency
+        if edge_index is None and adjacency is not None:
+            edge_index = layout.edge_index(adjacency)
         columns = {"group": group, "trial": trial, "session": session, "joint": joint, "time": time}
         source = static_data_from_arrays(
             x,
@@ -166,12 +166,3 @@ class FromArrays:
         source = data, {key: list(value) for key, value in names.items() if value}
         layout = layout_of(data) if layout is None else as_layout(layout)
         return cls._of(source, layout, transform, pre_transform, pre_filter)
-
-
-def _edges(layout: TaxelLayout, adjacency: str | None) -> Tensor | None:
-    if adjacency is None:
-        names = list(layout.adjacency)
-        if "original" not in names and len(names) != 1:
-            return None
-        adjacency = "original" if "original" in names else names[0]
-    return layout.edge_index(adjacency)

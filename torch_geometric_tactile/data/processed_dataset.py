@@ -124,9 +124,12 @@ class ProcessedDataset(Dataset):
             return
         path = Path(self.processed_paths[0])
         if why and not self._has_raw():
+            hint = (
+                " ('raw_file_names' is empty: leave it out of the class if 'read' needs no files)"
+            )
             raise ValueError(
                 f"processed file '{path}' cannot be used ({why}) and the raw files to process "
-                f"again are missing in '{self.raw_dir}'"
+                f"again are missing in '{self.raw_dir}'{'' if self.raw_paths else hint}"
             )
         if why:
             _logger.warning("processing '%s' again: %s", path, why)

@@ -11,6 +11,7 @@ import numpy as np
 
 from torch_geometric_tactile.data.recording_arrays import (
     check_frames,
+    check_utf8,
     checked_numbers,
     checked_rows,
     checked_time,
@@ -40,7 +41,8 @@ class Recording:
         label (str or int, optional): What the trial is an example of.
         meta (Mapping): What is known about the trial, as JSON values. Keys with a meaning:
             :obj:`"unit"` (:obj:`"count"`, :obj:`"newton"` or :obj:`"microtesla"`),
-            :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per second), :obj:`"tare"` and
+            :obj:`"object"`, :obj:`"trial"`, :obj:`"sensor"`, :obj:`"rate"` (nominal, in frames per
+            second), :obj:`"tare"` and
             :obj:`"calibration"` (what was done to the readings), :obj:`"synthetic"` (whether a
             simulator made them), :obj:`"seed"`, :obj:`"joint_names"`, :obj:`"phase_names"` (names
             of the integers in the privileged :obj:`"phase"`), :obj:`"column_names"` (of
@@ -48,15 +50,17 @@ class Recording:
             :func:`~torch_geometric_tactile.io.read_named_csv`).
         privileged (Mapping of str to numpy.ndarray): What a simulator knows and a robot does not,
             such as clean forces, the pose of the object and the phase; numbers, truth values or
-            texts, with :math:`T` rows each.
+            texts, with :math:`T` rows each and at least one value in a row. Names have 1 to 255
+            characters, no :obj:`"/"` and no NUL.
         extra (Mapping of str to numpy.ndarray): Further signals that a robot does have, such as the
-            fluid pressure or vibration of a fingertip; of the same types, with :math:`T` rows each.
+            fluid pressure or vibration of a fingertip; of the same types, names and shapes.
             Several values a frame, of a faster sensor, are further dimensions.
 
     Raises:
         ValueError: If an array has another number of dimensions or of frames, the time does not
             increase or is of integers, whose unit is not known, a time, reading or angle is
-            infinite, or :obj:`meta` holds other than JSON values.
+            infinite, :obj:`meta` holds other than JSON values, or a name, a text or a shape is none
+            that HDF5, npz and MCAP files can hold.
 
     Examples:
         >>> Recording(time=[0.0, 0.01, 0.02], tactile=np.zeros((3, 4, 3)), label="cup")
@@ -230,21 +234,24 @@ def _checked_label(label: Any) -> str | int | None:
         return int(label)
     if isinstance(label, bool) or not isinstance(label, str | int | None):
         raise ValueError(f"'label' must be a text, an integer or None (got {type(label).__name__})")
+    if isinstance(label, str):
+        check_utf8("'label'", label)
     return label
 
 
 def _checked_meta(meta: Any) -> dict[str, Any]:
     if not isinstance(meta, Mapping):
         raise ValueError(f"'meta' must be a mapping (got {type(meta).__name__})")
-    out = {}
+    out: dict[str, Any] = {}
     for key, value in meta.items():
         if not isinstance(key, str):
             raise ValueError(f"'meta' must have texts as keys (got {key!r})")
         try:
             # Lists for tuples, as every file gives them back.
-            out[key] = json.loads(json.dumps(value, allow_nan=False))
+            text = json.dumps({key: value}, allow_nan=False, ensure_ascii=False)
+            out |= json.loads(text.encode())
         except (RecursionError, TypeError, ValueError) as error:
-            raise ValueError(f"'meta' must hold JSON values ({error}, for '{key}')") from error
+            raise ValueError(f"'meta' must hold JSON values ({error}, for {key!r})") from error
     if "unit" in out and out["unit"] not in UNITS:
         raise ValueError(f"'unit' in 'meta' must be one of {[*UNITS]} (got {out['unit']!r})")
     return out

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 _NUMBERS = "biuf"
+_NO_NAME = {"/", "\0"}  # where names of a file end
+_MAX_DIMS = 9  # with that of the frames
 # Powers of ten, and seconds, of the units that dates and time differences of numpy have.
 _PARTS_OF_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9, "ps": 10**12, "fs": 10**15, "as": 10**18}
 _SECONDS = {"W": 7 * 86400, "D": 86400, "h": 3600, "m": 60, "s": 1}
@@ -82,15 +84,44 @@ def checked_rows(kind: str, value: Any, num_frames: int) -> dict[str, np.ndarray
         num_frames (int): The number of frames :math:`T`.
 
     Raises:
-        ValueError: If it is no mapping, a name is no text or has a :obj:`"/"`, or an array holds
-            something else, is masked, or has another number of rows.
+        ValueError: If it is no mapping, a name is no text that all file formats can hold, or an
+            array holds something else, is masked, has another number of rows, no value in a row,
+            or more than 9 dimensions.
     """
     if not isinstance(value, Mapping):
         raise ValueError(f"'{kind}' must be a mapping (got {type(value).__name__})")
     for name in value:
-        if not isinstance(name, str) or not name or "/" in name:
-            raise ValueError(f"'{kind}' must have names that are texts without '/' (got {name!r})")
+        if (
+            not isinstance(name, str)
+            or not 0 < len(name) <= 255
+            or name == "."
+            or {*name} & _NO_NAME
+        ):
+            raise ValueError(
+                f"'{kind}' must have names that are texts without '/' or NUL, of 1 to 255 "
+                f"characters and not '.' (got {name!r:.80})"
+            )
+        check_utf8(f"names in '{kind}'", name)
     return {name: _checked_rows(kind, name, array, num_frames) for name, array in value.items()}
+
+
+def check_utf8(name: str, *texts: str) -> None:
+    r"""Checks that texts can be written to any file.
+
+    Args:
+        name (str): Name of what they are, for the message.
+        *texts (str): The texts.
+
+    Raises:
+        ValueError: If one has half of a surrogate pair.
+    """
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError as error:
+            raise ValueError(
+                f"{name} must hold texts that UTF-8 can hold (got {text!r:.80})"
+            ) from error
 
 
 def check_frames(name: str, array: np.ndarray, num_frames: int) -> None:
@@ -135,9 +166,20 @@ def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarr
         raise ValueError(
             f"{kind} '{name}' must hold numbers, truth values or texts (got {array.dtype})"
         )
+    if array.dtype.kind != "U" and array.dtype.itemsize > 8:
+        raise ValueError(
+            f"{kind} '{name}' must hold numbers of at most 8 bytes (got {array.dtype})"
+        )
     if array.ndim == 0:
         raise ValueError(f"{kind} '{name}' must have one row per frame (got a scalar)")
     check_frames(name, array, num_frames)
+    if array.ndim > _MAX_DIMS or 0 in array.shape[1:]:
+        raise ValueError(
+            f"{kind} '{name}' must have values in each row, in at most {_MAX_DIMS} dimensions (got "
+            f"shape {array.shape})"
+        )
+    if array.dtype.kind == "U":
+        check_utf8(f"{kind} '{name}'", *array.flat)
     return array
 
 

@@ -18,11 +18,18 @@ def stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:
         schema (Schema): The levels of attributes that are not known.
 
     Raises:
+        TypeError: If a sample is of another kind.
         ValueError: If there is no sample, or the samples differ in their edges, their attributes
             or their shapes.
     """
     if len(data_list) == 0:
         raise ValueError("'data_list' must hold at least one sample (got none)")
+    for i, data in enumerate(data_list):
+        if not isinstance(data, Data):
+            raise TypeError(
+                "'data_list' must hold torch_geometric.data.Data objects, with one kind of nodes "
+                f"(got {type(data).__name__} as sample {i})"
+            )
     first = set(data_list[0].keys())
     for i, data in enumerate(data_list):
         keys = set(data.keys())

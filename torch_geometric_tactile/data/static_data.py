@@ -17,6 +17,28 @@ from torch_geometric_tactile.data.stacking import stack_samples
 _Index = Tensor | slice | Sequence[int] | np.ndarray
 
 
+def flat_index(index: Any) -> Tensor:
+    r"""Returns indices of samples in one dimension, also of a mask, as PyG reads them.
+
+    Args:
+        index (torch.Tensor, numpy.ndarray or sequence): Indices, or a mask, of any shape.
+
+    Raises:
+        IndexError: If it holds neither integers nor truth values.
+    """
+    try:
+        found = torch.as_tensor(index).flatten()
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise IndexError(
+            f"'index' must be a slice, integers or a mask (got {index!r:.80})"
+        ) from error
+    if found.dtype == torch.bool:
+        return found.nonzero().view(-1)
+    if found.numel() and (found.is_floating_point() or found.is_complex()):
+        raise IndexError(f"'index' must hold integers or truth values (got {found.dtype})")
+    return found.long()
+
+
 class StaticData(LeveledData):
     r"""Many samples on one topology: :obj:`x` holds all samples, :obj:`edge_index` is the same for
     all.
@@ -168,14 +190,13 @@ class StaticData(LeveledData):
 
         Args:
             index (torch.Tensor, slice or list of int): Indices :math:`(B,)`, a mask :math:`(S,)`,
-                or a slice (which copies nothing).
+                or a slice (which copies nothing). Of more dimensions, they are flattened.
+
+        Raises:
+            IndexError: If it holds something else, or there is no such sample.
         """
         if not isinstance(index, slice):
-            index = torch.as_tensor(index)
-            if index.dtype == torch.bool:
-                index = index.nonzero().view(-1)
-            elif index.numel() == 0:
-                index = index.long()  # an empty list
+            index = flat_index(index)
         schema: Schema = self._schema
         out = copy.copy(self)
         # Straight into the mapping: what was checked keeps its level.

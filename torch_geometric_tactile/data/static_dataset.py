@@ -1,18 +1,18 @@
 r"""The base class of data sets with one topology."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
-from torch_geometric_tactile.data.apply_transform import apply_transform
+from torch_geometric_tactile.data.apply_transform import apply_transform, returned, unwritten
 from torch_geometric_tactile.data.from_arrays import FromArrays
 from torch_geometric_tactile.data.processed_dataset import ProcessedDataset
-from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.data.static_samples import StaticSamples
+from torch_geometric_tactile.data.static_data import StaticData, flat_index
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
@@ -74,6 +74,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
         )
         if root is None:
             self._data, self._names = self._build()
+            self._own_shared()
         else:
             self._data, self._names = self._take_file()
         self.__dict__.pop("_given", None)
@@ -98,6 +99,13 @@ class StaticDataset(FromArrays, ProcessedDataset):
         StaticDataset.__init__(dataset, None, transform, pre_transform, pre_filter)
         return dataset
 
+    def _own_shared(self) -> None:
+        # Not the tensors of the layout, which a write would change for others.
+        if isinstance(self._data, StaticData):
+            for key, value in self._data.to_dict().items():
+                if isinstance(value, Tensor) and self._data.is_shared(key):
+                    self._data._store._mapping[key] = value.clone()
+
     def len(self) -> int:
         r"""Returns the number of samples stored."""
         return self._data.num_samples
@@ -109,6 +117,43 @@ class StaticDataset(FromArrays, ProcessedDataset):
             idx (int): The index.
         """
         return self._data.sample(idx)
+
+    def __getitem__(self, idx: Any) -> Any:
+        r"""Returns one sample after :obj:`transform`, or a selection of several, as PyG does.
+
+        Args:
+            idx (int or slice or sequence of int or torch.Tensor or numpy.ndarray): Its index, or
+                the indices or a mask, of any shape, of several.
+
+        Raises:
+            ValueError: If the transform writes into a tensor that the data set stores.
+        """
+        if not isinstance(idx, (int, np.integer)) and not (
+            isinstance(idx, (Tensor, np.ndarray)) and idx.ndim == 0
+        ):
+            return self.index_select(idx)
+        sample = self.get(self.indices()[idx])
+        if self.transform is None:
+            return sample
+        with unwritten(self.transform, self._watched()):
+            return returned(self.transform, sample, object)
+
+    def index_select(self, idx: Any) -> Self:
+        r"""Returns a selection of the samples.
+
+        Args:
+            idx (slice or sequence of int or torch.Tensor or numpy.ndarray): Their indices, or a
+                mask, of any shape.
+
+        Raises:
+            IndexError: If it is something else.
+        """
+        idx = idx if isinstance(idx, slice) else flat_index(idx).tolist()
+        selection: Self = super().index_select(idx)
+        return selection
+
+    def _watched(self) -> Mapping[str, Any]:
+        return self._data._store._mapping
 
     @property
     def data(self) -> StaticData:
@@ -136,19 +181,10 @@ class StaticDataset(FromArrays, ProcessedDataset):
             index (torch.Tensor or list of int): Indices into this selection :math:`(B,)`, or a
                 mask of it.
         """
-        index = torch.as_tensor(index)
-        index = index.nonzero().view(-1) if index.dtype == torch.bool else index.long()
+        index = flat_index(index)
         if self._indices is not None:
             index = self._index()[index]
         return apply_transform(self.transform, self._data.index_select(index))
-
-    def __getitems__(self, index: Sequence[int]) -> StaticSamples:
-        r"""Returns some samples, read when they are asked for: what loaders call for a batch.
-
-        Args:
-            index (sequence of int): Indices into this selection :math:`(B,)`.
-        """
-        return StaticSamples(self, index)
 
     def copy(self, idx: Any = None) -> Self:
         r"""Returns a copy with the samples of this selection only, which shares no memory with this
@@ -217,15 +253,20 @@ class StaticDataset(FromArrays, ProcessedDataset):
         data = self.__dict__.get("_data")  # not there while PyG's constructor runs
         if data is not None and key in data:
             return self.column(key)
-        raise AttributeError(f"'{type(self).__name__}' object has no attribute '{key}'")
+        what = f"'{type(self).__name__}' object has no attribute '{key}'"
+        if key in ("save", "load", "collate"):
+            what += (
+                ", which is of PyG's InMemoryDataset: define 'read' in place of 'process', and "
+                "return the samples from it (StaticData.from_data_list makes them of a list); they "
+                "are saved and loaded for you"
+            )
+        raise AttributeError(what)
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes, over all samples of this selection."""
-        y = self.column("y")
-        if y is not None and len(y) == 0:
-            return 0
-        return int(self._infer_num_classes(y))
+        r"""The number of classes, over all samples that are stored, also of a selection."""
+        y = self._data["y"] if "y" in self._data else None  # noqa: SIM401 - Data is no mapping
+        return 0 if y is None or len(y) == 0 else int(self._infer_num_classes(y))
 
     @property
     def class_names(self) -> list[str]:

@@ -27,7 +27,8 @@ class TrialRuns(NamedTuple):
     @classmethod
     def of(cls, dataset: StaticDataset) -> "TrialRuns":
         r"""Returns the trials of a data set, after its frames were checked: those of a trial
-        follow each other, in the order of their :obj:`time` if they have one.
+        follow each other, in the order of their :obj:`time` or, without one, in that of the data
+        set that they are chosen from.
 
         Args:
             dataset (StaticDataset): The frames.
@@ -47,6 +48,8 @@ class TrialRuns(NamedTuple):
         time = dataset.column("time")
         if time is not None:
             runs._check_time(time.cpu())
+        elif dataset._indices is not None:
+            runs._check_rows(dataset._index())
         return runs
 
     def name(self, i: int) -> str:
@@ -118,6 +121,18 @@ class TrialRuns(NamedTuple):
             raise ValueError(
                 f"'time' must increase within a trial (got {before} s and then {after} s, "
                 f"{what}, in frame {frame} of {self.name(i)})"
+            )
+
+    def _check_rows(self, row: Tensor) -> None:
+        found = self._first(~(row[1:] > row[:-1]))
+        if found is not None:
+            i, frame = found
+            at = int(self.start[i]) + frame
+            raise ValueError(
+                "the frames of a trial must be in the order of the data set they are chosen from "
+                f"where they have no 'time' (got sample {int(row[at])} of it after sample "
+                f"{int(row[at - 1])}, in frame {frame} of {self.name(i)}): sort the selection, and "
+                "shuffle the windows instead"
             )
 
     def _first(self, wrong: Tensor) -> tuple[int, int] | None:

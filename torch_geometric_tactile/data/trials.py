@@ -36,7 +36,8 @@ class Trials(FrameView):
         TypeError: If :obj:`dataset` is of another kind.
         ValueError: If trials have different numbers of frames and :obj:`ragged` does not tell what
             to do, a number or a name is not one of these, frames belong to no trial, those of a
-            trial do not follow each other, or their :obj:`time` does not increase.
+            trial do not follow each other, or their :obj:`time` does not increase (or, without
+            one, they are a selection in another order).
 
     Examples:
         >>> import torch

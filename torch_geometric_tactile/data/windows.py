@@ -48,8 +48,8 @@ class Windows(FrameView):
     Raises:
         TypeError: If :obj:`dataset` is of another kind.
         ValueError: If a number or a name is not one of these, frames belong to no trial, those of a
-            trial do not follow each other, their :obj:`time` does not increase, or all trials are
-            shorter than a window.
+            trial do not follow each other, their :obj:`time` does not increase (or, without one,
+            they are a selection in another order), or all trials are shorter than a window.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid

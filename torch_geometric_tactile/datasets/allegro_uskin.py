@@ -159,6 +159,7 @@ class AllegroUSkin(RecordingFrames):
     _stored = _TASKS
     _needs = ("object", "trial")
     _labels = AllegroLabels()
+    _other_target = "task='property' or task='shape'"
 
     def __init__(
         self,

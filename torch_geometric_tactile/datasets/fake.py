@@ -20,6 +20,9 @@ class FakeTactileDataset(StaticDataset):
     The readings come from :func:`~torch_geometric_tactile.sim.simulate_grasps`; no number of it is
     a measurement. The test split has other objects and other sessions than the training split.
 
+    Edges are those of the layout. A BioTac SP has none: add some with
+    ``pre_transform=KNNGraph(k=4)`` (see :class:`~torch_geometric_tactile.transforms.KNNGraph`).
+
     Args:
         num_samples (int): Number of grasps of each split, rounded up to the same number for every
             object.
@@ -91,8 +94,10 @@ class FakeTactileDataset(StaticDataset):
         offsets = {"train": (0,), "test": (1,), "all": (0, 1)}[self.split]
         parts = [self._generate(offset) for offset in offsets]
         x, y, group, session = (torch.cat(values) for values in zip(*parts, strict=True))
+        adjacency = self.layout.default_adjacency
         data = StaticData(
             x=x,
+            edge_index=None if adjacency is None else self.layout.edge_index(adjacency),
             y=y,
             pos=self.layout.pos,
             normal=self.layout.normal,

@@ -83,8 +83,8 @@ class RecordingFrames(TrialFolder):
         split_seed (int): Which of the random splits. :obj:`phases`, :obj:`stride` and the like
             move no frame to another split.
         fold (int): Which fold of a protocol with folds is tested on.
-        adjacency (str, optional): Which edges of the layout. If left out, its only ones; without
-            any, a :obj:`pre_transform` such as
+        adjacency (str, optional): Which edges of the layout. If left out, :obj:`"original"`, or its
+            only ones; without such, a :obj:`pre_transform` such as
             :class:`~torch_geometric_tactile.transforms.KNNGraph` may add some.
         phases (sequence of str, optional): Only the frames in these phases, of
             :obj:`privileged["phase"]` and :obj:`meta["phase_names"]`.
@@ -128,7 +128,7 @@ class RecordingFrames(TrialFolder):
         ...     for label in ("slip", "hold", "slip")
         ... ]
         >>> dataset = RecordingFrames(
-        ...     layout=grid(2, 3, 0.01), recordings=grasps, target="label", adjacency="original"
+        ...     layout=grid(2, 3, 0.01), recordings=grasps, target="label"
         ... )
         >>> dataset, dataset.class_names, dataset.data.y.tolist()
         (RecordingFrames(6), ['hold', 'slip'], [1, 1, 0, 0, 1, 1])
@@ -139,6 +139,7 @@ class RecordingFrames(TrialFolder):
     _stored: tuple[str, ...] = ("object", "property")  # targets that are in every processed file
     _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
     _labels = ObjectLabels()
+    _other_target = "target='label' or target='property'"
 
     def __init__(
         self,
@@ -171,8 +172,7 @@ class RecordingFrames(TrialFolder):
         if layout is None:
             raise ValueError("'layout' must name the taxel layout of the recordings (got None)")
         self.layout = as_layout(layout)
-        if adjacency is None and len(self.layout.adjacency) == 1:
-            (adjacency,) = self.layout.adjacency
+        adjacency = self.layout.default_adjacency if adjacency is None else adjacency
         self.target = target
         self.split = split
         self.protocol = Protocol("trial", stratify="auto") if protocol is None else protocol
@@ -189,13 +189,14 @@ class RecordingFrames(TrialFolder):
         self.read_options = dict(read_options or {})
         self.unit = unit
         self._recordings: list[Recording] | None = None if recordings is None else list(recordings)
-        edge_index = None if adjacency is None else self.layout.edge_index(adjacency)
+        edge_index = None if adjacency is None else self.layout.edge_index(adjacency).clone()
         self.pre_transform, self.pre_filter = pre_transform, pre_filter
         self.selection_args = (*_SELECTION_ARGS, *self._set_after_loading())
         super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         self._recordings = None
         if not self._is_filtered:
             self._data.edge_index = edge_index
+            self._own_shared()
             self._data.y = self._labels.target(self._data, self._names, target, str(self.root))
         _warn_of_one_object(self)
         self._tare()
@@ -309,7 +310,9 @@ def _check_arguments(
 def _warn_of_one_object(dataset: RecordingFrames) -> None:
     if len(dataset.group_names) == 1 and dataset.target == "object":
         _logger.warning(
-            "'%s' holds one object only, '%s': there is nothing to tell apart",
+            "'%s' holds one object only, '%s': there is nothing to tell apart; learn something "
+            "else with %s",
             dataset.root,
             dataset.group_names[0],
+            dataset._other_target,
         )

@@ -11,25 +11,16 @@ _SHORTEST_TEXT = 32  # bytes of a text in a file that grows
 _ELEMENTS = 64  # texts of version 1 that are read at once: each may be as long as the file
 
 
-def as_stored(name: str, array: np.ndarray) -> np.ndarray:
-    r"""Returns an array as a file keeps it: texts as UTF-8 of a fixed length.
+def as_stored(array: np.ndarray) -> np.ndarray:
+    r"""Returns an array of a recording as a file keeps it: texts as UTF-8 of a fixed length.
 
     Args:
-        name (str): Its name, for messages.
         array (numpy.ndarray): The array.
-
-    Raises:
-        ValueError: If its numbers are wider than 8 bytes, or UTF-8 cannot hold its texts.
     """
-    if array.dtype.kind == "U":
-        try:
-            texts: np.ndarray = np.char.encode(array, "utf-8")
-        except UnicodeEncodeError as error:
-            raise ValueError(f"'{name}' must hold texts that UTF-8 can hold ({error})") from error
-        return texts.astype(f"S{max(texts.dtype.itemsize, 1)}")
-    if array.dtype.itemsize > 8:
-        raise ValueError(f"'{name}' must hold numbers of at most 8 bytes (got {array.dtype})")
-    return array
+    if array.dtype.kind != "U":
+        return array
+    texts: np.ndarray = np.char.encode(array, "utf-8")
+    return texts.astype(f"S{max(texts.dtype.itemsize, 1)}")
 
 
 def with_room(array: np.ndarray) -> np.ndarray:

@@ -183,7 +183,7 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
     with opened(hdf5_file(path), "r+") as file:
         content = _checked(path, file)
         datasets, start = content.datasets, content.num_frames
-        stored = {n: as_stored(n, a) for n, a in recording_to_arrays(recording).items()}
+        stored = {n: as_stored(a) for n, a in recording_to_arrays(recording).items()}
         _check_continues(path, content, recording)
         if recording.num_frames == 0:
             return
@@ -220,7 +220,7 @@ def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -
     image = io.BytesIO()
     with h5py.File(image, "w", libver=CHECKSUMMED) as file:
         stored = {
-            name: with_room(as_stored(name, array)) if growing else as_stored(name, array)
+            name: with_room(as_stored(array)) if growing else as_stored(array)
             for name, array in recording_to_arrays(recording).items()
         }
         datasets = {n: create_dataset(file, n, array, growing) for n, array in stored.items()}

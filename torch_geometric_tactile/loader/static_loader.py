@@ -14,7 +14,6 @@ from torch_geometric.data import Data
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data.apply_transform import stack_like
 from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
-from torch_geometric_tactile.data.static_samples import StaticSamples
 from torch_geometric_tactile.loader.block_sampler import BlockSampler
 from torch_geometric_tactile.loader.keyed_batches import CutBatches, EpochOrder
 from torch_geometric_tactile.loader.memory_limit import exceeds_memory
@@ -37,12 +36,10 @@ class StaticCollater:
         r"""Returns the samples of a batch in one piece, if they were not read yet.
 
         Args:
-            samples (StaticSamples or StaticData or StaticDataset or list or Data): The samples.
+            samples (StaticData or StaticDataset or list or Data): The samples.
         """
         if isinstance(samples, StaticData):
             return samples
-        if isinstance(samples, StaticSamples):
-            return samples.batch()
         if isinstance(samples, StaticDataset):  # of a sampler that yields lists
             return samples.batch(range(len(samples)))
         samples = [samples] if isinstance(samples, Data) else list(samples)
@@ -67,8 +64,8 @@ class StaticLoader(DataLoader):
     Args:
         dataset (StaticDataset): The data set; or a :class:`~torch.utils.data.Subset` of one, such
             as the parts of :func:`~torch.utils.data.random_split`, or a
-            :class:`~torch.utils.data.ConcatDataset` of several with one layout, the same edges and
-            the same attributes.
+            :class:`~torch.utils.data.ConcatDataset` of several with one layout, the same edges,
+            the same attributes and the same names of classes, groups and sessions.
         batch_size (int, optional): Number of samples of a batch. With :obj:`None`, each index of
             the sampler (or list of indices) is a batch.
         shuffle (bool or str, optional): Whether to draw the samples in a new order every epoch:
@@ -85,8 +82,8 @@ class StaticLoader(DataLoader):
         TypeError: If :obj:`dataset` is of another kind, or :obj:`collate_fn`,
             :obj:`follow_batch` or :obj:`exclude_keys` are given.
         ValueError: If the parts of a :class:`~torch.utils.data.ConcatDataset` differ in their
-            layouts, edges or attributes, or :obj:`shuffle` is none of these, or goes
-            with a sampler.
+            layouts, edges, attributes or names, or :obj:`shuffle` is none of these, or
+            goes with a sampler.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset

@@ -104,6 +104,9 @@ class HandKinematics:
         self._kept: dict[bool, _Kept] = {}
         self._axes: _Kept | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": {}, "_axes": None}  # caches are no part of a copy
+
     @property
     def num_joints(self) -> int:
         r"""The number of moving joints :math:`J`."""

@@ -107,6 +107,16 @@ class TaxelLayout:
     def __len__(self) -> int:
         return self.num_taxels
 
+    @property
+    def default_adjacency(self) -> str | None:
+        r"""The adjacency that data sets take where none is named: :obj:`"original"`, or the only
+        one; :obj:`None` without such.
+        """
+        names = list(self.adjacency)
+        if "original" in names:
+            return "original"
+        return names[0] if len(names) == 1 else None
+
     def edge_index(self, name: str) -> Tensor:
         r"""Returns a named adjacency.
 

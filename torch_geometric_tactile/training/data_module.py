@@ -10,6 +10,7 @@ from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
+from torch_geometric_tactile.data.batches import check_names
 from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
 from torch_geometric_tactile.loader.memory_limit import exceeds_memory
 from torch_geometric_tactile.loader.random_states import kept_rng
@@ -60,9 +61,11 @@ class TactileDataModule(L.LightningDataModule):
         fold (int): Which fold of a protocol with folds is tested on.
 
     Raises:
+        TypeError: If a data set is of another kind.
         ValueError: If :obj:`split` is unknown, a part of :obj:`dataset` is asked for although
             :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
-            layouts, or :obj:`train_transform` has parts that must be fitted.
+            layouts or names of classes (or of sessions, where these are scaled apart), or
+            :obj:`train_transform` has parts that must be fitted.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -89,6 +92,16 @@ class TactileDataModule(L.LightningDataModule):
         fold: int = 0,
     ) -> None:
         super().__init__()
+        for name, one in (
+            ("dataset", dataset),
+            ("val_dataset", val_dataset),
+            ("test_dataset", test_dataset),
+        ):
+            if not isinstance(one, StaticDataset) and (name == "dataset" or one is not None):
+                raise TypeError(
+                    f"'{name}' must be a StaticDataset (got {type(one).__name__}): join arrays or "
+                    "recordings in one data set, or train on a StaticLoader of a ConcatDataset"
+                )
         if split is None or (isinstance(split, str) and split not in _SPLITS):
             raise ValueError(f"'split' must be one of {list(_SPLITS)} (got {split!r})")
         scalers = [type(part).__name__ for part in fitted_parts(train_transform)]
@@ -108,6 +121,8 @@ class TactileDataModule(L.LightningDataModule):
                     f"'{name}_dataset' must have the layout '{dataset.layout.name}' of 'dataset' "
                     f"(got '{other.layout.name}')"
                 )
+            keys = ("y", *(part.key or "" for part in fitted_parts(transform)))
+            check_names(dataset, other, keys, f"'{name}_dataset'")
         self.dataset = dataset
         self.val_dataset = val_dataset
         self.test_dataset = test_dataset

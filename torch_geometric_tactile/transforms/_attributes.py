@@ -5,6 +5,13 @@ from typing import Any
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
+# What gives a sample the attributes that it may lack.
+_SOURCES = {
+    "pos": ": on a layout with several links samples have none, as these move against each other: "
+    "put TaxelPose before it, or use an 'adjacency' of the layout where edges are enough",
+    "edge_index": ": use an 'adjacency' of the layout, or put KNNGraph before it",
+}
+
 
 def require(transform: object, data: Data, key: str) -> Tensor:
     r"""Returns an attribute that must be there.
@@ -19,7 +26,9 @@ def require(transform: object, data: Data, key: str) -> Tensor:
     """
     value: Any = getattr(data, key, None)  # PyG's empty slots (`pos=None`) are no attributes
     if value is None:
-        raise ValueError(f"{type(transform).__name__} needs '{key}' (got none)")
+        raise ValueError(
+            f"{type(transform).__name__} needs '{key}' (got none){_SOURCES.get(key, '')}"
+        )
     return value
 
 

@@ -12,7 +12,7 @@ from torch_geometric.data import Dataset as PyGDataset
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
-from torch_geometric_tactile.data.batches import static_batch, static_parts
+from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
 
 _BYTES = 2**22  # of the attributes of the samples that are transformed at a time
 
@@ -83,7 +83,10 @@ class Samples:
         self.num_samples = data.num_samples if isinstance(data, StaticData) else len(self._data)
         self._before = before
         self._max_samples = max_samples
-        self._is_static = _is_static(self._data)
+        parts = _static_parts(self._data)
+        self._is_static = len(parts) > 0
+        if len(parts) > 1:
+            check_joinable(parts)
         # Of others, what some samples share the next ones need not.
         self._is_one = isinstance(self._data, StaticData | StaticDataset)
         self._first: StaticData | None = None
@@ -182,8 +185,8 @@ class Samples:
                 yield value.expand(len(part), *value.shape)
 
 
-def _is_static(data: Any) -> bool:
+def _static_parts(data: Any) -> list[StaticDataset]:
     try:
-        return len(list(static_parts(data))) > 0
+        return list(static_parts(data))
     except TypeError:
-        return False
+        return []

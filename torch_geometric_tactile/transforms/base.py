@@ -98,6 +98,9 @@ class FittedTransform(BaseTransform):
         self.key_values: Tensor | None = None  # (K,), sorted
         self._kept: KeptTables | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": None}  # a cache, which is no part of a copy
+
     def fit(self, data: AnySamples, before: BaseTransform | None = None) -> Self:
         r"""Measures centre and scale on the readings of :obj:`data`, which are read a few samples
         at a time; labels are not used.

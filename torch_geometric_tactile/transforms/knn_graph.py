@@ -9,6 +9,8 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 from torch_geometric.utils import coalesce
 
+from torch_geometric_tactile.transforms._attributes import require
+
 # Rounding of single-precision positions, a few sensor lengths from the origin, stays below this
 # part of the sensor's size.
 _TIE = 1e-5
@@ -55,9 +57,7 @@ class KNNGraph(BaseTransform):
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`edge_index` and drops the :obj:`edge_attr` of other edges."""
-        pos = data.pos
-        if pos is None:
-            raise ValueError(f"{type(self).__name__} needs 'pos' (got none)")
+        pos = require(self, data, "pos")
         if pos.dim() != 2 or pos.size(1) != 3:
             raise ValueError(
                 f"'pos' must have shape (num_taxels, 3), one for all samples "
