@@ -196,7 +196,7 @@ def test_frames_out_of_order_are_sorted_and_told(tmp_path, caplog):
 
 def test_existing_file_is_kept_unless_asked(tmp_path):
     path = write_frames(tmp_path / "a.mcap", [a_frame(0)])
-    with pytest.raises(FileExistsError, match="overwrite=True"):
+    with pytest.raises(FileExistsError, match="exists: give another name"):
         McapWriter(path)
     assert read_mcap(path).num_frames == 1
     write_frames(path, [a_frame(0), a_frame(1)], overwrite=True)

@@ -140,6 +140,11 @@ class AnySkinDecoder(Decoder):
         self._begin += size
         self._missing += size
         self.counts.skipped += size
+        if size:
+            self.counts.refuse(
+                f"no frame of {self.stride} bytes ends in CR LF, for 'num_magnetometers' of "
+                f"{self.num_magnetometers}"
+            )
 
 
 def _are_plausible(values: np.ndarray) -> np.ndarray:
