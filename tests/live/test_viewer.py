@@ -131,6 +131,22 @@ def test_buttons_are_heeded_one_after_another(viewer):
     assert calls == ["tare", "record"]
 
 
+def test_of_many_presses_one_waits(viewer):
+    calls, go_on = [], threading.Event()
+    viewer.on_tare = lambda: (calls.append("tare"), go_on.wait(LONG))
+    viewer.on_record = lambda: calls.append("record")
+    with Page(viewer) as page:
+        for _ in range(300):
+            page.say("tare")
+        page.say("record", on=True)
+        wait(lambda: calls)
+        page.next()
+        page.next()  # all presses were taken
+        go_on.set()
+        wait(lambda: "record" in calls)
+    assert calls in (["tare", "tare", "record"], ["tare", "record"])
+
+
 def test_error_of_a_callback_is_told_on_the_page(viewer):
     def fail():
         raise OSError("no space left on device")
