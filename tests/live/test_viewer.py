@@ -290,7 +290,7 @@ def test_a_page_that_sleeps_or_vanishes_costs_others_nothing(stream, viewer):
         numbers = [everything.get(LONG).sequence for _ in range(200)]
     assert numbers == list(range(numbers[0], numbers[0] + 200))
     assert not everything.overflowed
-    wait(lambda: viewer._pages == 0)
+    wait(lambda: viewer._server.clients == 0)
 
 
 def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
@@ -302,7 +302,7 @@ def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
         assert kept == []  # without a page, nothing is read
         with Page(viewer) as page:
             page.next()
-        wait(lambda: viewer._pages == 0)
+        wait(lambda: viewer._server.clients == 0)
         with pytest.raises(StreamEnded):
             kept[0].get(timeout=0)
         assert kept[0].policy == "newest"
