@@ -60,7 +60,7 @@ def test_health_tells_the_first_reason_until_a_frame_comes():
     meter = HealthMeter()
     health = meter.snapshot("silent", source)
     assert health.reason == "'taxels' must be an integer"
-    assert health.line() == "silent  no frame: 'taxels' must be an integer"
+    assert health.line() == "silent, no frame: 'taxels' must be an integer"
     meter.observe(frame(0))
     assert "no frame" not in meter.snapshot("open", source).line()
 

@@ -142,8 +142,8 @@ class AnySkinDecoder(Decoder):
         self.counts.skipped += size
         if size:
             self.counts.refuse(
-                f"no frame of {self.stride} bytes ends in CR LF, for 'num_magnetometers' of "
-                f"{self.num_magnetometers}"
+                f"CR LF does not follow on {self.stride - 2} plausible bytes, as with "
+                f"num_magnetometers={self.num_magnetometers}"
             )
 
 

@@ -68,7 +68,7 @@ class Health:
         :obj:`"all"`. Before the first frame, the reason why there is none."""
         parts = [] if self.state == "open" else [self.state]
         if self.reason and not self.frames:
-            return "  ".join([*parts, f"no frame: {self.reason}"])
+            return ", ".join([*parts, f"no frame: {self.reason}"])  # as one part
         parts += [f"{self.rate:.1f} Hz", f"jitter {self.jitter * 1e3:.1f} ms"]
         parts += [f"lost {self.lost}", f"corrupt {self.corrupt}"]
         rare = {"reconnects": self.reconnects, "stale": self.stale_taxels}

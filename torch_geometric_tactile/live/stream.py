@@ -218,7 +218,9 @@ class Stream:
                 self._deliver(frames)
                 self._state = "open"
                 last, back_off = time.monotonic(), _BACK_OFF[0]
-            elif time.monotonic() - last > self.silent_after:
+            elif time.monotonic() - last > self.silent_after and self._state != "silent":
+                if not self._meter.frames:
+                    _log.warning("no frame yet: %s", self.source.why_no_frame())
                 self._state = "silent"
 
     def _open_again(self, error: BaseException, back_off: float) -> float:
