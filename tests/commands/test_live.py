@@ -1,4 +1,5 @@
 # ruff: noqa: E402
+import argparse
 import os
 import pty
 import re
@@ -17,10 +18,12 @@ for module in ("mcap", "google.protobuf", "zstandard", "websockets"):
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
+from torch_geometric_tactile.commands import live
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import encode_packet, read_recording, write_npz
+from torch_geometric_tactile.live import Judge
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.sensors import biotac_sp
+from torch_geometric_tactile.sensors import biotac_sp, grid
 
 SHAPE = (24, 3)
 
@@ -80,6 +83,24 @@ def test_mistakes_are_one_line(whole, tmp_path, monkeypatch, capsys, options, me
     assert not (tmp_path / "a.mcap").exists()
 
 
+@pytest.mark.parametrize("suffix", ["onnx", "predictor"])
+def test_layout_of_the_model_is_shown_whatever_its_name(tmp_path, suffix):
+    if suffix == "onnx":
+        pytest.importorskip("onnxscript", reason="needs the extra 'export'")
+        pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
+        from torch_geometric_tactile.predictor.export_onnx import export_onnx
+    torch.manual_seed(0)
+    layout = grid(3, 4, pitch=0.01)
+    predictor = Predictor(
+        TaxelNet(layout, 2, in_channels=1), layout, class_names=["hold", "slip"], num_channels=1
+    )
+    path = tmp_path / f"m.{suffix}"
+    export_onnx(predictor, path) if suffix == "onnx" else predictor.save(path)
+    arguments = argparse.Namespace(view=True, record=None)
+    found = live._layout_of(Judge(str(path)), arguments)
+    assert found.matches(layout)
+
+
 def test_unknown_source_lists_what_there_is(capsys):
     assert main(["live", "usb:3"]) == 1
     assert "serial:" in capsys.readouterr().err
@@ -136,8 +157,10 @@ def test_board_on_a_terminal_with_keys_and_ctrl_c(tmp_path):
         elif "recording 2" in said and len(pressed) == 1:
             press(b"t")
         elif "shown anew" in said and len(pressed) == 2:
+            press(b"m")
+        elif "marked at" in said and len(pressed) == 3:
             press(b"r")
-        elif "wrote 2" in said and len(pressed) == 3:
+        elif "wrote 2" in said and len(pressed) == 4:
             pressed.append("Ctrl-C")
             child.send_signal(signal.SIGINT)
     if child.poll() is None:
@@ -150,5 +173,7 @@ def test_board_on_a_terminal_with_keys_and_ctrl_c(tmp_path):
     frames = read_recording(kept)
     assert (np.diff(frames.extra["sequence"]) == 1).all()
     assert (frames.tactile[:, 0, 0] == frames.extra["sequence"]).all()
+    assert [event["kind"] for event in frames.meta["events"]] == ["retare", "mark"]
+    assert frames.time[0] < frames.meta["events"][1]["time"] < frames.time[-1]
     for line in (board, port, terminal, screen):
         os.close(line)

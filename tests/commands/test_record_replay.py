@@ -1,10 +1,12 @@
 # ruff: noqa: E402
 import json
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -13,11 +15,14 @@ for module in ("mcap", "google.protobuf", "zstandard", "websockets"):
     pytest.importorskip(module, reason="needs the extra 'live'")
 
 from websockets.sync.client import connect
+from xela_websocket import server
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import read_recording, write_npz
+from torch_geometric_tactile.io import encode_packet, read_recording, write_npz
 from torch_geometric_tactile.live import ReplayServer
+
+WRONG_XELA = '{"message": 7, "time": 0.5, "1": {"data": "0001,0002,00FF", "taxels": "16"}}'
 
 
 @pytest.fixture
@@ -64,6 +69,88 @@ def test_record_of_nothing_is_an_error_and_makes_no_file(tmp_path, capsys):
     assert [*tmp_path.iterdir()] == []
 
 
+@pytest.mark.parametrize("verb", ["record", "live"])
+def test_server_whose_messages_are_no_frames_is_explained_in_time(tmp_path, capsys, verb):
+    file = [str(tmp_path / "a.mcap")] if verb == "record" else []
+    over = threading.Event()
+    with server() as (url, send):
+        sender = threading.Thread(target=_send_until, args=(send, WRONG_XELA, over))
+        sender.start()
+        status = main([verb, url, *file, "--seconds", "0.5"])
+        over.set()
+        sender.join()
+    said = capsys.readouterr().err
+    assert status == 1
+    assert re.search(rf"error: '{url}' sent no frame: [0-9]+ messages came and make none", said)
+    assert "'taxels'" in said.splitlines()[-2]
+    assert "16" in said.splitlines()[-2]
+    assert [*tmp_path.iterdir()] == []
+
+
+def _send_until(send, text, over):
+    while not over.wait(0.01):
+        with suppress(OSError):
+            send(text)
+
+
+NOISE = np.random.default_rng(0).integers(0, 256, 4000, dtype=np.uint8).tobytes()
+FOUR = np.ones((40, 4, 4), "<f4") * 25
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo terminals")
+@pytest.mark.parametrize("verb", ["record", "live"])
+@pytest.mark.parametrize(
+    ("options", "data", "reason"),
+    [
+        ("protocol=cobs", NOISE, "between two zero bytes is no packet with a good CRC32"),
+        ("protocol=anyskin", NOISE, "CR LF does not follow on 80 plausible bytes"),
+        (
+            "protocol=anyskin",
+            b"".join(one.tobytes() + b"\r\n" for one in FOUR),
+            "with num_magnetometers=5",
+        ),
+        (
+            "protocol=text&shape=2x2",
+            b"1 2 3\r\n4 5 6\r\n\r\n" * 9,
+            "2 rows of 3 must have 'shape' 2x2",
+        ),
+        ("protocol=m1616", NOISE, "no whole packet begins with AA AB AC"),
+        ("protocol=cobs", b"", "no byte came: check the cable and the port"),
+    ],
+    ids=["noise", "wrong protocol", "magnetometers", "shape", "header", "nothing"],
+)
+def test_port_whose_bytes_are_no_frames_is_explained(tmp_path, capsys, verb, options, data, reason):
+    from ptys import FakePort
+
+    port = FakePort(tmp_path / "ttyFAKE")
+    file = [str(tmp_path / "a.mcap")] if verb == "record" else []
+    writer = threading.Timer(0.3, port.write, (data,))
+    writer.start()
+    status = main([verb, f"serial:{port.path}?{options}", *file, "--seconds", "1"])
+    writer.join()
+    port.close()
+    said = capsys.readouterr().err
+    assert status == 1
+    assert "sent no frame" in said
+    assert reason in said.splitlines()[-2]
+    assert not (tmp_path / "a.mcap").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo terminals")
+def test_seconds_go_on_when_a_port_falls_silent(tmp_path, capsys):
+    from ptys import FakePort
+
+    port = FakePort(tmp_path / "ttyFAKE")
+    data = b"".join(encode_packet(i, np.full((4, 3), i, np.int16)) for i in range(5))
+    writer = threading.Timer(0.3, port.write, (data,))
+    writer.start()
+    source = f"serial:{port.path}?protocol=cobs"
+    assert main(["record", source, str(tmp_path / "a.mcap"), "--seconds", "0.5"]) == 0
+    writer.join()
+    port.close()
+    assert "a.mcap: 5 frames in" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("seconds", ["0", "nan", "x"])
 def test_record_refuses_strange_seconds(tmp_path, capsys, seconds):
     with pytest.raises(SystemExit):
@@ -73,7 +160,8 @@ def test_record_refuses_strange_seconds(tmp_path, capsys, seconds):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
 @pytest.mark.slow
-def test_ctrl_c_ends_a_recording_and_keeps_it(whole, tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_end_a_recording_and_keep_it(whole, tmp_path, number):
     source = f"{tmp_path / 'whole.npz'}?loop=1"
     with start("record", source, tmp_path / "a.mcap") as child:
         first = child.stderr.readline()  # after the recorder has begun
@@ -81,7 +169,7 @@ def test_ctrl_c_ends_a_recording_and_keeps_it(whole, tmp_path):
         while not (tmp_path / "a.mcap").exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         time.sleep(0.4)
-        child.send_signal(signal.SIGINT)
+        child.send_signal(number)
         out, _ = child.communicate(timeout=60)
     assert child.returncode == 0
     assert "frames" in first

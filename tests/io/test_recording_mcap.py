@@ -194,9 +194,27 @@ def test_frames_out_of_order_are_sorted_and_told(tmp_path, caplog):
     assert "4 of 5 are kept" in caplog.text
 
 
+def test_events_are_read_with_their_times(tmp_path):
+    path = tmp_path / "a.mcap"
+    with McapWriter(path, anchor=(10**18, 5 * 10**9)) as writer:
+        writer.write_frame(a_frame(0))
+        writer.write_event(6.5, "mark")
+        writer.write_event(7.0, "tare", "by key")
+        writer.write_event(7.0, "huge", "x" * 5000)
+        writer.write_event(float("nan"), "never")
+    events = [
+        {"time": 1.5, "kind": "mark", "text": ""},
+        {"time": 2.0, "kind": "tare", "text": "by key"},
+    ]
+    assert read_mcap(path).meta["events"] == events
+    write_mcap(read_mcap(path), tmp_path / "b.mcap")
+    assert read_mcap(tmp_path / "b.mcap").meta["events"] == events
+    assert "events" not in read_mcap(write_frames(tmp_path / "c.mcap", [a_frame(0)])).meta
+
+
 def test_existing_file_is_kept_unless_asked(tmp_path):
     path = write_frames(tmp_path / "a.mcap", [a_frame(0)])
-    with pytest.raises(FileExistsError, match="overwrite=True"):
+    with pytest.raises(FileExistsError, match="exists: give another name"):
         McapWriter(path)
     assert read_mcap(path).num_frames == 1
     write_frames(path, [a_frame(0), a_frame(1)], overwrite=True)

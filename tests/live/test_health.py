@@ -53,6 +53,18 @@ def test_health_of_more_frames_than_are_kept():
     assert meter.snapshot("open", FakeSource(), last).rate == pytest.approx(1000, rel=1e-3)
 
 
+def test_health_tells_the_first_reason_until_a_frame_comes():
+    source = FakeSource()
+    source.counts.refuse("'taxels' must be an integer")
+    source.counts.refuse("another one")
+    meter = HealthMeter()
+    health = meter.snapshot("silent", source)
+    assert health.reason == "'taxels' must be an integer"
+    assert health.line() == "silent, no frame: 'taxels' must be an integer"
+    meter.observe(frame(0))
+    assert "no frame" not in meter.snapshot("open", source).line()
+
+
 def test_health_before_the_first_frame():
     health = HealthMeter().snapshot("open", FakeSource())
     assert (health.frames, health.rate) == (0, 0)

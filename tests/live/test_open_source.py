@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from torch_geometric_tactile.live import ReplaySource, open_source
@@ -21,6 +23,14 @@ def test_open_source_of_files(tmp_path):
     odd.touch()
     assert open_source(str(odd)).path == str(odd)
     assert open_source(odd, speed=3).speed == 3
+
+
+def test_link_to_a_device_is_told_to_be_a_port(tmp_path):
+    link = tmp_path / "by-id"
+    link.symlink_to(os.devnull)
+    for url in (str(link), f"{link}?protocol=cobs", f"file:{link}"):
+        with pytest.raises(ValueError, match=r"must be given as serial:.*by-id\?protocol=NAME"):
+            open_source(url)
 
 
 def test_open_source_of_a_port():

@@ -162,7 +162,7 @@ def test_full_disk_is_raised_and_what_was_written_is_kept(tmp_path, monkeypatch)
 
 def test_existing_file_is_kept_unless_asked(path):
     record(path, NumberedSource(2000, count=20))
-    with pytest.raises(FileExistsError, match="overwrite=True"):
+    with pytest.raises(FileExistsError, match="or overwrite it"):
         Recorder(path, Stream(NumberedSource()))
     assert read_recording(path).num_frames == 20
     record(path, NumberedSource(2000, count=30), overwrite=True)

@@ -1,6 +1,7 @@
 import json
+import socket
 import threading
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
@@ -103,6 +104,53 @@ def test_client_that_is_too_slow_misses_frames(monkeypatch):
         numbers = [message["message"] for message in received(server.url)[1:]]
     assert numbers == sorted(set(numbers))
     assert len(numbers) <= 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1.evil.example:5000"},
+    ],
+    ids=["page", "file", "name", "prefix"],
+)
+def test_pages_of_others_and_foreign_names_are_refused(headers):
+    with ReplayServer(a_recording(), port=0, loop=True) as server:
+        own = server.url.replace("ws", "http")
+        with connect(server.url, additional_headers={"Origin": own}) as one:
+            assert "Welcome" in one.recv(20)
+        address = ("127.0.0.1", server.port)
+        with socket.create_connection(address, timeout=20) as line:
+            given = {"Host": f"127.0.0.1:{server.port}", **headers}
+            line.sendall(
+                b"GET / HTTP/1.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+                + "".join(f"{name}: {text}\r\n" for name, text in given.items()).encode()
+                + b"\r\n"
+            )
+            assert line.recv(100).startswith(b"HTTP/1.1 403")
+
+
+def test_many_clients_are_refused_and_cost_no_threads():
+    before = threading.active_count()
+    with ReplayServer(a_recording(), port=0, loop=True) as server, ExitStack() as kept:
+        lines = [
+            kept.enter_context(socket.create_connection(("127.0.0.1", server.port), timeout=20))
+            for _ in range(60)
+        ]
+        assert threading.active_count() == before + 1
+        for line in lines:
+            line.sendall(
+                f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
+                "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+                "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+            )
+        answers = [line.recv(12) for line in lines]
+        assert answers.count(b"HTTP/1.1 101") == 32
+        assert answers.count(b"HTTP/1.1 503") == 28
+        assert threading.active_count() == before + 1
 
 
 def test_client_that_never_reads_does_not_keep_the_server():

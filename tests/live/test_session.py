@@ -252,6 +252,14 @@ def test_status_is_one_line(said, text):
     assert line == f"{health.line()}  {text}  latency 2.1 ms  recorded 9  keep still"
 
 
+@pytest.mark.parametrize("state", ["silent", "lost"])
+def test_status_without_frames_shows_no_old_prediction(state):
+    health = Health(state, frames=9, age=2.0)
+    said = judgement([0.07, 0.93], ["hold", "slip"])
+    line = Status(health, said, 0.0021, 9, "keep still").line()
+    assert line == f"keep still  {health.line()}  recorded 9"
+
+
 def test_status_without_a_model():
     health = Health("silent", frames=9, rate=0.0, age=1.5)
     assert Status(health, None, None, None, "").line() == health.line()

@@ -421,6 +421,39 @@ def test_error_while_opening_again_ends_the_stream():
     stream.close()
 
 
+def test_source_without_frames_says_why_once(caplog):
+    source = FakeSource()
+    source.counts.refuse("no header in what came")
+    with Stream(source, silent_after=0.05) as stream:
+        wait_until(lambda: stream.state == "silent")
+        time.sleep(0.3)
+        assert [one.message for one in caplog.records] == ["no frame yet: no header in what came"]
+        with pytest.raises(OSError, match="'fake:' sent no frame: no header in what came"):
+            stream.require_frames()
+        source.send(frame(0))
+        wait_until(lambda: stream.state == "open")
+        wait_until(lambda: stream.state == "silent")
+        stream.require_frames()
+    assert len(caplog.records) == 1
+
+
+def test_seconds_count_from_the_opening_and_then_from_the_first_frame():
+    source = FakeSource()
+    stream = Stream(source)
+    assert stream.seconds == -math.inf
+    with stream:
+        time.sleep(0.2)
+        assert stream.seconds >= 0.2
+        before = time.monotonic()
+        source.send(frame(0))
+        wait_until(lambda: stream.health().frames == 1)
+        assert 0 <= stream.seconds <= time.monotonic() - before
+        source.send(frame(1))
+        wait_until(lambda: stream.health().frames == 2)
+        time.sleep(0.1)
+        assert stream.seconds >= 0.1
+
+
 def test_silent_source_shows_and_comes_back():
     source = FakeSource(frame(0))
     with Stream(source, silent_after=0.05) as stream:

@@ -131,6 +131,22 @@ def test_buttons_are_heeded_one_after_another(viewer):
     assert calls == ["tare", "record"]
 
 
+def test_of_many_presses_one_waits(viewer):
+    calls, go_on = [], threading.Event()
+    viewer.on_tare = lambda: (calls.append("tare"), go_on.wait(LONG))
+    viewer.on_record = lambda: calls.append("record")
+    with Page(viewer) as page:
+        for _ in range(300):
+            page.say("tare")
+        page.say("record", on=True)
+        wait(lambda: calls)
+        page.next()
+        page.next()  # all presses were taken
+        go_on.set()
+        wait(lambda: "record" in calls)
+    assert calls in (["tare", "tare", "record"], ["tare", "record"])
+
+
 def test_error_of_a_callback_is_told_on_the_page(viewer):
     def fail():
         raise OSError("no space left on device")
@@ -274,7 +290,7 @@ def test_a_page_that_sleeps_or_vanishes_costs_others_nothing(stream, viewer):
         numbers = [everything.get(LONG).sequence for _ in range(200)]
     assert numbers == list(range(numbers[0], numbers[0] + 200))
     assert not everything.overflowed
-    wait(lambda: viewer._pages == 0)
+    wait(lambda: viewer._server.clients == 0)
 
 
 def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
@@ -286,7 +302,7 @@ def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
         assert kept == []  # without a page, nothing is read
         with Page(viewer) as page:
             page.next()
-        wait(lambda: viewer._pages == 0)
+        wait(lambda: viewer._server.clients == 0)
         with pytest.raises(StreamEnded):
             kept[0].get(timeout=0)
         assert kept[0].policy == "newest"

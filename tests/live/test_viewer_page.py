@@ -99,7 +99,7 @@ def test_too_many_pages(viewer):
         Page(viewer)
     assert refused.value.response.status_code == 503
     pages[0].socket.close()
-    wait(lambda: viewer._pages < 8)
+    wait(lambda: viewer._server.clients < 8)
     with Page(viewer) as page:
         page.next()
     for page in pages:

@@ -19,7 +19,8 @@ the viewer always get the newest frame, so they never lag. A model trained on ta
 waits until the sensor has been still for a second (--rest). A lost port or connection is
 reopened. What was recorded is kept, however the command ends.
 
-Keys: t measures the reading at rest again, r starts and stops recording, q or Ctrl-C quits.
+Keys: t measures the reading at rest again, r starts and stops recording, m marks this moment
+in an .mcap recording, q or Ctrl-C quits.
 """
 EXAMPLES = f"""\
 {SOURCE}
@@ -84,7 +85,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("newest", "all"),
         help="frames that the model gets (default: newest, and all for models of windows)",
     )
-    parser.add_argument("--seconds", metavar="S", type=seconds, help="stop after this time")
+    parser.add_argument(
+        "--seconds",
+        metavar="S",
+        type=seconds,
+        help="stop this long after the first frame, or after the opening if none comes",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -94,7 +100,9 @@ def run(arguments: argparse.Namespace) -> int:
         arguments (argparse.Namespace): The arguments.
     """
     from torch_geometric_tactile.commands.keys import keys_heeded
+    from torch_geometric_tactile.commands.record import mark
     from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.interrupts import ends_heeded
 
     if arguments.label is not None and arguments.record is None:
         raise ValueError("'--label' must come with '--record FILE' (got no file)")
@@ -111,8 +119,13 @@ def run(arguments: argparse.Namespace) -> int:
             heed()
             line.show(status.line())
 
-        keys = {"t": session.tare, "r": toggle, "q": session.stop}
-        with keys_heeded(keys) as heed, closing(session):
+        keys = {
+            "t": session.tare,
+            "r": toggle,
+            "m": lambda: mark(session.recorder, line),
+            "q": session.stop,
+        }
+        with ends_heeded(), keys_heeded(keys) as heed, closing(session):
             url = session.view(port=arguments.port) if arguments.view else None
             if url is not None:
                 line.tell(f"page: {url}")
@@ -123,6 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
                 webbrowser.open(url)
             with suppress(KeyboardInterrupt):  # the usual way to end
                 session.run(arguments.seconds, show)
+            session.stream.require_frames()
             frames = session.stream.health().frames
             path = session.stop_recording()
         line.tell(f"{frames} frames, {session.judged} judged")
@@ -159,7 +173,10 @@ def _layout_of(judge: "Judge | None", arguments: argparse.Namespace) -> "TaxelLa
     if judge is None or not (arguments.view or arguments.record):
         return None
     with suppress(ImportError, OSError, ValueError):
-        from torch_geometric_tactile.sensors import as_layout
+        from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
-        return as_layout(judge.info["layout"])
+        content = judge.info.get("layout_content")  # none in files of version 0.2.0
+        return (
+            as_layout(judge.info["layout"]) if content is None else TaxelLayout.from_dict(content)
+        )
     return None

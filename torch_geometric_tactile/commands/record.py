@@ -6,15 +6,19 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile.commands.arguments import SOURCE, seconds
 
 if TYPE_CHECKING:
+    from torch_geometric_tactile.commands.status_line import StatusLine
     from torch_geometric_tactile.live import Recorder
 
 _SHOWN_EVERY = 0.1
 HELP = "Record a sensor to a file"
 DESCRIPTION = """\
-Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap file is saved
-every quarter of a second, so a crash or a power cut loses at most that much; repair such a
-file with 'tactile replay FILE --repair OUT'. An .h5 file is saved every second and holds
-frames only.
+Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap file is handed
+to the operating system every quarter of a second: a crash of the program loses at most that
+much, a power cut also what the system had not yet written, a few seconds. Such a file can be
+read, and repaired with 'tactile replay FILE --repair OUT'. An .h5 file is saved every second
+and holds frames only.
+
+Keys: m marks this moment in an .mcap file, q or Ctrl-C ends the recording.
 """
 EXAMPLES = f"""\
 {SOURCE}
@@ -36,7 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="the file to write (.mcap, .h5 or .hdf5)")
     parser.add_argument("--label", metavar="LABEL", help="label of the recording")
     parser.add_argument(
-        "--seconds", metavar="S", type=seconds, help="stop this long after the first frame"
+        "--seconds",
+        metavar="S",
+        type=seconds,
+        help="stop this long after the first frame, or after the opening if none comes",
     )
     parser.add_argument(
         "--layout",
@@ -57,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
+    from torch_geometric_tactile.interrupts import ends_heeded
     from torch_geometric_tactile.live import Recorder, Stream, TaxelMap, open_source
     from torch_geometric_tactile.texts import printable
 
@@ -69,17 +77,17 @@ def run(arguments: argparse.Namespace) -> int:
         label=arguments.label,
         overwrite=arguments.overwrite,
     )
-    recorder.start()
-    try:
-        with stream:
-            _wait(recorder, arguments.seconds)
-    except KeyboardInterrupt:
-        pass  # how a recording is ended
-    finally:
-        stream.close()
-        recorder.close()
-    if not recorder.frames:
-        raise OSError(f"'{arguments.source}' sent no frames, so '{arguments.file}' was not written")
+    with ends_heeded():
+        recorder.start()
+        try:
+            with stream:
+                _wait(recorder, arguments.seconds)
+        except KeyboardInterrupt:
+            pass  # how a recording is ended
+        finally:
+            stream.close()
+            recorder.close()
+    stream.require_frames()
     counts = stream.source.counts
     print(
         f"{printable(arguments.file)}: {recorder.frames} frames in {recorder.seconds:.2f} s, "
@@ -89,14 +97,32 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _wait(recorder: "Recorder", seconds: float | None) -> None:
+    import threading
     import time
 
+    from torch_geometric_tactile.commands.keys import keys_heeded
     from torch_geometric_tactile.commands.status_line import StatusLine
 
-    stream = recorder.stream
-    with StatusLine() as line:
+    stream, over, line = recorder.stream, threading.Event(), StatusLine()
+    keys = {"m": lambda: mark(recorder, line), "q": over.set}
+    with line, keys_heeded(keys) as heed:
         while recorder.error is None and stream.state not in ("ended", "closed"):
-            if seconds is not None and recorder.seconds >= seconds:
+            heed()
+            if over.is_set() or (seconds is not None and stream.seconds >= seconds):
                 return
             line.show(f"{recorder.frames} frames, {stream.health().line()}")
             time.sleep(_SHOWN_EVERY)
+
+
+def mark(recorder: "Recorder | None", line: "StatusLine") -> None:
+    r"""Writes an event :obj:`"mark"` of this moment into a recording that can hold it.
+
+    Args:
+        recorder (Recorder, optional): The recorder, if one runs.
+        line (StatusLine): Where it is told.
+    """
+    if recorder is None or recorder.path.suffix.lower() != ".mcap":
+        line.tell("nothing was marked: it needs a recording to an .mcap file")
+        return
+    recorder.event("mark")
+    line.tell(f"marked at {recorder.seconds:.2f} s")

@@ -71,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         print()
     if stream.error is not None:
         raise stream.error
+    stream.require_frames()
     return 0
 
 

@@ -146,6 +146,11 @@ class AnySkinDecoder(Decoder):
         self._begin += size
         self._missing += size
         self.counts.skipped += size
+        if size:
+            self.counts.refuse(
+                f"CR LF does not follow on {self.stride - 2} plausible bytes, as with "
+                f"num_magnetometers={self.num_magnetometers}"
+            )
 
 
 def _are_plausible(values: np.ndarray) -> np.ndarray:

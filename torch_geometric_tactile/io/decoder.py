@@ -1,7 +1,7 @@
 r"""From bytes on a wire to frames."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
@@ -16,6 +16,7 @@ class DecoderCounts:
         corrupt (int): Packets that were found and failed their check.
         skipped (int): Bytes that belong to no frame.
         lost (int): Frames that the numbers or times of the others say are missing.
+        reason (str): The first reason why bytes made no frame; empty if none was told.
 
     Examples:
         >>> from torch_geometric_tactile.io import decoder_of
@@ -23,12 +24,23 @@ class DecoderCounts:
         >>> frames = decoder.feed(b"\r\n1 2 3 \r\n\r\n1 2 x \r\n\r\n", now=0)
         >>> decoder.counts.good, decoder.counts.corrupt
         (1, 1)
+        >>> decoder.counts.reason
+        "a frame of 1 rows of 3 must have 'shape' 1x3 and numbers from 0 to 255"
     """
 
     good: int = 0
     corrupt: int = 0
     skipped: int = 0
     lost: int = 0
+    reason: str = field(default="", compare=False, repr=False)
+
+    def refuse(self, reason: str) -> None:
+        r"""Keeps the first reason why bytes made no frame.
+
+        Args:
+            reason (str): The reason.
+        """
+        self.reason = self.reason or reason
 
 
 class Decoder(ABC):
@@ -73,7 +85,8 @@ class Decoder(ABC):
     def feed(self, data: bytes, now: int) -> list[LiveFrame]:
         r"""Takes bytes, in pieces of any size, and returns the frames that they complete.
 
-        It never raises, whatever the bytes are.
+        It never raises, whatever the bytes are: why they make no frame is told to
+        :meth:`DecoderCounts.refuse`, so that a user with other settings sees it.
 
         Args:
             data (bytes): The bytes that were read.

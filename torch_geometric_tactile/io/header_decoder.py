@@ -72,6 +72,8 @@ class HeaderDecoder(Decoder):
             self._in_place = False
             self._missing += size
             self.counts.skipped += size
+            header = self.header.hex(" ").upper()
+            self.counts.refuse(f"no whole packet begins with {header}, the header of this protocol")
 
     def _half_header(self, rest: bytes) -> int:
         sizes = range(len(self.header) - 1, 0, -1)

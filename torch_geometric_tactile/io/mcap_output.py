@@ -53,7 +53,7 @@ class McapOutput:
             self._handle = os.open(path, flags | (0 if overwrite else os.O_EXCL), 0o666)
         except FileExistsError as error:
             raise FileExistsError(
-                f"'{path}' exists: give another name, or overwrite=True (--overwrite)"
+                f"'{path}' exists: give another name, or overwrite it (--overwrite)"
             ) from error
         try:
             self._release = hold_file(self._handle, path) if lock else lambda: None

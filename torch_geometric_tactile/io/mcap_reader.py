@@ -1,7 +1,8 @@
 r"""MCAP files of recordings, read whole or as far as they can be."""
 
 import logging
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io.mcap_content import Channel, Message, Metadata, Record, Schema
 from torch_geometric_tactile.io.mcap_frames import FrameRows
 from torch_geometric_tactile.io.mcap_records import Scan, count_messages, summary_records
-from torch_geometric_tactile.io.mcap_schemas import FRAME, check_schema
+from torch_geometric_tactile.io.mcap_schemas import EVENT, FRAME, check_schema, decode
 from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, VERSION, texts_checksum
 from torch_geometric_tactile.io.recording_schema import checked_file, recording_from_fields
 from torch_geometric_tactile.texts import parse_json, printable
@@ -19,6 +20,7 @@ from torch_geometric_tactile.typing import PathLike
 
 _log = logging.getLogger(__name__)
 _MOST_TOLD = 5
+_MOST_EVENTS, _LARGEST_EVENT = 10_000, 4096  # events, and bytes of one: others are left out
 
 
 def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -> Recording:
@@ -37,7 +39,8 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
     Returns:
         Recording: The time is in seconds since the anchor of the stream, and the frames of a live
         stream have their numbers and the times of their device as :obj:`"sequence"` and
-        :obj:`"device_time"` in :obj:`extra`.
+        :obj:`"device_time"` in :obj:`extra`. Events, such as marks and new rests, are a list of
+        :obj:`{"time": ..., "kind": ..., "text": ...}` in :obj:`meta["events"]`, if there are any.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -104,7 +107,8 @@ class _Content:
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
-    known: dict[int, bool] = field(default_factory=dict)
+    known: dict[int, str] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
     num_wrong: int = 0
     disorder: int = 0
@@ -134,8 +138,10 @@ class _Content:
 
     def _add_message(self, message: Message) -> None:
         if message.channel not in self.known:
-            self.known[message.channel] = self._holds_frames(message.channel)
-        if not self.known[message.channel]:
+            self.known[message.channel] = self._topic(message.channel)
+        if self.known[message.channel] == EVENT:
+            self._add_event(message.data)
+        if self.known[message.channel] != FRAME:
             return
         try:
             self.rows.add(message.data)
@@ -146,24 +152,39 @@ class _Content:
         except MemoryError as error:
             raise ValueError(f"'{self.path}' cannot be read: {error}") from error
 
-    def _holds_frames(self, number: int) -> bool:
+    def _add_event(self, data: bytes | memoryview) -> None:
+        if len(self.events) >= _MOST_EVENTS or len(data) > _LARGEST_EVENT:
+            return
+        try:
+            event = decode(EVENT, data)
+        except ValueError:  # of another program, that calls a topic so
+            return
+        texts = {name: event.get(name, "") for name in ("kind", "text")}
+        time = event.get("time", 0.0)
+        if math.isfinite(time):
+            self.events.append({"time": time, **texts})
+
+    def _topic(self, number: int) -> str:
         channel = self.channels.get(number)
         if channel is None:
             # Its description was in a chunk that is damaged; ours is in the metadata too.
-            return self._stated_channels().get(FRAME) == number
+            stated = self._stated_channels()
+            return next((topic for topic in (FRAME, EVENT) if stated.get(topic) == number), "")
+        if channel.topic == EVENT and channel.encoding == "protobuf":
+            return EVENT
         schema = self.schemas.get(channel.schema)
         if channel.encoding != "protobuf" or FRAME not in (
             channel.topic,
             "" if schema is None else schema.name,
         ):
-            return False
+            return ""
         problem = "" if schema is None else check_schema(schema.data)
         if problem:
             raise ValueError(
                 f"'{self.path}' must have frames of our schema in the topic "
                 f"'{printable(channel.topic)}': {printable(problem)}"
             )
-        return True
+        return FRAME
 
     def _stated_channels(self) -> dict[str, Any]:
         try:
@@ -219,7 +240,11 @@ class _Content:
             if not np.isnan(clocks["device_time"]).all():
                 arrays["extra/device_time"] = clocks["device_time"]
         texts = {"label": "null", "meta": "{}", **self.texts}
-        return recording_from_fields(self.path, arrays, texts), gaps
+        recording = recording_from_fields(self.path, arrays, texts)
+        if self.events:
+            events = [{**event, "time": event["time"] - anchor} for event in self.events]
+            recording = replace(recording, meta={**recording.meta, "events": events})
+        return recording, gaps
 
 
 def _increasing(time: np.ndarray) -> np.ndarray | None:

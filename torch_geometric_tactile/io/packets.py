@@ -129,6 +129,7 @@ class CobsDecoder(Decoder):
             self._inside, self._too_long = True, False
         if len(rest) > self.max_size or self._too_long:
             self.counts.skipped += len(rest)
+            self.counts.refuse(f"no zero byte ends a packet of up to {self.max_size} bytes")
             rest, self._too_long = b"", True
         self._buffer = rest
         return frames
@@ -145,6 +146,7 @@ class CobsDecoder(Decoder):
             # What comes before the first zero is the end of a packet that nobody damaged.
             self.counts.corrupt += self._inside
             self.counts.skipped += len(piece)
+            self.counts.refuse("what is between two zero bytes is no packet with a good CRC32")
             return None
         number, device_time, joint, tactile = found
         self.counts.good += 1

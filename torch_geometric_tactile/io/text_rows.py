@@ -66,6 +66,7 @@ class TextRowsDecoder(Decoder):
         self._buffer = buffer[start:]
         if len(self._buffer) > self._longest + 2 or self._too_long:
             self._skip(self._buffer[:-2])
+            self.counts.refuse(f"no empty row ends a frame of up to {self._longest} bytes")
             self._buffer, self._too_long = self._buffer[-2:], True  # half an empty row, perhaps
         return frames
 
@@ -87,6 +88,12 @@ class TextRowsDecoder(Decoder):
         counts = self._counts(block) if self._whole and not self._too_long else None
         if counts is None:
             self.counts.corrupt += self._whole
+            if self._whole:
+                rows = block.rstrip(b"\r\n").split(b"\n")
+                self.counts.refuse(
+                    f"a frame of {len(rows)} rows of {len(rows[0].split())} must have 'shape' "
+                    f"{self.shape[0]}x{self.shape[1]} and numbers from 0 to {_HIGHEST}"
+                )
             self._skip(block)
             return None
         lost = round(self._missing / self.shape[0]) if self._sequence >= 0 else 0

@@ -40,6 +40,7 @@ class Health:
             no noise.
         age (float): Time since the last frame in seconds; NaN before the first.
         checksum (str): What guards a frame; :obj:`"none"` if a damaged reading may pass.
+        reason (str): The first reason why what came made no frame; empty if there is none.
 
     Examples:
         >>> Health("open", frames=500, rate=498.7, jitter=4e-4, corrupt=2, age=0.001).line()
@@ -59,12 +60,15 @@ class Health:
     stale_taxels: int = 0
     age: float = math.nan
     checksum: str = "none"
+    reason: str = ""
 
     def line(self) -> str:
         r"""Returns it as one quiet line: the state unless it is open, and of the rarer counts only
         those that are not zero; without dropped frames, which are usual for all but policy
-        :obj:`"all"`."""
+        :obj:`"all"`. Before the first frame, the reason why there is none."""
         parts = [] if self.state == "open" else [self.state]
+        if self.reason and not self.frames:
+            return ", ".join([*parts, f"no frame: {self.reason}"])  # as one part
         parts += [f"{self.rate:.1f} Hz", f"jitter {self.jitter * 1e3:.1f} ms"]
         parts += [f"lost {self.lost}", f"corrupt {self.corrupt}"]
         rare = {"reconnects": self.reconnects, "stale": self.stale_taxels}
@@ -82,6 +86,7 @@ class HealthMeter:
 
     Attributes:
         dropped (int): Frames that slow subscribers did not get.
+        frames (int): Frames that were reported.
         reconnects (int): How often the source was opened again.
 
     Examples:
@@ -99,7 +104,7 @@ class HealthMeter:
     def __init__(self) -> None:
         self.dropped = 0
         self.reconnects = 0
-        self._frames = 0
+        self.frames = 0
         self._repeated = 0
         self._received = np.zeros(_KEPT, dtype=np.int64)
         self._last = b""
@@ -114,8 +119,8 @@ class HealthMeter:
         Args:
             frame (LiveFrame): The frame.
         """
-        self._received[self._frames % _KEPT] = frame.received
-        self._frames += 1
+        self._received[self.frames % _KEPT] = frame.received
+        self.frames += 1
         readings = frame.tactile.tobytes()
         self._repeated += readings == self._last
         self._last = readings
@@ -145,7 +150,7 @@ class HealthMeter:
                 out.
         """
         now = time.perf_counter_ns() if now is None else now
-        frames, counts = self._frames, source.counts
+        frames, counts = self.frames, source.counts
         received = np.sort(self._received[: min(frames, _KEPT)])
         last = int(received[-1]) if frames else 0
         recent = received[received > now - _SPAN]
@@ -164,6 +169,7 @@ class HealthMeter:
             stale_taxels=self._stale,
             age=max(0.0, (now - last) / _NS) if frames else math.nan,
             checksum=source.checksum,
+            reason=counts.reason,
         )
 
 

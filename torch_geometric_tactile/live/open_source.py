@@ -3,6 +3,7 @@ r"""Sources by their URL."""
 import os
 import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, unquote
 
@@ -73,14 +74,13 @@ def _split(text: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]
 def _file(path: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.replay_source import ReplaySource
 
-    known = _converted("file:", options, {"speed": _number, "loop": _truth})
     if not path:
         raise ValueError("a source of a file must name it, such as file:grasp.h5")
-    if re.match(r"/dev/|COM[0-9]+$", path):
+    if re.match(r"/dev/|COM[0-9]+$", path) or Path(path).is_char_device():  # or a link to one
         raise ValueError(
             f"a serial port must be given as serial:{path}?protocol=NAME (got '{printable(path)}')"
         )
-    return ReplaySource(path, **known)
+    return ReplaySource(path, **_converted("file:", options, {"speed": _number, "loop": _truth}))
 
 
 def _websocket(url: str, options: Mapping[str, Any]) -> Source:

@@ -34,6 +34,7 @@ class PredictorModel:
             **names,
             "class_names": list(predictor.class_names),
             "layout": predictor.layout.name,
+            "layout_content": predictor.layout.to_dict(),
             "num_taxels": predictor.layout.num_taxels,
             "num_channels": preparation.num_channels,
             "num_joints": (preparation.num_joints or None) if preparation.needs_joint else 0,

@@ -280,8 +280,9 @@ class Recorder:
 
 
 def _meta(stream: "Stream") -> dict[str, Any]:
+    known = {name: value for name, value in stream.meta.items() if name != "events"}  # of a file
     return {
-        **stream.meta,
+        **known,
         "source": stream.source.name,
         "checksum": stream.source.checksum,
         "recorded_at": stream.anchor[0] / 1e9,
@@ -293,8 +294,6 @@ def _check_target(path: Path, overwrite: bool) -> None:
     if not path.parent.is_dir():
         raise FileNotFoundError(f"'{path.parent}' does not exist: make the folder first")
     if path.exists() and not overwrite:
-        raise FileExistsError(
-            f"'{path}' exists: give another name, or overwrite=True (--overwrite)"
-        )
+        raise FileExistsError(f"'{path}' exists: give another name, or overwrite it (--overwrite)")
     if not os.access(path.parent, os.W_OK):
         raise PermissionError(f"'{path.parent}' cannot be written to")

@@ -140,7 +140,7 @@ class Hdf5File(RecordingFile):
             path.unlink(missing_ok=True)
         elif path.exists():
             raise FileExistsError(
-                f"'{path}' exists: give another name, or overwrite=True (--overwrite)"
+                f"'{path}' exists: give another name, or overwrite it (--overwrite)"
             )
         self._path, self._meta, self._label = path, dict(meta), label
         self._anchor = anchor[1] / _NANO

@@ -1,5 +1,6 @@
 r"""A recording sent as XELA's server sends its frames."""
 
+import asyncio
 import json
 import threading
 import time
@@ -9,13 +10,14 @@ import numpy as np
 
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.io.xela_message import XELA_VERSION
+from torch_geometric_tactile.live.web_server import WebServer
 from torch_geometric_tactile.typing import PathLike
 
 _HIGHEST = 0xFFFF
 _MOST_LATE = 2.0  # seconds after which a client that is too slow goes on with the present
 _WAIT = 0.1
-_JOIN = 5.0
-_CLOSE = 0.5
+_CLOSE = 0.5  # of a client that does not read
+_MOST_CLIENTS = 32
 
 
 class ReplayServer:
@@ -25,7 +27,7 @@ class ReplayServer:
     It begins with the first client. Each one gets :obj:`{"message": "Welcome"}` and then the
     frames, in the time of the recording; one that reads so slowly that it is 2 seconds late misses
     the frames between, as their numbers show. At the end of the recording the connections are
-    closed.
+    closed. As with the viewer, a page of another site and more than 32 clients are refused.
 
     Args:
         recording (Recording, str or PathLike): The recording or its file: counts of 3 channels,
@@ -63,7 +65,6 @@ class ReplayServer:
     ) -> None:
         if not speed > 0 or speed == float("inf"):
             raise ValueError(f"'speed' must be positive and finite (got {speed})")
-        self._serve = _require_serve()
         if not isinstance(recording, Recording):
             from torch_geometric_tactile.io import read_recording
 
@@ -71,20 +72,18 @@ class ReplayServer:
         self._messages = _Messages(recording)
         self.host, self.speed, self.loop = host, speed, loop
         self.sent = 0
-        self._port = port
         self._began: float | None = None
-        self._clients: set[Any] = set()
         self._finished = False
-        self._lock = threading.Lock()
         self._stop = threading.Event()
         self._ended = threading.Event()
-        self._server: Any = None
-        self._thread: threading.Thread | None = None
+        self._server = WebServer(
+            self._play, host, port, name="the server", most=_MOST_CLIENTS, closing=_CLOSE
+        )
 
     @property
     def port(self) -> int:
         r"""The port that it listens at; the one that was asked for before it is started."""
-        return self._port if self._server is None else self._server.socket.getsockname()[1]
+        return self._server.port
 
     @property
     def url(self) -> str:
@@ -95,7 +94,7 @@ class ReplayServer:
     @property
     def clients(self) -> int:
         r"""The number of clients that are connected."""
-        return len(self._clients)
+        return self._server.clients
 
     def start(self) -> None:
         r"""Begins to listen; does nothing if it does.
@@ -103,16 +102,7 @@ class ReplayServer:
         Raises:
             OSError: If the port is taken.
         """
-        if self._server is None:
-            self._server = self._serve(
-                self._play,
-                self.host,
-                self._port,
-                compression=None,
-                close_timeout=_CLOSE,  # of a client that does not read
-            )
-            self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-            self._thread.start()
+        self._server.start()
 
     def wait(self, timeout: float | None = None) -> bool:
         r"""Waits for the end of the recording, and returns whether it has come.
@@ -126,9 +116,7 @@ class ReplayServer:
         r"""Closes all connections; does nothing if it is closed."""
         self._stop.set()
         self._ended.set()
-        if self._server is not None and self._thread is not None:
-            self._server.shutdown()
-            self._thread.join(_JOIN)
+        self._server.close()
 
     def __enter__(self) -> Self:
         self.start()
@@ -137,42 +125,34 @@ class ReplayServer:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _play(self, client: Any) -> None:
-        from websockets.exceptions import ConnectionClosed
-
-        with self._lock:
-            if self._began is None:
-                self._began = time.perf_counter()
-            self._clients.add(client)
+    async def _play(self, client: Any) -> None:
+        if self._began is None:
+            self._began = time.perf_counter()
         finished = False
         try:
-            client.send(json.dumps({"message": "Welcome"}))
-            finished = self._send_all(client, self._next_after(time.perf_counter()))
-        except (ConnectionClosed, OSError):
-            pass
+            await client.send(json.dumps({"message": "Welcome"}))
+            finished = await self._send_all(client, self._next_after(time.perf_counter()))
         finally:
-            with self._lock:
-                self._clients.discard(client)
-                self._finished = self._finished or finished
-                if self._finished and not self._clients:
-                    self._ended.set()
+            self._finished = self._finished or finished
+            if self._finished and self.clients == 1:  # the last one
+                self._ended.set()
 
-    def _send_all(self, client: Any, frame: int) -> bool:
+    async def _send_all(self, client: Any, frame: int) -> bool:
         length = self._messages.num_frames
         while self.loop or frame < length:
             late = time.perf_counter() - self._due(frame)
-            while late < 0:
-                if self._stop.wait(min(-late, _WAIT)):
-                    return False
-                late = time.perf_counter() - self._due(frame)
-            if late > _MOST_LATE:
-                frame = self._next_after(time.perf_counter())
-                continue
             if self._stop.is_set():
                 return False
-            client.send(self._messages.text(frame, self._stamp(frame)))
-            self.sent += 1
-            frame += 1
+            if late < 0:
+                await asyncio.sleep(min(-late, _WAIT))
+            elif late > _MOST_LATE:
+                frame = self._next_after(time.perf_counter())
+                await asyncio.sleep(0)
+            else:
+                await client.send(self._messages.text(frame, self._stamp(frame)))
+                self.sent += 1
+                frame += 1
+                await asyncio.sleep(0)  # others have their turn, also where sending never waits
         return True
 
     def _due(self, frame: int) -> float:
@@ -188,16 +168,6 @@ class ReplayServer:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r}, num_frames={self._messages.num_frames})"
-
-
-def _require_serve() -> Any:
-    try:
-        from websockets.sync.server import serve
-    except ImportError as error:
-        raise ImportError(
-            "a server needs websockets: pip install 'torch-geometric-tactile[live]'"
-        ) from error
-    return serve
 
 
 class _Messages:

@@ -60,6 +60,7 @@ class SerialSource(Source):
         self._line: Any = None
         self._usb: SerialPort | None = None
         self._known = False
+        self._received = 0  # bytes
 
     def open(self) -> None:
         r"""Opens the port; does nothing if it is open.
@@ -134,6 +135,7 @@ class SerialSource(Source):
         deadline = time.perf_counter() + timeout
         while True:
             data = self._bytes(timeout)
+            self._received += len(data)
             frames = self.decoder.feed(data, time.perf_counter_ns()) if data else []
             if frames or time.perf_counter() >= deadline:
                 break
@@ -152,6 +154,16 @@ class SerialSource(Source):
             return data + line.read(min(waiting, _MOST)) if waiting else data
         except (OSError, termios_error) as error:
             raise OSError(f"{self.name} is lost: {error}") from error
+
+    def why_no_frame(self) -> str:
+        r"""Returns why there is no frame: what came instead, and what to check."""
+        if not self._received:
+            return "no byte came: check the cable and the port, and that the device sends"
+        why = f" ({self.counts.reason})" if self.counts.reason else ""
+        return (
+            f"{self._received} bytes came and make none{why}: check the protocol, its settings and "
+            f"the baudrate of {self.baudrate}"
+        )
 
     def _check_there(self) -> None:
         # Some drivers leave the file of an unplugged device open and silent.

@@ -169,15 +169,16 @@ class LiveSession:
         r"""Runs until the source ends, the time is over, or :meth:`stop` is called.
 
         Args:
-            seconds (float, optional): How long.
+            seconds (float, optional): How long: from the first frame on if it comes meanwhile, else
+                from this call.
             on_status (callable, optional): Called with a :class:`Status` about twice a second.
 
         Raises:
             Exception: What a callback, the model or the source raised.
         """
-        stop = None if seconds is None else time.perf_counter() + seconds
+        start, limit = time.perf_counter(), math.inf if seconds is None else seconds
         while not self._ended.is_set():
-            left = math.inf if stop is None else stop - time.perf_counter()
+            left = limit - min(time.perf_counter() - start, self.stream.seconds)
             if left <= 0 or self._ended.wait(min(left, _STATUS_SECONDS)):
                 break
             self._tell_status(on_status)
@@ -269,10 +270,11 @@ class LiveSession:
         health = self.stream.health()
         for callback in self.callbacks:
             callback.on_health(self, health)
-        recorder, note = self.recorder, self._judge.waiting or self._note
+        recorder, waiting = self.recorder, self._judge.waiting
         if recorder is not None and recorder.error is not None:
             self.stop_recording()  # raises it
         if on_status is not None:
             recorded = None if recorder is None else recorder.frames
             latency = self._latencies.median()
-            on_status(Status(health, self.judgement, latency, recorded, note))
+            judgement = None if waiting else self.judgement
+            on_status(Status(health, judgement, latency, recorded, waiting or self._note))

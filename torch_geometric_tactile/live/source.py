@@ -94,6 +94,10 @@ class Source(ABC):
             EOFError: If the other side has closed it.
         """
 
+    def why_no_frame(self) -> str:
+        r"""Returns why there is no frame: what came instead, and what to check."""
+        return self.counts.reason or "nothing came"
+
     @abstractmethod
     def close(self) -> None:
         r"""Closes it; does nothing if it is closed."""

@@ -26,16 +26,18 @@ class Status(NamedTuple):
     note: str
 
     def line(self) -> str:
-        r"""Returns it on one line."""
+        r"""Returns it on one line. The last prediction is left out while no frames come; where none
+        is shown, the note is first."""
         parts = [self.health.line()]
-        if self.judgement is not None:
+        judged = self.judgement is not None and self.health.state not in ("silent", "lost")
+        if self.judgement is not None and judged:
             parts.append(described(self.judgement))
-        if self.latency is not None:
+        if self.latency is not None and judged:
             parts.append(f"latency {1000 * self.latency:.1f} ms")
         if self.recorded is not None:
             parts.append(f"recorded {self.recorded}")
-        if self.note:
-            parts.append(self.note)
+        if self.note:  # a narrow terminal cuts the end, and what to do is not cut
+            parts.insert(len(parts) if judged else 0, self.note)
         return "  ".join(parts)
 
 

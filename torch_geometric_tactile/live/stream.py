@@ -70,6 +70,7 @@ class Stream:
         self._meter = HealthMeter()
         self._clock = ClockMap(source.clock_period)
         self._time = -math.inf
+        self._since = math.inf
         self._subscriptions: tuple[weakref.ref[Subscription], ...] = ()
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -82,6 +83,12 @@ class Stream:
         return self._state
 
     @property
+    def seconds(self) -> float:
+        r"""Seconds since the first frame, or since it was opened while there is none; limits count
+        from there. Negative infinity before it is opened."""
+        return time.perf_counter() - self._since
+
+    @property
     def meta(self) -> dict[str, Any]:
         r"""What is known about the readings, after the map of taxels."""
         meta = dict(self.source.meta)
@@ -92,6 +99,15 @@ class Stream:
     def health(self) -> Health:
         r"""Returns how well it runs, at this moment."""
         return self._meter.snapshot(self._state, self.source)
+
+    def require_frames(self) -> None:
+        r"""Does nothing if frames came.
+
+        Raises:
+            OSError: If none came; the message says what came instead, and what to check.
+        """
+        if not self._meter.frames:
+            raise OSError(f"'{self.source.name}' sent no frame: {self.source.why_no_frame()}")
 
     def subscribe(self, policy: Policy = "all", size: int | None = None) -> Subscription:
         r"""Returns a queue of the frames from now on. One that nobody holds any more is given up.
@@ -154,6 +170,7 @@ class Stream:
             opened.set_exception(failed)
             return
         self._state = "open"
+        self._since = time.perf_counter()
         opened.set_result(None)
         error: BaseException | None = None
         try:
@@ -201,7 +218,9 @@ class Stream:
                 self._deliver(frames)
                 self._state = "open"
                 last, back_off = time.perf_counter(), _BACK_OFF[0]
-            elif time.perf_counter() - last > self.silent_after:
+            elif time.perf_counter() - last > self.silent_after and self._state != "silent":
+                if not self._meter.frames:
+                    _log.warning("no frame yet: %s", self.source.why_no_frame())
                 self._state = "silent"
 
     def _open_again(self, error: BaseException, back_off: float) -> float:
@@ -228,6 +247,8 @@ class Stream:
         return back_off
 
     def _deliver(self, frames: list[LiveFrame]) -> None:
+        if self._time == -math.inf:
+            self._since = time.perf_counter()
         for frame in frames:
             self._meter.observe(frame)
             frame = self._mapped(frame)

@@ -3,11 +3,8 @@ r"""The viewer: a page in the browser that shows a stream."""
 import asyncio
 import ipaddress
 import logging
-import socket
-import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -15,6 +12,7 @@ import numpy as np
 from torch_geometric_tactile.live.viewer_client import ViewerClient
 from torch_geometric_tactile.live.viewer_page import ViewerPage
 from torch_geometric_tactile.live.viewer_screen import ViewerScreen
+from torch_geometric_tactile.live.web_server import WebServer
 from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
@@ -22,10 +20,8 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 
-_INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _LOG = logging.getLogger(__name__)
 _MOST_PAGES = 8
-_LARGEST_COMMAND = 1024  # bytes
 _CLOSING = 1.0  # seconds that a page is waited for
 
 
@@ -85,15 +81,17 @@ class Viewer:
         joint: np.ndarray | None = None,
         kinematics: "HandKinematics | None" = None,
     ) -> None:
-        _require_websockets()
         self._screen = ViewerScreen(stream, layout, joint, kinematics)
-        self._host, self._port = host, port
-        self._page = ViewerPage(host)
-        self._pages = 0
-        self._thread: threading.Thread | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._stop: asyncio.Event | None = None
         self._turn = asyncio.Lock()
+        self._server = WebServer(
+            self._show,
+            host,
+            port,
+            name="the viewer",
+            most=_MOST_PAGES,
+            closing=_CLOSING,
+            page=ViewerPage().answer,
+        )
 
     def start(self) -> None:
         r"""Begins to serve, in a thread of its own; does nothing if it does already.
@@ -101,30 +99,23 @@ class Viewer:
         Raises:
             OSError: If the port is taken or the address is not one of this machine.
         """
-        if self._thread is not None:
-            return
         self._screen.prepare()
-        listening = _listening(self._host, self._port)
-        self._port = listening.getsockname()[1]
-        ready = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run, args=(listening, ready), name="viewer", daemon=True
-        )
-        self._thread.start()
-        ready.wait()
-        if not _is_local(self._host):
+        self._turn = asyncio.Lock()
+        self._server.start()
+        if not _is_local(self._server.host):
             _LOG.warning(
                 "the viewer is served on '%s': who reaches this address sees it and may press its "
                 "buttons",
-                self._host,
+                self._server.host,
             )
 
     @property
     def url(self) -> str:
         r"""Address of the page; its port is known once it is served."""
-        host = "127.0.0.1" if self._host in ("", "0.0.0.0") else self._host
+        host = self._server.host
+        host = "127.0.0.1" if host in ("", "0.0.0.0") else host
         host = "[::1]" if host == "::" else f"[{host}]" if ":" in host else host
-        return f"http://{host}:{self._port}/"
+        return f"http://{host}:{self._server.port}/"
 
     def judgement(self, judgement: "Judgement") -> None:
         r"""Shows what a model says; the last one stays until the next.
@@ -183,14 +174,7 @@ class Viewer:
 
     def close(self) -> None:
         r"""Ends the serving, and disconnects the pages; does nothing if it is closed."""
-        thread, self._thread = self._thread, None
-        if thread is None:
-            return
-        with suppress(RuntimeError):  # its loop has ended by itself
-            assert self._loop is not None
-            assert self._stop is not None
-            self._loop.call_soon_threadsafe(self._stop.set)
-        thread.join()
+        self._server.close()
 
     def __enter__(self) -> Self:
         self.start()
@@ -199,64 +183,11 @@ class Viewer:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _run(self, listening: socket.socket, ready: threading.Event) -> None:
-        try:
-            asyncio.run(self._serve(listening, ready))
-        finally:
-            ready.set()
-            listening.close()
-
-    async def _serve(self, listening: socket.socket, ready: threading.Event) -> None:
-        from websockets.asyncio.server import serve
-
-        self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        self._turn = asyncio.Lock()
-        quiet = logging.getLogger(f"{__name__}.websockets")
-        quiet.setLevel(logging.CRITICAL)  # broken requests are the client's affair
-        async with serve(
-            self._show,
-            sock=listening,
-            process_request=self._answer,
-            compression=None,
-            max_size=_LARGEST_COMMAND,
-            close_timeout=_CLOSING,
-            server_header=None,
-            logger=quiet,
-        ):
-            ready.set()
-            await self._stop.wait()
-
     async def _show(self, connection: Any) -> None:
-        from websockets.exceptions import ConnectionClosed
-
-        self._pages += 1
-        try:
-            with suppress(ConnectionClosed):
-                await ViewerClient(connection, self._screen, self._turn).run()
-        finally:
-            self._pages -= 1
-
-    def _answer(self, connection: Any, request: Any) -> Any:
-        return self._page.answer(connection, request, full=self._pages >= _MOST_PAGES)
+        await ViewerClient(connection, self._screen, self._turn).run()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"
-
-
-def _require_websockets() -> None:
-    try:
-        import websockets  # noqa: F401
-    except ImportError as error:
-        raise ImportError(f"the viewer needs websockets: {_INSTALL}") from error
-
-
-def _listening(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    try:
-        return socket.create_server((host, port), family=family)
-    except OSError as error:
-        text = error.strerror or str(error)
-        raise OSError(error.errno, f"the viewer cannot use {host}:{port}: {text}") from error
 
 
 def _is_local(host: str) -> bool:

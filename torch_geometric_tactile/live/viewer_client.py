@@ -46,6 +46,7 @@ class ViewerClient:
         self._last_note = 0
         self._facts_due = 0.0
         self._calls: set[asyncio.Task[None]] = set()
+        self._waiting: dict[str, tuple[Any, ...]] = {}  # what each button asks for, not yet begun
 
     async def run(self) -> None:
         r"""Serves the page until it is closed."""
@@ -79,19 +80,22 @@ class ViewerClient:
             self._note_age()
             self._shown.set()
         elif kind == "tare":
-            self._call(self._screen.tare)
+            self._call(kind, self._screen.tare)
         elif kind == "record":
-            self._call(self._screen.record, bool(message.get("on")))
+            self._call(kind, self._screen.record, bool(message.get("on")))
 
-    def _call(self, function: Any, *arguments: Any) -> None:
-        task = asyncio.create_task(self._called(function, *arguments))
-        self._calls.add(task)
-        task.add_done_callback(self._calls.discard)
+    def _call(self, kind: str, *call: Any) -> None:
+        # Of many presses of a button, one waits: the last.
+        waits, self._waiting[kind] = kind in self._waiting, call
+        if not waits:
+            task = asyncio.create_task(self._called(kind))
+            self._calls.add(task)
+            task.add_done_callback(self._calls.discard)
 
-    async def _called(self, function: Any, *arguments: Any) -> None:
+    async def _called(self, kind: str) -> None:
         # In a thread, as what the caller does for a button must not stop the picture; in order.
         async with self._turn:
-            await asyncio.to_thread(function, *arguments)
+            await asyncio.to_thread(*self._waiting.pop(kind))
 
     def _note_age(self) -> None:
         if self._sent is None:

@@ -5,22 +5,14 @@ import hashlib
 import re
 from importlib.resources import files
 from typing import Any
-from urllib.parse import urlsplit
 
 
 class ViewerPage:
-    r"""Gives out the page to those who ask for it by a name of this machine and not from another
-    page, with a policy by which the browser runs and loads nothing else.
-
-    A name that a foreign site has made lead here (DNS rebinding) is not one. The port of the name
-    may be another one, since ports are forwarded; that of :obj:`Origin` may not.
-
-    Args:
-        host (str): The name or address that the viewer is served on.
+    r"""Gives out the page to those who may ask for it, with a policy by which the browser runs and
+    loads nothing else.
     """
 
-    def __init__(self, host: str) -> None:
-        self._host = host
+    def __init__(self) -> None:
         self._page, self._policy = _page()
 
     def answer(self, connection: Any, request: Any, full: bool) -> Any:
@@ -31,13 +23,6 @@ class ViewerPage:
             request (Request): The request.
             full (bool): Whether as many pages are open as there may be.
         """
-        host = _only(request.headers.get_all("Host"))
-        origin = request.headers.get_all("Origin")
-        own = {"localhost", self._host.lower(), connection.local_address[0]}
-        if host is None or _hostname(host) not in own:
-            return connection.respond(403, "This name is not one of the viewer's.\n")
-        if origin and _only(origin) != f"http://{host}":
-            return connection.respond(403, "Pages of others may not use the viewer.\n")
         path = request.path.partition("?")[0]
         if path == "/live":
             return connection.respond(503, "Too many pages are open.\n") if full else None
@@ -45,7 +30,7 @@ class ViewerPage:
             return connection.respond(404, "There is only one page: /\n")
         response = connection.respond(200, self._page)
         del response.headers["Content-Type"]
-        response.headers.update(self._headers(host))
+        response.headers.update(self._headers(request.headers["Host"]))
         return response
 
     def _headers(self, host: str) -> dict[str, str]:
@@ -83,17 +68,3 @@ def _page() -> tuple[str, str]:
 
 def _digest(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _hostname(host: str) -> str | None:
-    # Without the port, which differs where it is forwarded, as by `ssh -L`.
-    if not re.fullmatch(r"[\w.:\[\]-]+", host, re.ASCII):
-        return None
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
-
-
-def _only(values: list[str]) -> str | None:
-    return values[0] if len(values) == 1 else None

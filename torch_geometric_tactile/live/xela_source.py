@@ -105,8 +105,9 @@ class XelaSource(Source):
     def _frame(self, text: bytes, received: int) -> LiveFrame | None:
         try:
             frame = self._reader.read(text)
-        except ValueError:
+        except ValueError as error:
             self.counts.corrupt += 1
+            self.counts.refuse(str(error))
             return None
         if frame is None:
             return None
@@ -114,6 +115,7 @@ class XelaSource(Source):
             self._learn(frame)
         elif frame.taxels != self._taxels:
             self.counts.corrupt += 1
+            self.counts.refuse(f"sensors of {frame.taxels} taxels came after {self._taxels}")
             return None
         last, self._number = self._number, frame.number
         if last is not None:
@@ -127,6 +129,12 @@ class XelaSource(Source):
         return LiveFrame(
             frame.number, received * 1e-9, received, frame.time, frame.reading, None, extra
         )
+
+    def why_no_frame(self) -> str:
+        r"""Returns why there is no frame: what came instead, and what to check."""
+        if not self.counts.corrupt:
+            return "no message with readings came: check that the server has found its sensors"
+        return f"{self.counts.corrupt} messages came and make none, the first: {self.counts.reason}"
 
     def _learn(self, frame: XelaFrame) -> None:
         self._taxels = frame.taxels

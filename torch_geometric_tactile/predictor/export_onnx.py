@@ -162,6 +162,7 @@ def describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[s
         "class_names": list(predictor.class_names),
         "threshold": predictor.threshold,
         "layout": predictor.layout.name,
+        "layout_content": predictor.layout.to_dict(),
         "num_taxels": predictor.layout.num_taxels,
         "num_channels": graph.num_channels,
         "num_joints": graph.num_joints,
