@@ -26,6 +26,7 @@ def source(tmp_path):
     arms = [skin(12, 10, 0, joint=np.ones((12, 2))), skin(7, 10, 1, joint=np.ones((7, 2)))]
     root = tmp_path / "arm"
     write_without_touch(arms, root, fps=10)
+    (root / "README.md").unlink()
     (root / "videos/front").mkdir(parents=True)
     (root / "videos/front/file-000.mp4").write_bytes(b"video")
     return root
@@ -67,6 +68,7 @@ def test_a_copy_is_as_if_written_at_once(source, tmp_path):
     described = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]
     assert [*described] == table.column_names
     assert described[TOUCH]["length"] == 6
+    assert "data_files: data/*/*.parquet" in (tmp_path / "new/README.md").read_text()
     readings = np.array(table[TOUCH].to_pylist())
     stats = json.loads((tmp_path / "new/meta/stats.json").read_text())
     assert stats[TOUCH]["mean"] == pytest.approx(readings.mean(axis=0), abs=1e-6)

@@ -34,7 +34,12 @@ from torch_geometric_tactile.io.lerobot_features import (
     schema_metadata,
     touch_features,
 )
-from torch_geometric_tactile.io.lerobot_files import check_new_folder, write_table, write_text
+from torch_geometric_tactile.io.lerobot_files import (
+    README,
+    check_new_folder,
+    write_table,
+    write_text,
+)
 from torch_geometric_tactile.io.lerobot_own import PATH as OWN_PATH
 from torch_geometric_tactile.io.lerobot_own import own_content, task_of_label
 from torch_geometric_tactile.io.lerobot_stats import Stats, feature_stats, joined_stats, stats_json
@@ -45,22 +50,6 @@ CODEBASE_VERSION = "v3.0"
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000
 _INDEX_COLUMN = "__index_level_0__"
-# Without it, `datasets` takes the files of `meta` for data.
-_README = """\
----
-configs:
-- config_name: default
-  data_files: data/*/*.parquet
-task_categories:
-- robotics
-tags:
-- LeRobot
-- tactile
----
-
-A LeRobot data set (v3.0) of touch, written by torch_geometric_tactile. `meta/tactile.json` has the
-shape, labels and metadata.
-"""
 
 
 def write_lerobot(
@@ -149,7 +138,7 @@ def write_lerobot(
     lengths = [episode["length"] for episode in episodes]
     own = own_content(recordings, lengths, names, rows)
     write_text(root / OWN_PATH, json.dumps(own, indent=4, ensure_ascii=False))
-    write_text(root / "README.md", _README)
+    write_text(root / "README.md", README)
     info = {
         "codebase_version": CODEBASE_VERSION,
         "robot_type": robot_type,

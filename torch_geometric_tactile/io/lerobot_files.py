@@ -8,6 +8,23 @@ from typing import Any
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.lerobot_features import require_pyarrow
 
+# Without it, `datasets` takes the files of `meta` for data.
+README = """\
+---
+configs:
+- config_name: default
+  data_files: data/*/*.parquet
+task_categories:
+- robotics
+tags:
+- LeRobot
+- tactile
+---
+
+A LeRobot data set (v3.0) with touch, written by torch_geometric_tactile. `meta/tactile.json` has
+its shape, labels and metadata.
+"""
+
 _MOST_BYTES = 2**30
 _MOST_TIMES = 200
 _BYTES = 8  # of a value in memory, at most

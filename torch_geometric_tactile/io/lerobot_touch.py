@@ -20,6 +20,7 @@ from torch_geometric_tactile.io.lerobot_features import (
     touch_features,
 )
 from torch_geometric_tactile.io.lerobot_files import (
+    README,
     check_new_folder,
     read_numbers,
     read_whole,
@@ -132,6 +133,8 @@ def add_to_lerobot(
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
         own = own_content(recordings, lengths, tasks, rows)
         write_text(copy / OWN_PATH, json.dumps(own, indent=4, ensure_ascii=False))
+        if not (copy / "README.md").exists():
+            write_text(copy / "README.md", README)
         info["features"] |= features
         write_text(copy / "meta/info.json", json.dumps(info, indent=4, ensure_ascii=False))
 
