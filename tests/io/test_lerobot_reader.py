@@ -172,6 +172,15 @@ def test_the_column_of_tasks_goes_by_its_name(root):
     assert [found.label for found in read_lerobot(root)] == ["mug", "cup"]
 
 
+@pytest.mark.parametrize("name", [DATA, "meta/tasks.parquet"])
+def test_a_column_that_is_there_twice_is_refused(root, name):
+    table = pq.read_table(root / name)
+    for column in table.column_names[:2]:
+        pq.write_table(table.append_column(column, table[column]), root / name)
+        with pytest.raises(ValueError, match=f"must have the column '{column}' once"):
+            read_lerobot(root)
+
+
 def test_every_frame_needs_a_set_that_has_them(root):
     with pytest.raises(
         ValueError, match=r"must have the feature 'observation.tactile_frames_time'"

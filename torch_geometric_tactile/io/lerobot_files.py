@@ -7,6 +7,7 @@ from typing import Any
 
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.lerobot_features import require_pyarrow
+from torch_geometric_tactile.texts import printable
 
 # Without it, `datasets` takes the files of `meta` for data.
 README = """\
@@ -98,8 +99,11 @@ def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
         found = [f.name for f in fields if str(f.type) in ("string", "large_string")]
         known = [name for name in texts if name in found]
         if not known and len(found) != 1:
-            raise ValueError(f"it must hold names in '{texts[0]}' (got {fields.names})")
+            raise ValueError(
+                f"it must hold names in '{texts[0]}' (got {printable(fields.names)[:200]})"
+            )
         name = (known or found)[0]
+        _check_once(file, name)
         rows = file.metadata.num_rows * _BYTES * 2
         _check_size(path, max(rows, _unpacked(file, [number, name])), allow_large=False)
         return name
@@ -143,10 +147,15 @@ def _read(path: Path, read: Any, **settings: Any) -> Any:
         raise ValueError(f"'{path}' cannot be read as Parquet: {error}") from error
 
 
+def _check_once(file: Any, name: str) -> None:
+    names = file.schema_arrow.names
+    if names.count(name) != 1:
+        raise ValueError(f"it must have the column '{name}' once (got {printable(names)[:200]})")
+
+
 def _check_numbers(file: Any, name: str, size: int) -> None:
     pa = require_pyarrow()
-    if name not in file.schema_arrow.names:
-        raise ValueError(f"it must have the column '{name}' (got {file.schema_arrow.names[:20]})")
+    _check_once(file, name)
     kind = leaf = file.schema_arrow.field(name).type
     while isinstance(leaf, pa.BaseExtensionType) or is_list(leaf):
         leaf = leaf.value_type if is_list(leaf) else leaf.storage_type
