@@ -7,6 +7,7 @@ from typing import Any
 
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.lerobot_features import require_pyarrow
+from torch_geometric_tactile.io.parquet_pages import check_pages
 from torch_geometric_tactile.texts import printable
 
 # Without it, `datasets` takes the files of `meta` for data.
@@ -74,7 +75,7 @@ def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False
         for name, size in sizes.items():
             _check_numbers(file, name, size)
         values = sum(sizes.values()) * file.metadata.num_rows
-        _check_size(path, max(_BYTES * values, _unpacked(file, [*sizes])), allow_large)
+        _check_size(path, max(_BYTES * values, _unpacked(path, file, [*sizes])), allow_large)
         return file.read(columns=[*sizes], use_threads=False)
 
     return _read(path, read)
@@ -105,7 +106,7 @@ def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
         name = (known or found)[0]
         _check_once(file, name)
         rows = file.metadata.num_rows * _BYTES * 2
-        _check_size(path, max(rows, _unpacked(file, [number, name])), allow_large=False)
+        _check_size(path, max(rows, _unpacked(path, file, [number, name])), allow_large=False)
         return name
 
     name = _read(path, find)
@@ -127,7 +128,7 @@ def read_whole(path: Path, allow_large: bool = False) -> Any:
     def read(file: Any) -> Any:
         groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
         values = sum(g.column(j).num_values for g in groups for j in range(g.num_columns))
-        _check_size(path, max(_BYTES * values, _unpacked(file, None)), allow_large)
+        _check_size(path, max(_BYTES * values, _unpacked(path, file, None)), allow_large)
         return file.read(use_threads=False)
 
     return _read(path, read)
@@ -169,8 +170,10 @@ def _check_numbers(file: Any, name: str, size: int) -> None:
         )
 
 
-def _unpacked(file: Any, names: list[str] | None) -> int:
-    return sum(chunk.total_uncompressed_size for chunk in _chunks(file, names))
+def _unpacked(path: Path, file: Any, names: list[str] | None) -> int:
+    chunks = _chunks(file, names)
+    check_pages(path, chunks)
+    return sum(chunk.total_uncompressed_size for chunk in chunks)
 
 
 def _chunks(file: Any, names: list[str] | None) -> list[Any]:
