@@ -46,8 +46,8 @@ def _totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
         if not isinstance(packed, int) or not isinstance(whole, int) or min(packed, whole) < 0:
             raise ValueError("its pages must have sizes (got a header without)")
         if fields.get(_KIND) in _DATA_PAGES:
-            counts = next((fields[key] for key in _COUNTS if key in fields), {})
-            values += counts.get(1, 0) if isinstance(counts, dict) else 0
+            counts = [fields[key] for key in _COUNTS if isinstance(fields.get(key), dict)]
+            values += counts[0].get(1, 0) if counts else 0
         unpacked += whole
         start += header.place + packed
     if start != end:
