@@ -12,6 +12,7 @@ import yaml
 from fuzz import (
     bases,
     description_bases,
+    lerobot_sets,
     matrix_bases,
     matrix_mutations,
     mcap_mutations,
@@ -282,6 +283,14 @@ TARGETS: Sequence[Target] = (
     Target("samples npz", bases.samples_npz, readers.samples_npz, _samples_npz, weight=4),
     Target("HDF5", bases.hdf5, readers.hdf5, _hdf5, weight=7),
     Target("HDF5, appended", bases.hdf5_appended, readers.hdf5, _hdf5, weight=7),
+    Target(
+        "LeRobot",
+        lerobot_sets.make,
+        lerobot_sets.read,
+        lerobot_sets.mutate,
+        weight=6,
+        suffix=lerobot_sets.SUFFIX,
+    ),
     Target("recording: CSV", bases.wide_csv, readers.any_recording, _text, oracles.wide_csv, 3),
     Target("recording: npz", bases.npz, readers.any_recording, _npz, weight=2),
     Target("recording: HDF5", bases.hdf5, readers.any_recording, _hdf5, weight=2),

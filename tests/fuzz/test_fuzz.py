@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-for extra in ("yaml", "h5py", "PIL", "lightning", "mcap", "google.protobuf"):
-    pytest.importorskip(extra, reason="needs the extras 'io', 'live' and 'train'")
+for extra in ("yaml", "h5py", "PIL", "lightning", "mcap", "google.protobuf", "pyarrow"):
+    pytest.importorskip(extra, reason="needs the extras 'io', 'lerobot', 'live' and 'train'")
 
 from fuzz import oracles, tree_oracles
 from fuzz.laws import FAILURES, REFUSED, REWRITTEN, Refused, difference, equal

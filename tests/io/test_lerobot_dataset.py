@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import lerobot_dataset, read_lerobot, write_lerobot
-from torch_geometric_tactile.io.lerobot_stats import resampled
 
 # The keys of version 3.0, as lerobot 0.4.4 writes them (`create_empty_dataset_info`).
 INFO_KEYS = {
@@ -104,8 +103,8 @@ def test_info_has_the_documented_keys(root):
     }
     assert features.pop("observation.tactile") == {
         "dtype": "float32",
-        "shape": [4, 3],
-        "names": ["taxels", "channels"],
+        "shape": [12],
+        "names": [f"taxel_{taxel}_{axis}" for taxel in range(4) for axis in "xyz"],
     }
     assert features.pop("observation.state") == {
         "dtype": "float32",
@@ -118,6 +117,7 @@ def test_info_has_the_documented_keys(root):
 def test_files_are_where_the_format_has_them(root):
     files = sorted(str(path.relative_to(root)) for path in root.rglob("*") if path.is_file())
     assert files == [
+        "README.md",
         "data/chunk-000/file-000.parquet",
         "meta/episodes/chunk-000/file-000.parquet",
         "meta/info.json",
@@ -132,7 +132,7 @@ def test_frames_have_the_documented_columns(root):
     types = {field.name: str(field.type) for field in table.schema}
     types = {name: re.sub("element|item", "x", text) for name, text in types.items()}
     assert types == {
-        "observation.tactile": "list<x: list<x: float>>",
+        "observation.tactile": "fixed_size_list<x: float>[12]",
         "observation.state": "fixed_size_list<x: float>[2]",
         "timestamp": "float",
         "frame_index": "int64",
@@ -171,15 +171,16 @@ def test_tasks_are_an_index_for_pandas(root):
 
 def test_statistics_leave_out_what_is_missing(root):
     stats = json.loads((root / "meta/stats.json").read_text())
-    readings = np.concatenate([r.tactile for r in three()]).reshape(-1, 3)
+    readings = np.concatenate([r.tactile for r in three()]).reshape(-1, 12)[:, :9]
     found = stats["observation.tactile"]
     assert found["count"] == [15]
-    assert found["min"] == pytest.approx(np.nanmin(readings, axis=0))
-    assert found["max"] == pytest.approx(np.nanmax(readings, axis=0))
+    assert found["min"][:9] == pytest.approx(np.nanmin(readings, axis=0))
+    assert found["max"][:9] == pytest.approx(np.nanmax(readings, axis=0))
+    assert found["mean"][9:] == found["q50"][9:] == [0, 0, 0]  # the dead taxel
     # Episodes count by their frames, as LeRobot joins them, whatever is missing in them.
-    means = [np.nanmean(r.tactile.reshape(-1, 3), axis=0) for r in three()]
+    means = [np.nanmean(r.tactile.reshape(-1, 12)[:, :9], axis=0) for r in three()]
     mean = np.average(means, axis=0, weights=[6, 4, 5])
-    assert found["mean"] == pytest.approx(mean, rel=1e-5)
+    assert found["mean"][:9] == pytest.approx(mean, rel=1e-5)
     assert stats["observation.state"]["mean"] == pytest.approx(
         np.concatenate([r.joint for r in three()]).mean(axis=0), rel=1e-5
     )
@@ -192,22 +193,80 @@ def test_statistics_leave_out_what_is_missing(root):
 def test_feature_without_any_reading_has_zeros(tmp_path):
     write_lerobot([Recording([0.0], np.full((1, 2, 1), np.nan))], tmp_path / "set", fps=5)
     stats = json.loads((tmp_path / "set/meta/stats.json").read_text())["observation.tactile"]
-    assert stats["mean"] == stats["min"] == stats["q50"] == [0.0]
+    assert stats["mean"] == stats["min"] == stats["q50"] == [0.0, 0.0]
     assert np.isnan(read_lerobot(tmp_path / "set")[0].tactile).all()
 
 
-@pytest.mark.parametrize(
-    ("nearest", "expected"), [(False, [0, 1, 2, 4, 5]), (True, [0, 1, 3, 4, 5])]
-)
-def test_each_step_has_the_last_or_the_nearest_frame(nearest, expected):
-    time = np.array([10.0, 10.095, 10.11, 10.22, 10.3, 10.4])
-    assert resampled(time, 10, nearest).tolist() == expected
+def test_flat_columns_are_described_for_datasets(root):
+    metadata = pq.read_schema(root / "data/chunk-000/file-000.parquet").metadata
+    features = json.loads(metadata[b"huggingface"])["info"]["features"]
+    value = {"dtype": "float32", "_type": "Value"}
+    assert features["observation.tactile"] == {
+        "feature": value,
+        "length": 12,
+        "_type": "Sequence",
+    }
+    assert features["timestamp"] == value
+    assert [*features] == pq.read_schema(root / "data/chunk-000/file-000.parquet").names
+    assert "data_files: data/*/*.parquet" in (root / "README.md").read_text()
 
 
-def test_steps_that_lie_on_frames_but_for_rounding():
-    time = 1.7e9 + np.arange(3001) / 30
-    assert resampled(time, 30, nearest=False).tolist() == list(range(3001))
-    assert resampled(time[:1], 30, nearest=True).tolist() == [0]
+def test_one_value_a_step_is_no_list(tmp_path):
+    recording = Recording([0.0, 0.1], [[[1.0]], [[2.0]]], [[0.5], [0.25]])
+    write_lerobot([recording], tmp_path / "set", fps=10)
+    types = {f.name: str(f.type) for f in pq.read_schema(next(tmp_path.rglob("data/*/*")))}
+    assert types["observation.tactile"] == types["observation.state"] == "float"
+    (found,) = read_lerobot(tmp_path / "set")
+    assert found.tactile.ravel().tolist() == [1, 2]
+    assert found.joint.ravel().tolist() == [0.5, 0.25]
+
+
+@pytest.mark.parametrize("rate", [150, 997.3])
+def test_every_frame_comes_back_with_its_time(tmp_path, rate):
+    draw = np.random.default_rng(0)
+    recordings = []
+    for frames in (200, 1, 83):
+        time = 1.7e9 + np.cumsum(draw.uniform(0.2, 1.8, frames)) / rate
+        tactile = draw.normal(size=(frames, 2, 3)).astype(np.float32)
+        tactile[draw.random(tactile.shape) < 0.1] = np.nan
+        joint = draw.normal(size=(frames, 2)).astype(np.float32) / 9
+        recordings.append(Recording(time, tactile, joint, meta={"rate": rate}))
+    write_lerobot(recordings, tmp_path / "set", fps=30, every_frame=True)
+    for found, recording in zip(
+        read_lerobot(tmp_path / "set", every_frame=True), recordings, strict=True
+    ):
+        assert found.time == pytest.approx(recording.time - recording.time[0], abs=1e-6)
+        assert np.array_equal(found.tactile, recording.tactile, equal_nan=True)
+        assert np.array_equal(found.joint, recording.joint)
+        assert found.meta == {"rate": rate}
+    # The other features are those of the last frame up to each step.
+    for found, recording in zip(read_lerobot(tmp_path / "set"), recordings, strict=True):
+        assert np.array_equal(found.tactile[-1], recording.tactile[-1], equal_nan=True)
+        assert found.meta["rate"] == 30
+
+
+def test_frames_since_the_last_step_come_before_it_and_the_newest_last(tmp_path):
+    time = np.array([0.0, 0.04, 0.1, 0.32])  # steps at 0, 0.1, 0.2, 0.3 and 0.4
+    recording = Recording(time, np.arange(1.0, 5).reshape(4, 1, 1).repeat(2, 1))
+    write_lerobot([recording], tmp_path / "set", fps=10, every_frame=True)
+    table = pq.read_table(next(tmp_path.rglob("data/*/*")))
+    nan = np.nan
+    rows = np.array(table["observation.tactile_frames"].to_pylist())
+    expected = [[nan, nan, 1, 1], [2, 2, 3, 3], [nan] * 4, [nan] * 4, [nan, nan, 4, 4]]
+    assert np.array_equal(rows, expected, equal_nan=True)
+    times = np.array(table["observation.tactile_frames_time"].to_pylist())
+    expected = [[nan, 0], [-0.06, 0], [nan, nan], [nan, nan], [nan, -0.08]]
+    assert times == pytest.approx(np.array(expected), nan_ok=True, abs=1e-8)
+    own = json.loads((tmp_path / "set/meta/tactile.json").read_text())
+    assert own["shape"] == [2, 1]
+    assert own["every_frame"] == {
+        "feature": "observation.tactile_frames",
+        "shape": [2, 2, 1],
+        "time": "observation.tactile_frames_time",
+        "missing": "NaN, before the others",
+    }
+    stats = json.loads((tmp_path / "set/meta/stats.json").read_text())
+    assert stats["observation.tactile_frames"]["max"] == [4] * 4
 
 
 def test_long_sets_have_several_files(tmp_path, monkeypatch):
@@ -254,11 +313,13 @@ def test_sets_of_others_have_other_features(root):
         ({"codebase_version": "v2.1"}, "must be a LeRobot data set of version 3 .*got v2.1"),
         ({"fps": 0}, "positive 'fps'"),
         ({"fps": "30"}, "must hold 'fps'"),
-        ({"total_frames": 14}, "3 episodes and 14 frames.*got 3 and 15"),
+        ({"total_frames": 14}, "must hold 14 frames, as its info.json says .got 15"),
+        ({"total_episodes": 4}, "each of 4 episodes once .got 3"),
         ({"features": {"action": {}}}, "must have the feature 'observation.tactile' .*got action"),
         ({"features": {"observation.tactile": {"shape": [2, 2, 2]}}}, "one or two dimensions"),
-        ({"features": {"observation.tactile": {"shape": [3, 4]}}}, "lists of 3"),
-        ({"features": {"observation.tactile": {"shape": [4]}}}, "must hold numbers"),
+        ({"features": {"observation.tactile": {"shape": [3, 5]}}}, "15 numbers in 'obs.*got 180"),
+        ({"features": {"observation.tactile": {"shape": [4]}}}, "must have 12 values.*got 4"),
+        ({"fps": 20}, "must hold 20 steps per second.*advance by 0.05 s .got 0.1"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(root, values, match):
@@ -312,8 +373,9 @@ def test_flipped_bit_of_a_reading_is_noticed(root):
         ),
         ([a_recording()], {"fps": 0}, ValueError, "'fps' must be a positive integer"),
         ([a_recording()], {"fps": 29.97}, ValueError, "'fps' must be a positive integer"),
+        ([a_recording()], {"nearest": True, "every_frame": True}, ValueError, "'nearest' must be"),
     ],
-    ids=["none", "joints", "empty", "units", "zero", "fraction"],
+    ids=["none", "joints", "empty", "units", "zero", "fraction", "nearest"],
 )
 def test_bad_arguments(tmp_path, recordings, settings, error, match):
     with pytest.raises(error, match=match):

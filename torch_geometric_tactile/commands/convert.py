@@ -1,16 +1,20 @@
-r"""``tactile convert``: a recording in another format."""
+r"""``tactile convert``: a recording in another format, or recordings as a data set."""
 
 import argparse
+from pathlib import Path
 
+from torch_geometric_tactile.commands import convert_lerobot
 from torch_geometric_tactile.commands.arguments import READABLE
 from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
 
-_WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl or .ndjson"
+_WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
 HELP = "Convert a recording to another format"
 DESCRIPTION = """\
 Reads a recording and writes it in another format; the suffixes select the formats. A
-warning names anything that the new format cannot hold. `tactile convert bigs IN... OUT_DIR`
-imports grasps of the BiGS data set and has its own options: `tactile convert bigs --help`.
+warning names anything that the new format cannot hold. If OUT ends in .lerobot, it is the
+folder of a LeRobot data set, and IN may be several recordings or folders with recordings,
+each recording an episode. `tactile convert bigs IN... OUT_DIR` imports grasps of the BiGS
+data set and has its own options: `tactile convert bigs --help`.
 """
 EXAMPLES = """\
 examples:
@@ -20,6 +24,10 @@ examples:
       --label grasp --unit count                 a CSV file with your own column names
   tactile convert numbers.csv recording.h5 --num-taxels 24 --num-joints 0
                                                  a CSV file without column names
+  tactile convert grasps/ grasps.lerobot --fps 30 --every-frame
+                                                 recordings as a LeRobot data set
+  tactile convert skin_*.h5 touch.lerobot --add-to datasets/cups
+                                                 the same, added to a copy of a data set
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
 # Words in place of IN that select another parser, with its module.
@@ -32,9 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    parser.add_argument("source", metavar="IN", help=f"the recording ({READABLE})")
-    parser.add_argument("target", metavar="OUT", help=f"the file to write ({_WRITABLE})")
+    parser.add_argument("source", metavar="IN", nargs="+", help=f"the recording ({READABLE})")
+    parser.add_argument(
+        "target", metavar="OUT", help=f"the file to write ({_WRITABLE}), or a folder (.lerobot)"
+    )
     add_reading_options(parser)
+    convert_lerobot.add_lerobot_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -45,7 +56,20 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from torch_geometric_tactile.io import read_recording, write_recording
 
-    recording = read_recording(arguments.source, **reading_options(arguments))
+    if Path(arguments.target).suffix.lower() == convert_lerobot.SUFFIX:
+        return convert_lerobot.run(arguments, reading_options(arguments))
+    given = [*convert_lerobot.lerobot_options(arguments)]
+    if given:
+        raise ValueError(
+            f"'OUT' must end in {convert_lerobot.SUFFIX} with '--{given[0].replace('_', '-')}' "
+            f"(got '{arguments.target}')"
+        )
+    if len(arguments.source) > 1:
+        raise ValueError(
+            f"'IN' must be one recording unless 'OUT' ends in {convert_lerobot.SUFFIX} "
+            f"(got {len(arguments.source)})"
+        )
+    recording = read_recording(arguments.source[0], **reading_options(arguments))
     write_recording(recording, arguments.target)
     print(f"{arguments.target}: {recording}")
     return 0

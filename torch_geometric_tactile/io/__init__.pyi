@@ -9,6 +9,7 @@ from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot
 from .lerobot_reader import read_lerobot
+from .lerobot_touch import add_to_lerobot
 from .letter_array_packets import LetterArrayDecoder, encode_letter_array
 from .m1616 import M1616Decoder
 from .matrix_csv import read_matrix_csv
@@ -55,6 +56,7 @@ __all__ = [
     "TextRowsDecoder",
     "XelaFrame",
     "XelaReader",
+    "add_to_lerobot",
     "append_hdf5",
     "decoder_of",
     "encode_letter_array",

@@ -7,54 +7,49 @@ with pyarrow alone.
 ``meta/tasks.parquet``                 names of the tasks, and their numbers
 ``meta/episodes/chunk-.../file-...``   length, task, place and statistics of each episode
 ``data/chunk-.../file-....parquet``    the frames of many episodes
-``meta/tactile.json``                  ours: metadata and labels of the recordings
+``meta/tactile.json``                  ours: shape, labels and metadata of the recordings
+``README.md``                          which files are the data, for :obj:`datasets`
 ====================================== =============================================================
 
-:obj:`observation.tactile` is float32 :math:`(N, C)` with NaN where a reading is missing, and
+:obj:`observation.tactile` is float32 :math:`(N \cdot C,)` with NaN where a reading is missing, and
 :obj:`observation.state` the joint angles in radians.
 """
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io.lerobot_stats import (
-    Stats,
-    feature_stats,
-    joined_stats,
-    resampled,
-    stats_json,
+from torch_geometric_tactile.io.lerobot_features import (
+    INDICES,
+    STATE,
+    STATE_FRAMES,
+    column,
+    feature,
+    require_pyarrow,
+    schema_metadata,
+    touch_features,
 )
+from torch_geometric_tactile.io.lerobot_files import (
+    README,
+    check_new_folder,
+    write_table,
+    write_text,
+)
+from torch_geometric_tactile.io.lerobot_own import PATH as OWN_PATH
+from torch_geometric_tactile.io.lerobot_own import own_content, task_of_label
+from torch_geometric_tactile.io.lerobot_stats import Stats, feature_stats, joined_stats, stats_json
+from torch_geometric_tactile.io.lerobot_steps import frames_since, regular_steps, touch_columns
 from torch_geometric_tactile.typing import PathLike
 
 CODEBASE_VERSION = "v3.0"
-TACTILE, STATE = "observation.tactile", "observation.state"
-OWN = "meta/tactile.json"
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000
-_INDICES = ("frame_index", "episode_index", "index", "task_index")
 _INDEX_COLUMN = "__index_level_0__"
-
-
-def require_pyarrow() -> Any:
-    r"""Returns pyarrow, with its part for Parquet.
-
-    Raises:
-        ImportError: If it is missing.
-    """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ImportError(
-            "LeRobot data sets need pyarrow: pip install 'torch-geometric-tactile[lerobot]'"
-        ) from error
-    return pyarrow
 
 
 def write_lerobot(
@@ -65,12 +60,13 @@ def write_lerobot(
     robot_type: str | None = None,
     task: str | None = None,
     nearest: bool = False,
+    every_frame: bool = False,
 ) -> None:
     r"""Writes recordings as the episodes of a LeRobot data set.
 
     Each one is sampled anew at :obj:`fps`: each step has the last frame up to it, as a robot that
     acts at that moment would, or the nearest one. Nothing is interpolated, and frames between are
-    left out. Privileged and further signals are left out.
+    left out unless :obj:`every_frame` is given. Privileged and further signals are left out.
 
     Args:
         recordings (sequence of Recording): The recordings, all with the same taxels, channels and
@@ -80,13 +76,18 @@ def write_lerobot(
         robot_type (str, optional): Name of the robot.
         task (str, optional): What is done in all of them; the label of each one if left out.
         nearest (bool): Whether to take the nearest frame, which may be one of the future.
+        every_frame (bool): Whether each step has all frames since the last step as well, in the
+            features :obj:`observation.tactile_frames` (and :obj:`observation.state_frames`)
+            :math:`(R \cdot N \cdot C,)` and :obj:`observation.tactile_frames_time` :math:`(R,)`,
+            in seconds after the step. The newest is the last of :math:`R` rows, and rows before
+            the oldest are NaN. :func:`read_lerobot` returns the frames with their times.
 
     Raises:
         FileExistsError: If the folder is not empty.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full.
-        ValueError: If there is no recording, one has no frames or other shapes, or :obj:`fps` is no
-            positive integer.
+        ValueError: If there is no recording, one has no frames or other shapes, :obj:`fps` is no
+            positive integer, or :obj:`nearest` and :obj:`every_frame` are both given.
 
     Examples:
         >>> import tempfile
@@ -101,18 +102,20 @@ def write_lerobot(
     pa = require_pyarrow()
     if isinstance(fps, bool) or not isinstance(fps, int) or fps < 1:
         raise ValueError(f"'fps' must be a positive integer (got {fps!r})")
+    if nearest and every_frame:
+        raise ValueError("'nearest' must be False with 'every_frame', which has only past frames")
     recordings = list(recordings)
-    _check_alike(recordings)
+    check_alike(recordings)
     root = Path(root)
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise FileExistsError(f"'{root}' must be a new or empty folder (got one that is not)")
-    names = [_task_of(recording, task) for recording in recordings]
+    check_new_folder(root)
+    names = [task_of_label(r.label) if task is None else task for r in recordings]
     tasks = list(dict.fromkeys(names))
-    features = _features(recordings[0])
+    rows = max(map(len, _all_since(recordings, fps))) if every_frame else 0
+    features = _features(recordings[0], rows)
     total = 0
     episodes: list[dict[str, Any]] = []
     stats: list[dict[str, Stats]] = []
-    for place, batch in _files(recordings, fps, nearest):
+    for place, batch in _files(recordings, fps, nearest, rows):
         tables = []
         for index, columns in batch:
             length = len(columns["timestamp"])
@@ -121,22 +124,21 @@ def write_lerobot(
                 "index": np.arange(total, total + length),
                 "task_index": np.full(length, tasks.index(names[index])),
             }
-            tables.append(_table(pa, columns))
-            own = {name: feature_stats(value) for name, value in columns.items()}
-            stats.append(own)
-            episodes.append(_episode(index, names[index], total, length, place, own))
+            tables.append(pa.table({name: column(columns[name]) for name in features}))
+            stats.append({name: feature_stats(columns[name]) for name in features})
+            episodes.append(_episode(index, names[index], total, length, place, stats[-1]))
             total += length
-        _write_table(pa, pa.concat_tables(tables), root / "data" / _PATH.format(**place))
+        table = pa.concat_tables(tables).replace_schema_metadata(schema_metadata(features))
+        write_table(table, root / "data" / _PATH.format(**place))
     table = pa.Table.from_pylist(episodes)
     first = {"chunk_index": 0, "file_index": 0}
-    _write_table(pa, table, root / "meta" / "episodes" / _PATH.format(**first))
-    _write_table(pa, _task_table(pa, tasks), root / "meta" / "tasks.parquet")
-    _write_text(root / "meta" / "stats.json", stats_json(joined_stats(stats)))
-    own_content = {
-        "version": 1,
-        "episodes": [{"label": r.label, "meta": dict(r.meta)} for r in recordings],
-    }
-    _write_text(root / OWN, json.dumps(own_content, indent=4, ensure_ascii=False))
+    write_table(table, root / "meta" / "episodes" / _PATH.format(**first))
+    write_table(_task_table(pa, tasks), root / "meta" / "tasks.parquet")
+    write_text(root / "meta" / "stats.json", stats_json(joined_stats(stats)))
+    lengths = [episode["length"] for episode in episodes]
+    own = own_content(recordings, lengths, names, rows)
+    write_text(root / OWN_PATH, json.dumps(own, indent=4, ensure_ascii=False))
+    write_text(root / "README.md", README)
     info = {
         "codebase_version": CODEBASE_VERSION,
         "robot_type": robot_type,
@@ -153,10 +155,18 @@ def write_lerobot(
         "features": features,
     }
     # At last: a folder without it is no data set.
-    _write_text(root / "meta" / "info.json", json.dumps(info, indent=4, ensure_ascii=False))
+    write_text(root / "meta" / "info.json", json.dumps(info, indent=4, ensure_ascii=False))
 
 
-def _check_alike(recordings: Sequence[Recording]) -> None:
+def check_alike(recordings: Sequence[Recording]) -> None:
+    r"""Raises an error unless there are recordings with frames, of the same shapes and unit.
+
+    Args:
+        recordings (sequence of Recording): The recordings.
+
+    Raises:
+        ValueError: If not.
+    """
     if not recordings:
         raise ValueError("'recordings' must hold at least one recording (got none)")
     shapes = [(r.num_taxels, r.num_channels, r.num_joints) for r in recordings]
@@ -173,52 +183,41 @@ def _check_alike(recordings: Sequence[Recording]) -> None:
         raise ValueError(f"'recordings' must have one unit (got {sorted(map(str, units))})")
 
 
-def _task_of(recording: Recording, task: str | None) -> str:
-    if task is not None:
-        return task
-    return "touch" if recording.label is None else str(recording.label)
-
-
-def _features(recording: Recording) -> dict[str, Any]:
-    out: dict[str, Any] = {
-        TACTILE: {
-            "dtype": "float32",
-            "shape": [recording.num_taxels, recording.num_channels],
-            "names": ["taxels", "channels"],
-        }
-    }
+def _features(recording: Recording, rows: int) -> dict[str, Any]:
+    out = touch_features(recording, rows)
     if recording.joint is not None:
         names = recording.meta.get("joint_names")
         known = isinstance(names, list) and len(names) == recording.num_joints
         numbered = [f"joint_{i}" for i in range(recording.num_joints)]
-        out[STATE] = {
-            "dtype": "float32",
-            "shape": [recording.num_joints],
-            "names": [str(name) for name in names or ()] if known else numbered,
-        }
-    out["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
-    for name in _INDICES:
-        out[name] = {"dtype": "int64", "shape": [1], "names": None}
-    return out
+        named = [str(name) for name in names or ()] if known else numbered
+        out[STATE] = feature(recording.num_joints, named)
+        if rows:
+            out[STATE_FRAMES] = feature(rows * recording.num_joints)
+    out["timestamp"] = feature(1)
+    return out | {name: feature(1, dtype="int64") for name in INDICES}
 
 
-def _columns(recording: Recording, fps: int, nearest: bool) -> dict[str, np.ndarray]:
-    frames = resampled(recording.time, fps, nearest)
-    out = {TACTILE: recording.tactile[frames]}
-    if recording.joint is not None:
-        out[STATE] = recording.joint[frames]
-    steps = np.arange(len(frames))
-    return {**out, "timestamp": (steps / fps).astype(np.float32), "frame_index": steps}
+def _all_since(recordings: Sequence[Recording], fps: int) -> Iterator[np.ndarray]:
+    for recording in recordings:
+        since = recording.time - recording.time[0]
+        yield from frames_since(since, regular_steps(since, fps, whole=True), fps)
+
+
+def _columns(recording: Recording, fps: int, nearest: bool, rows: int) -> dict[str, np.ndarray]:
+    since = recording.time - recording.time[0]
+    steps = regular_steps(since, fps, whole=rows > 0)
+    out = touch_columns(replace(recording, time=since), steps, fps, rows, nearest)
+    return {**out, "timestamp": steps.astype(np.float32), "frame_index": np.arange(len(steps))}
 
 
 def _files(
-    recordings: Sequence[Recording], fps: int, nearest: bool
+    recordings: Sequence[Recording], fps: int, nearest: bool, rows: int
 ) -> Iterator[tuple[dict[str, int], list[tuple[int, dict[str, np.ndarray]]]]]:
     # Episodes that go into one file, and which one; an episode is never cut.
     batch: list[tuple[int, dict[str, np.ndarray]]] = []
     number = size = 0
     for index, recording in enumerate(recordings):
-        columns = _columns(recording, fps, nearest)
+        columns = _columns(recording, fps, nearest, rows)
         more = sum(value.nbytes for value in columns.values())
         if batch and size + more > _DATA_MB * 2**20:
             yield _place(number), batch
@@ -231,23 +230,6 @@ def _files(
 def _place(number: int) -> dict[str, int]:
     chunk, file = divmod(number, _FILES_PER_CHUNK)
     return {"chunk_index": chunk, "file_index": file}
-
-
-def _table(pa: Any, columns: dict[str, np.ndarray]) -> Any:
-    arrays = {}
-    for name, value in columns.items():
-        array = pa.array(np.ascontiguousarray(value).ravel())
-        if name == TACTILE:
-            frames, taxels, channels = value.shape
-            rows = np.arange(0, value.size + 1, channels, dtype=np.int32)
-            inner = pa.ListArray.from_arrays(rows, array)
-            starts = np.arange(0, frames * taxels + 1, taxels, dtype=np.int32)
-            array = pa.ListArray.from_arrays(starts, inner)
-        elif name == STATE:
-            array = pa.FixedSizeListArray.from_arrays(array, value.shape[1])
-        arrays[name] = array
-    order = [name for name in (TACTILE, STATE, "timestamp", *_INDICES) if name in arrays]
-    return pa.table({name: arrays[name] for name in order})
 
 
 def _episode(
@@ -283,15 +265,3 @@ def _task_table(pa: Any, tasks: list[str]) -> Any:
         "pandas_version": "2.0.0",
     }
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
-
-
-def _write_table(pa: Any, table: Any, path: Path) -> None:
-    with atomic_path(path) as temporary:
-        pa.parquet.write_table(
-            table, temporary, compression="snappy", use_dictionary=True, write_page_checksum=True
-        )
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -1,7 +1,6 @@
 r"""Statistics of LeRobot data sets, without the readings that are missing."""
 
 import json
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,11 +15,11 @@ Stats = dict[str, np.ndarray]
 def feature_stats(values: np.ndarray) -> Stats:
     r"""Returns the statistics of one feature in one episode.
 
-    As LeRobot does, all dimensions but the last are pooled: those of readings :math:`(T, N, C)`
-    have shape :math:`(C,)`. A channel without any reading has zeros.
+    Each value of a step has its own. Those of frames since the last step are pooled over their
+    rows. A value without any reading has zeros.
 
     Args:
-        values (numpy.ndarray): The values :math:`(T, ...)`.
+        values (numpy.ndarray): The values :math:`(T,)`, :math:`(T, D)` or :math:`(T, R, D)`.
     """
     rows = values.reshape(len(values), -1) if values.ndim == 1 else values
     rows = rows.reshape(-1, rows.shape[-1]).astype(np.float64)
@@ -34,7 +33,8 @@ def feature_stats(values: np.ndarray) -> Stats:
         }
         quantiles = np.nanquantile(rows, [*QUANTILES.values()], axis=0)
     out |= dict(zip(QUANTILES, quantiles, strict=True))
-    out = {name: np.nan_to_num(value, nan=0.0) for name, value in out.items()}
+    times = values[0].size // rows.shape[1]
+    out = {name: np.tile(np.nan_to_num(value, nan=0.0), times) for name, value in out.items()}
     return {**out, "count": np.array([len(values)])}
 
 
@@ -73,22 +73,3 @@ def stats_json(stats: Mapping[str, Stats]) -> str:
         name: {key: value.tolist() for key, value in part.items()} for name, part in stats.items()
     }
     return json.dumps(content, indent=4, allow_nan=False)
-
-
-def resampled(time: np.ndarray, fps: int, nearest: bool) -> np.ndarray:
-    r"""Returns which frame stands for each step of a regular clock that starts with the first.
-
-    Args:
-        time (numpy.ndarray): Times in seconds, increasing.
-        fps (int): Steps per second.
-        nearest (bool): The nearest frame; if false the last one up to the step, as a robot has it.
-    """
-    since = time - time[0]
-    # A step that lies on a frame but for rounding, as of times since 1970, is that frame's.
-    slack = 1e-3 / fps
-    steps = np.arange(math.floor((since[-1] + slack) * fps) + 1) / fps
-    last = np.searchsorted(since, steps + slack, side="right") - 1
-    if not nearest:
-        return last
-    after = np.minimum(last + 1, len(time) - 1)
-    return np.where(since[after] - steps < steps - since[last], after, last)

@@ -1,0 +1,245 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import read_lerobot, write_lerobot
+
+DATA = "data/chunk-000/file-000.parquet"
+TIME = np.arange(6) / 10
+MUG = Recording(TIME, np.arange(36.0).reshape(6, 2, 3), np.ones((6, 2)), "mug")
+CUP = Recording(TIME[:4], 100 + np.arange(24.0).reshape(4, 2, 3), np.ones((4, 2)), "cup")
+
+
+@pytest.fixture
+def root(tmp_path):
+    write_lerobot([MUG, CUP], tmp_path / "set", fps=10)
+    return tmp_path / "set"
+
+
+def change_own(root, change):
+    path = root / "meta/tactile.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def change_info(root, **values):
+    path = root / "meta/info.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **values}))
+
+
+def put(path, name, values):
+    table = pq.read_table(path)
+    index = table.schema.get_field_index(name)
+    pq.write_table(table.set_column(index, name, pa.array(values)), path)
+
+
+def as_of_0_2_0(root):
+    """Rewrites a data set in the form of 0.2.0: two dimensions, and labels by position."""
+    rows = pq.read_table(root / DATA)["observation.tactile"].to_pylist()
+    put(root / DATA, "observation.tactile", np.reshape(rows, (-1, 2, 3)).tolist())
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    feature = {"dtype": "float32", "shape": [2, 3], "names": ["taxels", "channels"]}
+    change_info(root, features={**features, "observation.tactile": feature})
+    change_own(root, _without_numbers)
+
+
+def _without_numbers(content):
+    episodes = [{"label": e["label"], "meta": e["meta"]} for e in content["episodes"]]
+    content.clear()
+    content.update(version=1, episodes=episodes)
+
+
+def test_sets_of_0_2_0_are_still_read(root):
+    as_of_0_2_0(root)
+    for found, recording in zip(read_lerobot(root), (MUG, CUP), strict=True):
+        assert np.array_equal(found.tactile, recording.tactile)
+        assert found.label == recording.label
+    change_own(root, lambda content: content["episodes"].reverse())
+    with pytest.raises(ValueError, match=r"must have the task mug of episode 0 .got cup"):
+        read_lerobot(root)
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_a_missing_label_is_not_that_of_another_episode(root, old):
+    if old:
+        as_of_0_2_0(root)
+    change_own(root, lambda content: content["episodes"].pop(0))
+    with pytest.raises(ValueError, match=r"must hold each of 2 episodes once .got 1.*remove it if"):
+        read_lerobot(root)
+
+
+def test_labels_go_by_the_number_of_the_episode(root):
+    change_own(root, lambda content: content["episodes"].reverse())
+    assert [found.label for found in read_lerobot(root)] == ["mug", "cup"]
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda c: c.update(version=99), "must have version 1 or 2 .got 99"),
+        (lambda c: c.update(shape=[2, 0]), "must hold 'shape'"),
+        (lambda c: c.update(shape=[3, 2]), r"the shape of its names, .2, 3. .got .3, 2."),
+        (lambda c: c.update(shape=[2, 2]), "must have 4 values, as its tactile.json says .got 6"),
+        (lambda c: c.update(episodes={}), "must hold 'episodes'"),
+        (lambda c: c["episodes"][0].pop("meta"), "each with 'meta'"),
+        (lambda c: c["episodes"][0].update(episode_index=1), r"each of 2 episodes once .*\[1, 1\]"),
+        (lambda c: c["episodes"][0].update(episode_index=0.0), "each of 2 episodes once"),
+        (lambda c: c["episodes"][0].update(length=4), "the length 6 of episode 0 .got 4"),
+        (lambda c: c["episodes"][0].update(task="cup"), "the task mug of episode 0 .got cup"),
+    ],
+)
+def test_labels_that_are_not_of_these_episodes_are_refused(root, change, match):
+    change_own(root, change)
+    with pytest.raises(ValueError, match=match):
+        read_lerobot(root)
+
+
+def test_names_have_the_shape_where_another_program_left_out_our_file(root):
+    (root / "meta/tactile.json").unlink()
+    assert read_lerobot(root)[0].tactile.shape == (6, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "match"),
+    [
+        ("frame_index", [0, 2, 1, 3, 4, 5, 0, 1, 2, 3], "'frame_index' must be 1 .got 2"),
+        ("frame_index", [1, 2, 3, 4, 5, 6, 0, 1, 2, 3], "'frame_index' must be 0 .got 1"),
+        ("frame_index", [float(i % 6) for i in range(10)], "integers in 'frame_index' .got double"),
+        ("episode_index", [1] * 6 + [0] * 4, "the length 6 of episode 1 .got 4"),
+        ("episode_index", [0.5] * 6 + [1.2] * 4, "integers in 'episode_index' .got double"),
+        ("episode_index", [0] * 6 + [5] * 4, r"of 2 episodes once, as .*got .0, 5"),
+        ("task_index", [7] * 10, "tasks of 'meta/tasks.parquet' .got 7"),
+        ("timestamp", [100.0 * (i % 6) for i in range(10)], "advance by 0.1 s .got 100"),
+        ("observation.state", [["a", "b"]] * 10, "must hold numbers in 'observation.state'"),
+    ],
+)
+def test_rows_that_contradict_the_data_set_are_refused(root, name, values, match):
+    put(root / DATA, name, values)
+    with pytest.raises(ValueError, match=match):
+        read_lerobot(root)
+
+
+def test_episodes_come_in_their_order_and_times_may_jitter(root):
+    table = pq.read_table(root / DATA)
+    (root / "data/chunk-1000").mkdir()
+    pq.write_table(table.slice(0, 6), root / "data/chunk-1000/file-000.parquet")
+    pq.write_table(table.slice(6), root / DATA)
+    jitter = [0.0, 0.101, 0.19, 0.3]
+    put(root / DATA, "timestamp", jitter)
+    found = read_lerobot(root)
+    assert [one.label for one in found] == ["mug", "cup"]
+    assert found[1].time.tolist() == jitter
+
+
+def test_an_episode_in_two_files_is_refused(root):
+    table = pq.read_table(root / DATA)
+    pq.write_table(table.slice(0, 3), root / DATA)
+    pq.write_table(table.slice(3), root / "data/chunk-000/file-001.parquet")
+    (root / "meta/tactile.json").unlink()
+    with pytest.raises(ValueError, match="an episode whole and in order"):
+        read_lerobot(root)
+
+
+@pytest.mark.parametrize(
+    ("tasks", "match"),
+    [
+        ({"task_index": [0, 0], "task": ["mug", "cup"]}, "each 'task_index' once"),
+        ({"task_index": [0.0, 1.0], "task": ["mug", "cup"]}, "integers in 'task_index'"),
+        ({"task_index": [0, 1], "task": ["mug", None]}, "with a name"),
+        ({"task_index": [0, 1], "a": ["x", "y"], "b": ["mug", "cup"]}, "hold names in 'task'"),
+        ({"task_index": [0, 1]}, "hold names in 'task'"),
+        ({"task": ["mug", "cup"]}, "must have the column 'task_index'"),
+    ],
+)
+def test_tasks_that_are_none_are_refused(root, tasks, match):
+    pq.write_table(pa.table(tasks), root / "meta/tasks.parquet")
+    with pytest.raises(ValueError, match=match):
+        read_lerobot(root)
+
+
+def test_the_column_of_tasks_goes_by_its_name(root):
+    tasks = {"note": ["x", "y"], "task": ["mug", "cup"], "task_index": [0, 1]}
+    pq.write_table(pa.table(tasks), root / "meta/tasks.parquet")
+    assert [found.label for found in read_lerobot(root)] == ["mug", "cup"]
+
+
+@pytest.mark.parametrize("name", [DATA, "meta/tasks.parquet"])
+def test_a_column_that_is_there_twice_is_refused(root, name):
+    table = pq.read_table(root / name)
+    for column in table.column_names[:2]:
+        pq.write_table(table.append_column(column, table[column]), root / name)
+        with pytest.raises(ValueError, match=f"must have the column '{column}' once"):
+            read_lerobot(root)
+
+
+def test_every_frame_needs_a_set_that_has_them(root):
+    with pytest.raises(
+        ValueError, match=r"must have the feature 'observation.tactile_frames_time'"
+    ):
+        read_lerobot(root, every_frame=True)
+
+
+@pytest.fixture
+def unread(monkeypatch):
+    """Fails where frames are read."""
+    read = pq.ParquetFile.read
+
+    def refused(self, columns, **settings):
+        assert "timestamp" not in columns, "was read"
+        return read(self, columns, **settings)
+
+    monkeypatch.setattr(pq.ParquetFile, "read", refused)
+
+
+def test_data_that_unpack_to_far_more_are_refused_before_memory(root, unread):
+    path = root / DATA
+    rows = 500_000
+    table = pq.read_table(path).slice(0, 1).take(np.zeros(rows, dtype=np.int32))
+    with pq.ParquetWriter(path, table.schema, compression="zstd") as writer:
+        for _ in range(30):
+            writer.write_table(table)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(ValueError, match=f"must hold 10 frames.*got {30 * rows}"):
+        read_lerobot(root)
+    change_info(root, total_frames=30 * rows)
+    with pytest.raises(ValueError, match=r"take 1\.3 GiB: pass allow_large=True if it is right"):
+        read_lerobot(root)
+    with pytest.raises(AssertionError, match="was read"):
+        read_lerobot(root, allow_large=True)
+
+
+def test_lists_of_other_lengths_are_counted_before_memory(root, unread):
+    put(root / DATA, "observation.tactile", [[0.0] * 1_000_000] + [[0.0] * 6] * 9)
+    with pytest.raises(ValueError, match=r"6 numbers in 'observation.tactile' a row.*got 1000054"):
+        read_lerobot(root)
+
+
+def test_equal_names_of_tasks_are_held_once(root):
+    text = "a" * 100_000
+    path = root / "meta/tasks.parquet"
+    tasks = pa.table({"task_index": range(1000), "task": [text] * 1000})
+    pq.write_table(tasks, path, compression="zstd")
+    (root / "meta/tactile.json").unlink()
+    whole, counted = pa.default_memory_pool(), pa.proxy_memory_pool(pa.default_memory_pool())
+    pa.set_memory_pool(counted)
+    try:
+        assert {found.label for found in read_lerobot(root)} == {text}
+    finally:
+        pa.set_memory_pool(whole)
+    assert counted.max_memory() < 5_000_000 < len(text) * 1000
+
+
+def test_more_than_a_million_tasks_are_refused(root):
+    tasks = pa.table({"task_index": np.zeros(1_000_001, dtype=np.int64), "task": ["a"] * 1_000_001})
+    pq.write_table(tasks, root / "meta/tasks.parquet", compression="zstd")
+    with pytest.raises(ValueError, match=re.escape("at most 1000000 tasks (got 1000001)")):
+        read_lerobot(root)

@@ -1,0 +1,87 @@
+import struct
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from torch_geometric_tactile.io.parquet_pages import check_pages
+
+ROWS = 1_000_000
+
+
+def chunks(path):
+    group = pq.ParquetFile(path).metadata.row_group(0)
+    return [group.column(j) for j in range(group.num_columns)]
+
+
+@pytest.mark.parametrize("compression", ["none", "snappy", "zstd"])
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("dictionary", [False, True])
+def test_pages_of_whole_files_hold_what_is_declared(tmp_path, compression, version, dictionary):
+    table = pa.table(
+        {
+            "a": np.arange(5000),
+            "b": [[1.0, None, 3.0], None] * 2500,
+            "c": ["text", None, "more"] * 1666 + ["", "x"],
+            "d": [True, False] * 2500,
+        }
+    )
+    path = tmp_path / "a.parquet"
+    pq.write_table(
+        table,
+        path,
+        compression=compression,
+        data_page_version=version,
+        use_dictionary=dictionary,
+        data_page_size=1000,
+        write_page_checksum=True,
+    )
+    check_pages(path, chunks(path))
+
+
+def unsigned(number, length=0):
+    """Bytes of seven bits; a longer form of the same number if asked for."""
+    out = []
+    while number or len(out) < length or not out:
+        out.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*out[:-1], out[-1] & 127])
+
+
+def test_a_footer_that_declares_less_is_refused(tmp_path):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"a": np.zeros(ROWS, dtype=np.int64)}), path, row_group_size=ROWS)
+    content = path.read_bytes()
+    (length,) = struct.unpack("<I", content[-8:-4])
+    footer = content[-8 - length : -8]
+    large = unsigned(2 * ROWS)
+    assert footer.count(large) > 1
+    footer = footer.replace(large, unsigned(2 * 5, len(large)))
+    path.write_bytes(content[: -8 - length] + footer + content[-8:])
+    assert chunks(path)[0].num_values == 5
+    with pytest.raises(ValueError, match=f"must hold 5 values in .* as its footer .*got {ROWS} in"):
+        check_pages(path, chunks(path))
+
+
+@pytest.mark.parametrize(
+    ("place", "data", "match"),
+    [
+        (4, b"\0", "must have sizes .got a header without"),
+        (4, b"\x19", "must have headers of Parquet .got a field of 9"),
+        (4, b"\x15" + b"\xff" * 20, "got a number that is too long"),
+        (4, b"\x18" + unsigned(2**40), "must have whole headers .got the end"),
+        (20, None, "must end where its footer declares"),
+    ],
+)
+def test_damaged_headers_are_refused(tmp_path, place, data, match):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"a": np.arange(50)}), path)
+    content, declared = path.read_bytes(), chunks(path)
+    rest = b"" if data is None else content[place + len(data) :]
+    path.write_bytes(content[:place] + (data or b"") + rest)
+    with pytest.raises(ValueError, match=match):
+        check_pages(path, declared)

@@ -1,0 +1,18 @@
+"""LeRobot data sets of others."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io import lerobot_features, lerobot_steps, write_lerobot
+
+
+def write_without_touch(recordings: Sequence[Recording], root: Path, fps: int) -> None:
+    """Writes a data set whose readings have another name, without our file."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (lerobot_features, lerobot_steps):
+            patch.setattr(module, "TACTILE", "observation.other")
+        write_lerobot(recordings, root, fps=fps, task="pick")
+    (Path(root) / "meta/tactile.json").unlink()

@@ -1,0 +1,210 @@
+r"""Touch added to a LeRobot data set, such as one of joints and videos."""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io.lerobot_dataset import check_alike
+from torch_geometric_tactile.io.lerobot_features import (
+    column,
+    require_pyarrow,
+    schema_metadata,
+    touch_features,
+)
+from torch_geometric_tactile.io.lerobot_files import (
+    README,
+    check_new_folder,
+    read_numbers,
+    read_whole,
+    write_table,
+    write_text,
+)
+from torch_geometric_tactile.io.lerobot_own import PATH as OWN_PATH
+from torch_geometric_tactile.io.lerobot_own import own_content, read_object
+from torch_geometric_tactile.io.lerobot_rows import (
+    data_files,
+    episodes_of,
+    in_order,
+    integers,
+    read_info,
+    read_tasks,
+    step_times,
+)
+from torch_geometric_tactile.io.lerobot_stats import Stats, feature_stats, joined_stats
+from torch_geometric_tactile.io.lerobot_steps import frames_since, touch_columns
+from torch_geometric_tactile.typing import PathLike
+
+
+def add_to_lerobot(
+    source: PathLike,
+    recordings: Sequence[Recording],
+    root: PathLike,
+    *,
+    starts: Sequence[float] | None = None,
+    every_frame: bool = False,
+    allow_large: bool = False,
+) -> None:
+    r"""Writes a copy of a LeRobot data set to which the touch is added that was recorded beside it.
+
+    Each step has the last frame up to it, and no joint angles of the recordings. The data set
+    itself is not changed, and the copy has its name only when it is whole.
+
+    Args:
+        source (str or PathLike): The folder of the data set.
+        recordings (sequence of Recording): One for each episode, in their order, all with the same
+            taxels and channels. Each reaches from the first step of the episode to the last, but
+            for one step.
+        root (str or PathLike): The folder of the copy; it must not exist, or be empty.
+        starts (sequence of float, optional): The time of each episode's first step by the clock of
+            its recording, in seconds; the first frame if left out.
+        every_frame (bool): Whether each step has all frames since the last step as well, as in
+            :func:`write_lerobot`.
+        allow_large (bool): As of :func:`read_lerobot`.
+
+    Raises:
+        FileExistsError: If the folder of the copy is not empty.
+        FileNotFoundError: If there is no such data set.
+        ImportError: If the extra :obj:`lerobot` is missing.
+        OSError: If the disk is full, or a file cannot be read.
+        ValueError: If the data set cannot be read, leads out of its folder or has touch already,
+            there is not one recording for each episode, or one does not cover its episode.
+
+    Examples:
+        >>> from torch_geometric_tactile.io import add_to_lerobot, read_recording
+        >>> skin = [read_recording(f"skin_{i}.h5") for i in range(50)]  # doctest: +SKIP
+        >>> add_to_lerobot("datasets/cups", skin, "datasets/cups_touch")  # doctest: +SKIP
+    """
+    require_pyarrow()
+    source, root = Path(source), Path(root)
+    info = read_info(source)
+    recordings = list(recordings)
+    check_alike(recordings)
+    if len(recordings) != info["total_episodes"]:
+        raise ValueError(
+            f"'recordings' must hold one for each of {info['total_episodes']} episodes of "
+            f"'{source}' (got {len(recordings)})"
+        )
+    if starts is not None and len(starts) != len(recordings):
+        raise ValueError(
+            f"'starts' must hold one time for each of {len(recordings)} recordings "
+            f"(got {len(starts)})"
+        )
+    first = [r.time[0] for r in recordings] if starts is None else starts
+    shifted = [
+        replace(r, time=r.time - start, joint=None)
+        for r, start in zip(recordings, first, strict=True)
+    ]
+    check_new_folder(root)
+    episodes = _episodes(source, info)
+    rows = 0
+    for number, (recording, episode) in enumerate(zip(shifted, episodes, strict=True)):
+        _check_covers(number, recording, episode.steps, info["fps"])
+        if every_frame:
+            since = frames_since(recording.time, episode.steps, info["fps"])
+            rows = max(rows, 1, *map(len, since))
+    features = touch_features(shifted[0], rows)
+    known = next((name for name in features if name in info["features"]), None)
+    if known is not None:
+        raise ValueError(f"'{source}' must have no feature '{known}' yet (got one)")
+    with _copy(source, root) as copy:
+        stats: dict[int, dict[str, Stats]] = {}
+        for path in data_files(copy, info):
+            table = read_whole(path, allow_large)
+            parts = []
+            for number, _ in episodes_of(path, table):
+                steps = episodes[number].steps
+                parts.append(touch_columns(shifted[number], steps, info["fps"], rows))
+                stats[number] = {name: feature_stats(parts[-1][name]) for name in features}
+            for name in features:
+                table = table.append_column(name, column(np.concatenate([p[name] for p in parts])))
+            metadata = table.schema.metadata or {}
+            if b"huggingface" in metadata:
+                table = table.replace_schema_metadata(schema_metadata(features, metadata))
+            write_table(table, path)
+        _add_stats(copy, stats)
+        lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
+        own = own_content(recordings, lengths, tasks, rows)
+        write_text(copy / OWN_PATH, json.dumps(own, indent=4, ensure_ascii=False))
+        if not (copy / "README.md").exists():
+            write_text(copy / "README.md", README)
+        info["features"] |= features
+        write_text(copy / "meta/info.json", json.dumps(info, indent=4, ensure_ascii=False))
+
+
+@dataclass
+class _Episode:
+    steps: np.ndarray
+    task: str
+
+
+def _episodes(source: Path, info: dict[str, Any]) -> list[_Episode]:
+    tasks = read_tasks(source)
+    found: list[tuple[int, _Episode]] = []
+    columns = ("timestamp", "frame_index", "episode_index", "task_index")
+    for path in data_files(source, info):
+        for number, rows in episodes_of(path, read_numbers(path, dict.fromkeys(columns, 1))):
+            task = tasks.get(int(integers(path, rows, "task_index")[0]), "")
+            found.append((number, _Episode(step_times(path, rows, info["fps"]), task)))
+    return in_order(source, info, found)
+
+
+def _check_covers(number: int, recording: Recording, steps: np.ndarray, fps: float) -> None:
+    step = 1.001 / fps
+    first, last = recording.time[0], recording.time[-1]
+    if first > steps[0] + step or last < steps[-1] - step:
+        raise ValueError(
+            f"recording {number} must reach from {steps[0]:.4g} to {steps[-1]:.4g} s after its "
+            f"start, as episode {number} does (got {first:.4g} to {last:.4g} s)"
+        )
+
+
+def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
+    pa = require_pyarrow()
+    for path in sorted(root.glob("meta/episodes/*/*.parquet")):
+        table = read_whole(path)
+        numbers = integers(path, table, "episode_index").tolist()
+        for name, part in stats[0].items():
+            for key in part:
+                values = [stats[number][name][key].tolist() for number in numbers]
+                table = table.append_column(f"stats/{name}/{key}", pa.array(values))
+        write_table(table, path)
+    path = root / "meta/stats.json"
+    content = read_object(path) if path.is_file() else {}
+    joined = joined_stats([stats[number] for number in sorted(stats)])
+    content |= {n: {k: v.tolist() for k, v in part.items()} for n, part in joined.items()}
+    write_text(path, json.dumps(content, indent=4, allow_nan=False))
+
+
+@contextmanager
+def _copy(source: Path, root: Path) -> Iterator[Path]:
+    # A copy beside the folder that becomes it when the block succeeds.
+    home = source.resolve()
+    if root.resolve().is_relative_to(home):
+        raise ValueError(f"the copy must lie outside of '{source}' (got '{root}')")
+    # A folder of Hugging Face's cache has links to the files of the same data set.
+    allowed = (home, home.parent.parent / "blobs")
+    for path in source.rglob("*"):
+        if not any(path.resolve().is_relative_to(folder) for folder in allowed):
+            raise ValueError(f"'{path}' must not be a link out of the data set (got one)")
+    temporary = root.with_name(f".{root.name}.tmp")
+    try:
+        shutil.copytree(source, temporary)
+    except FileExistsError as error:
+        raise FileExistsError(
+            f"'{temporary}' must not exist (it is left of a run that was ended): remove it"
+        ) from error
+    try:
+        yield temporary
+        if root.exists():
+            root.rmdir()
+        os.rename(temporary, root)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
