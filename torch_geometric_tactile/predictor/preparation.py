@@ -10,8 +10,8 @@ from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.data.frame_view import FrameView
-from torch_geometric_tactile.predictor.classes import flat
 from torch_geometric_tactile.predictor.settling import access, is_settled, settle
 from torch_geometric_tactile.predictor.window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import TaxelLayout
