@@ -138,7 +138,7 @@ def own_declaration(transform: Transform, name: str) -> Any:
     return None
 
 
-def flat(transform: Transform | None) -> list[Any]:
+def flat(transform: Any) -> list[Any]:
     r"""Returns the parts of a transform in their order. A subclass of PyG's :class:`Compose` is one
     part, since it may do something else than to run its parts.
 

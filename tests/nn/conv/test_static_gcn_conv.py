@@ -375,3 +375,16 @@ def test_static_gcn_conv_bad_x():
             conv(torch.zeros(size), EDGES["one_way"])
     with pytest.raises(ValueError, match=r"'x' must hold floating-point .*\(got torch.int64\)"):
         conv(torch.zeros(6, 4, 3, dtype=torch.long), EDGES["one_way"])
+
+
+@pytest.mark.parametrize("widths", [(2, 5), (5, 2)])
+def test_double_weights_give_double_as_in_pyg(widths):
+    conv, like = StaticGCNConv(*widths), GCNConv(*widths)
+    like.load_state_dict(conv.state_dict())
+    x, edges = torch.randn(4, 3, widths[0]), torch.tensor([[0, 1, 2], [1, 2, 0]])
+    for weight in (torch.rand(3).double(), torch.rand(3).double().requires_grad_()):
+        found, expected = conv(x, edges, weight), like(x, edges, weight)
+        assert found.dtype == expected.dtype == torch.double
+        assert torch.allclose(found, expected, atol=1e-6)
+        assert conv(x, edges, weight).equal(found)
+    assert conv(x, edges, torch.rand(3).half()).dtype == torch.float

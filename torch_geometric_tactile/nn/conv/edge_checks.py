@@ -1,7 +1,8 @@
 r"""Checks of the edges that a layer receives."""
 
 import weakref
-from typing import Optional
+from numbers import Integral
+from typing import Any, Optional
 
 import torch
 from torch import Tensor
@@ -51,6 +52,38 @@ def is_traced() -> bool:
     on values.
     """
     return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
+
+
+def check_sizes(**sizes: Any) -> None:
+    r"""Checks the sizes of a layer.
+
+    Args:
+        **sizes (int): The sizes, by the names of their arguments.
+
+    Raises:
+        ValueError: If one is not a whole number from one on.
+    """
+    for name, size in sizes.items():
+        if not isinstance(size, Integral) or size < 1:
+            lazy = "; only StaticGCNConv takes -1, for the size of the first input"
+            raise ValueError(
+                f"'{name}' must be at least 1 (got {size}){lazy if name == 'in_channels' else ''}"
+            )
+
+
+def check_tensor(x: Any) -> None:
+    r"""Checks that node features are one tensor.
+
+    Args:
+        x (torch.Tensor): Node features.
+
+    Raises:
+        ValueError: If it is anything else, such as PyG's pair for two sets of nodes.
+    """
+    if not isinstance(x, Tensor):
+        raise ValueError(
+            f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
+        )
 
 
 def check_edge_form(edge_index: Adj, num_nodes: int) -> None:

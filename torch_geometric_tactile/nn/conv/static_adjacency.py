@@ -217,7 +217,10 @@ class KeptTensor:
         if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
             return False
         if tensor.is_cpu and copy.is_cpu:
-            return torch.equal(tensor, copy)
+            try:
+                return torch.equal(tensor, copy)
+            except RuntimeError:  # the tensor of a `vmap` has many values
+                return False
         if tensor.device != copy.device or tensor.shape != copy.shape:
             return False
         if (
@@ -249,10 +252,24 @@ def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
         edge_weight (torch.Tensor, optional): Their weights.
     """
     return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
-        tensor.requires_grad or type(tensor) not in _PLAIN or tensor.device.type == "meta"
+        tensor.requires_grad
+        or type(tensor) not in _PLAIN
+        or tensor.device.type == "meta"
+        or _is_wrapped(tensor)
         for tensor in (edge_index, edge_weight)
         if tensor is not None
     )
+
+
+def _is_wrapped(tensor: Tensor) -> bool:
+    # By a transform of torch.func, whose tensors have no memory of their own.
+    if tensor.layout != torch.strided:
+        return False
+    try:
+        tensor.data_ptr()
+    except RuntimeError:
+        return True
+    return False
 
 
 def _sparse(dense: Tensor) -> Tensor:

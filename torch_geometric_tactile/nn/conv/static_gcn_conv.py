@@ -194,13 +194,18 @@ class StaticGCNConv(GCNConv):
         if self.normalize and self.cached:
             edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
             norm = (*norm[:2], False, self.flow)
-        kept = self._kept.get(edge_index, edge_weight, num_nodes, x.dtype, norm=norm)
+        dtype = x.dtype
+        if edge_weight is not None and edge_weight.is_floating_point():
+            dtype = torch.promote_types(dtype, edge_weight.dtype)  # as PyG's messages
+        kept = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if kept is None:
-            adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype, norm=GCNNorm(*norm))
+            adjacency = dense_norm(edge_index, edge_weight, num_nodes, dtype, norm=GCNNorm(*norm))
         else:
             adjacency = kept.dense
         # The product with the adjacency is cheaper on the narrower side of the linear map.
-        if plain and x.size(-1) < self.out_channels:
+        if dtype != x.dtype:
+            out = torch.matmul(adjacency, self.lin(x).to(dtype))
+        elif plain and x.size(-1) < self.out_channels:
             out = self.lin(torch.matmul(adjacency, x))
         else:
             out = torch.matmul(adjacency, self.lin(x))
