@@ -132,7 +132,8 @@ def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
         or edge_index.numel() == 0
     ):
         return
-    low, high = torch.stack(torch.aminmax(edge_index)).tolist()  # one synchronisation on a GPU
+    ends = torch.stack(torch.aminmax(edge_index)).cpu()  # one synchronisation on a GPU
+    low, high = int(ends[0]), int(ends[1])  # not `tolist`, which PyTorch 2.4 has not in torch.func
     if low < 0 or high >= num_nodes:
         raise ValueError(
             f"'edge_index' must hold node numbers from 0 to {num_nodes - 1}, those of 'x' "
