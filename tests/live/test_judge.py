@@ -29,13 +29,10 @@ def assert_as_predicted(name, judged, recording, adapt):
     """The numbers of `tactile predict`, and its classes."""
     predictor = copy.deepcopy(made.predictor(name))
     frames = range(recording.num_frames)
+    if adapt:
+        predictor.adapt_recording(made.recording_at_rest())
     if predictor.window is not None:
-        windows, last = predictor.windows(recording)
-        frames = last.tolist()
-        if adapt:
-            predictor.adapt_windows(windows)
-    elif adapt:
-        predictor.adapt(recording.tactile, recording.joint, recording.time)
+        frames = predictor.windows(recording)[1].tolist()
     probability = predictor.recording(recording)
     labels = predictor.labels(probability)
     rows = dict(zip(frames, probability.numpy(), strict=True))
@@ -59,7 +56,7 @@ def test_judge_says_what_predict_says(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["tare", "window_tare"])
+@pytest.mark.parametrize("name", ["tare", "window_tare", "frames_tare"])
 def test_judge_measures_the_rest_as_predict_does(name, kind):
     recording = made.recording()
     rest = Rest(seconds=29 / 25, min_frames=30)
@@ -70,7 +67,7 @@ def test_judge_measures_the_rest_as_predict_does(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["session", "window_tare"])
+@pytest.mark.parametrize("name", ["session", "window_tare", "frames_tare"])
 def test_a_graph_measures_what_the_predictor_measures(name):
     recording = made.recording()
     judged = []

@@ -84,6 +84,11 @@ class Preparation:
         parts = [*self._frame_parts, *self._parts]
         return all(getattr(part, "causal", True) for part in parts)
 
+    @property
+    def measures_frames(self) -> bool:
+        r"""Whether a transform measures the sessions on frames, before windows are cut."""
+        return bool(_keyed(self._frame_parts))
+
     @classmethod
     def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
         r"""Returns what a data set does to its readings, and a transform after it.
@@ -254,13 +259,21 @@ class Preparation:
         r"""Measures a session that is new, without labels, and returns its number.
 
         Args:
-            data (StaticData): Its readings, as :meth:`data` returned them for any session.
+            data (StaticData): Its readings, as :meth:`data` returned them for any session; frames
+                if :obj:`measures_frames`.
         """
         known = [int(p.key_values.max()) for p in self.fitted if p.key and p.key_values is not None]
         number = 1 + max(known, default=-1)
         for key in self.keys:
             data[key] = torch.full((data.num_samples,), number)
-        fit_parts(Compose(self._parts), data, adapt=True)
+        if self.measures_frames:
+            fit_parts(Compose(self._frame_parts), data, adapt=True)
+        if not self.measures_frames or _keyed(self._parts):
+            if self.measures_frames:
+                data, _ = self.cut(data)
+                for key in self.keys:
+                    data[key] = torch.full((data.num_samples,), number)
+            fit_parts(Compose(self._parts), data, adapt=True)
         self.session = number
         return number
 
@@ -288,6 +301,10 @@ def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> Sta
         if value is not None:
             shared[key] = value
     return shared
+
+
+def _keyed(parts: Sequence[Any]) -> list[Any]:
+    return [part for part in fitted_parts(Compose(parts)) if part.key is not None]
 
 
 def _first_stored(dataset: StaticDataset) -> StaticData:

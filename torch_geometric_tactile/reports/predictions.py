@@ -56,10 +56,11 @@ def write_recordings(
             recording = read_recording(path)
             try:
                 frames: Sequence[int] = range(recording.num_frames)
+                if adapt:
+                    measured = recording if rest is None else _beginning(recording, rest)
+                    predictor.adapt_recording(measured)
                 if predictor.window is not None:
                     frames = predictor.windows(recording)[1].tolist()
-                if adapt:
-                    _adapt(predictor, recording if rest is None else _beginning(recording, rest))
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
                 hint = (
@@ -72,13 +73,6 @@ def write_recordings(
                 yield [_cell(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
-
-
-def _adapt(predictor: Predictor, measured: Recording) -> None:
-    if predictor.window is not None:
-        predictor.adapt_windows(predictor.windows(measured)[0])
-    else:
-        predictor.adapt(measured.tactile, measured.joint, measured.time)
 
 
 def _beginning(recording: Recording, seconds: float) -> Recording:
