@@ -249,3 +249,20 @@ def test_any_flipped_bit_of_a_graph_is_noticed(tmp_path):
     path.write_bytes(whole[:-1])
     with pytest.raises(ValueError, match=r"a\.onnx'"):
         Judge(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["frame", "window", "stepped"])
+@pytest.mark.parametrize("infinity", [np.inf, -np.inf])
+def test_infinite_readings_are_missing_in_both_forms(name, infinity):
+    judged = []
+    for value in (infinity, np.nan):
+        recording = made.recording()
+        recording.tactile[20, 4, 1] = value
+        for kind in KINDS:
+            judged.append(judgements(Judge(model_of(name, kind)), made.live_frames(recording)))
+    for i, one in judged[0].items():
+        for other in judged[1:]:
+            assert other[i].label == one.label
+            np.testing.assert_allclose(one.probability, other[i].probability, rtol=0, atol=1e-5)
+    assert (judged[0][20].label == "") == (name != "frame")  # which fills what is missing

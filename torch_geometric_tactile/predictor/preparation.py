@@ -333,9 +333,12 @@ def _only_shared(data: StaticData) -> StaticData:
 
 def _tensor(name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None) -> Tensor:
     try:
-        if isinstance(value, np.ndarray) and not value.flags.writeable:
+        if isinstance(value, np.ma.MaskedArray):  # what is masked is missing
+            value = value.astype(np.result_type(value.dtype, np.float32)).filled(np.nan)
+        elif isinstance(value, np.ndarray) and not value.flags.writeable:
             value = value.copy()  # PyTorch has no tensors that cannot be written
-        return torch.as_tensor(value).to(device=device, dtype=dtype)
+        tensor = torch.as_tensor(value).to(device=device, dtype=dtype)
+        return tensor.masked_fill(tensor.isinf(), torch.nan)  # no reading: it is missing too
     except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
 
