@@ -12,6 +12,7 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import LiveFrame, Recording, StaticData, StaticDataset, Windows
+from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.nn.models import GraspLSTM, TactileGCN, TemporalTaxelNet
 
 LAYOUT = small_models.LAYOUT
@@ -70,6 +71,15 @@ def window_tare():
     return _fitted(model, data, T.Tare(first=8), T.ZScore(per="signal"))
 
 
+def frames_tare():
+    made = [recording(seed=i, label=NAMES[i % 2]) for i in range(4)]
+    frames = RecordingFrames(
+        layout=LAYOUT, recordings=made, target="label", adjacency="original", tare=0.5
+    )
+    model = GraspLSTM(LAYOUT, 2, hidden_channels=4)
+    return _fitted(model, Windows(frames, LENGTH), T.ZScore(per="signal"))
+
+
 def stepped():
     model = TemporalTaxelNet(
         LAYOUT,
@@ -84,7 +94,10 @@ def stepped():
     return _fitted(model, Windows(dataset(), LENGTH), T.ZScore(per="signal"))
 
 
-MAKES = {make.__name__: make for make in (frame, tare, session, window, window_tare, stepped)}
+MAKES = {
+    make.__name__: make
+    for make in (frame, tare, session, window, window_tare, frames_tare, stepped)
+}
 
 
 @functools.cache
@@ -103,14 +116,20 @@ def onnx_file(name):
     return path
 
 
-def recording(num_frames=60, rest=30):
+def recording(num_frames=60, rest=30, seed=1, label=None):
     """At rest, then touched."""
-    draw = np.random.default_rng(1)
+    draw = np.random.default_rng(seed)
     tactile = 30100 + 5 * draw.standard_normal((num_frames, 11, 3))
     tactile[rest:] += 60 * draw.standard_normal((num_frames - rest, 11, 3))
     joint = draw.uniform(0, 1, (num_frames, 2))
     time = np.arange(num_frames) / 25
-    return Recording(time=time, tactile=tactile.astype(np.float32), joint=joint)
+    return Recording(time=time, tactile=tactile.astype(np.float32), joint=joint, label=label)
+
+
+def recording_at_rest():
+    """The first half of :func:`recording`."""
+    whole = recording()
+    return Recording(time=whole.time[:30], tactile=whole.tactile[:30], joint=whole.joint[:30])
 
 
 def live_frames(recording, first=0):

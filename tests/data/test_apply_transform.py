@@ -1,3 +1,5 @@
+from unittest.mock import ANY
+
 import pytest
 import torch
 import torch_geometric.transforms as T
@@ -6,9 +8,9 @@ from torch_geometric.data import Data, HeteroData
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticRule, apply_transform
-from torch_geometric_tactile.data.apply_transform import _RULES
+from torch_geometric_tactile.data.apply_transform import _RULES, flat, own_declaration
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import KNNGraph, static_transform
+from torch_geometric_tactile.transforms import CommonMode, KNNGraph, ZScore, static_transform
 
 LAYOUT = grid(2, 3, pitch=0.01)
 EDGES = LAYOUT.edge_index("original")[:, 1:]  # not symmetric
@@ -193,6 +195,81 @@ def test_subclass_is_not_taken_for_its_parent():
         def forward(self, data):
             data = super().forward(data)
             data.edge_attr = data.edge_attr * data.x.sum()
+            return data
+
+    assert_as_one_by_one(ByReading(), samples())
+
+
+class OneOf(T.Compose):
+    def forward(self, data):
+        return self.transforms[int(data.y) % len(self.transforms)](data)
+
+
+def test_subclass_of_compose_runs_its_forward():
+    transform = OneOf([CommonMode(), RandomNothing()])
+    assert flat(T.Compose([transform, T.Center()])) == [transform, ANY]
+    assert_as_one_by_one(T.Compose([T.Center(), transform]), samples())
+
+
+class RandomNothing(BaseTransform):
+    supports_static = True
+
+    def forward(self, data):
+        return data
+
+
+class ByItsOwnMean(ZScore):
+    def forward(self, data):
+        data = super().forward(data)
+        data.x = data.x - data.x.mean()  # of all samples, if it were given them at once
+        return data
+
+
+class Called(RandomNothing):
+    def __call__(self, data):
+        data = super().__call__(data)
+        data.x = data.x - data.x.mean()
+        return data
+
+
+def test_subclass_that_overrides_forward_gets_one_sample():
+    data = samples()
+    for transform in (ByItsOwnMean().fit(data), Called()):
+        assert own_declaration(transform, "supports_static") is None
+        assert_as_one_by_one(transform, data)
+
+
+def test_subclass_that_declares_it_again_gets_all_samples():
+    class Again(ByItsOwnMean):
+        supports_static = True
+
+        def forward(self, data):
+            assert data.x.dim() == 3
+            return data
+
+    class Inherits(Again):
+        pass
+
+    class OneByOne(Again):
+        supports_static = False
+
+    apply_transform(Inherits(), samples())
+    assert own_declaration(OneByOne(), "supports_static") is False
+
+
+def test_static_rule_of_a_parent_is_not_that_of_its_subclass():
+    class Height(BaseTransform):
+        static_rule = StaticRule(reads=("pos",), node=("height",))
+
+        def forward(self, data):
+            data.height = data.pos[:, 2:]
+            return data
+
+    class ByReading(Height):
+        def forward(self, data):
+            data = super().forward(data)
+            data.pos = data.pos * data.x.sum()
+            del data["height"]
             return data
 
     assert_as_one_by_one(ByReading(), samples())

@@ -29,13 +29,10 @@ def assert_as_predicted(name, judged, recording, adapt):
     """The numbers of `tactile predict`, and its classes."""
     predictor = copy.deepcopy(made.predictor(name))
     frames = range(recording.num_frames)
+    if adapt:
+        predictor.adapt_recording(made.recording_at_rest())
     if predictor.window is not None:
-        windows, last = predictor.windows(recording)
-        frames = last.tolist()
-        if adapt:
-            predictor.adapt_windows(windows)
-    elif adapt:
-        predictor.adapt(recording.tactile, recording.joint, recording.time)
+        frames = predictor.windows(recording)[1].tolist()
     probability = predictor.recording(recording)
     labels = predictor.labels(probability)
     rows = dict(zip(frames, probability.numpy(), strict=True))
@@ -59,7 +56,7 @@ def test_judge_says_what_predict_says(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["tare", "window_tare"])
+@pytest.mark.parametrize("name", ["tare", "window_tare", "frames_tare"])
 def test_judge_measures_the_rest_as_predict_does(name, kind):
     recording = made.recording()
     rest = Rest(seconds=29 / 25, min_frames=30)
@@ -70,7 +67,7 @@ def test_judge_measures_the_rest_as_predict_does(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["session", "window_tare"])
+@pytest.mark.parametrize("name", ["session", "window_tare", "frames_tare"])
 def test_a_graph_measures_what_the_predictor_measures(name):
     recording = made.recording()
     judged = []
@@ -252,3 +249,20 @@ def test_any_flipped_bit_of_a_graph_is_noticed(tmp_path):
     path.write_bytes(whole[:-1])
     with pytest.raises(ValueError, match=r"a\.onnx'"):
         Judge(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["frame", "window", "stepped"])
+@pytest.mark.parametrize("infinity", [np.inf, -np.inf])
+def test_infinite_readings_are_missing_in_both_forms(name, infinity):
+    judged = []
+    for value in (infinity, np.nan):
+        recording = made.recording()
+        recording.tactile[20, 4, 1] = value
+        for kind in KINDS:
+            judged.append(judgements(Judge(model_of(name, kind)), made.live_frames(recording)))
+    for i, one in judged[0].items():
+        for other in judged[1:]:
+            assert other[i].label == one.label
+            np.testing.assert_allclose(one.probability, other[i].probability, rtol=0, atol=1e-5)
+    assert (judged[0][20].label == "") == (name != "frame")  # which fills what is missing

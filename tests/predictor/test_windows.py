@@ -22,6 +22,7 @@ from torch_geometric_tactile.transforms import (
     KNNGraph,
     Resample,
     SessionZScore,
+    Tare,
     ZScore,
     fit_transform,
 )
@@ -230,3 +231,26 @@ def test_bad_windows(arguments, match):
         WindowCut(**arguments)
     with pytest.raises(ValueError, match=r"a window must have 'length', 'hop' and 'ragged'"):
         WindowCut.from_dict({"length": 5})
+
+
+@pytest.mark.parametrize("on_windows", [(), (SessionZScore("trial"),)])
+def test_rest_that_is_measured_on_frames(on_windows):
+    source = frames()
+    transform = Compose([Tare("trial", first=10)])
+    fit_transform(transform, source.batch(torch.arange(len(source))))
+    model = TemporalTaxelNet(biotac(), 2, in_channels=3, widths=(4,), filter_size=2, num_blocks=1)
+    data = Windows(frames(transform), 20, 3, label="trial")
+    predictor, _ = predictor_of(data, model, *on_windows)
+    assert predictor.preparation.measures_frames
+    one = recording(data, 1)
+    for call in (predictor.windows, predictor.recording):
+        with pytest.raises(ValueError, match=r"'session' must be given, or adapt .* Tare\('trial'"):
+            call(one)
+    assert predictor.adapt_recording(one) == 4
+    found = predictor.recording(one)
+    expected = said_of(predictor, data)[data.column("trial") == 1]
+    assert torch.allclose(found, expected, atol=1e-6)
+    joined = join_frames(torch.from_numpy(one.tactile[:20]).permute(1, 0, 2))
+    assert torch.allclose(predictor(joined[None])[0], expected[0], atol=1e-6)
+    with pytest.raises(ValueError, match=r"on frames, before windows are cut.*adapt_recording"):
+        predictor.adapt_windows(predictor.windows(one)[0])

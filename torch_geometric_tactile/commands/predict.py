@@ -1,6 +1,7 @@
 r"""``tactile predict``: the probabilities of each frame, or the file of a predictor."""
 
 import argparse
+import sys
 
 from torch_geometric_tactile.commands.arguments import seconds
 from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
@@ -60,13 +61,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--adapt",
         action="store_true",
         help="for models with session scaling: measure the scaling of each recording as a session "
-        "of its own, without labels",
+        "of its own, without labels; for a tare, the mean of the whole recording",
     )
     parser.add_argument(
         "--rest",
         type=seconds,
         metavar="SECONDS",
-        help="for models with a tare: like --adapt, but measure only the first SECONDS of each "
+        help="for models with a tare, also beside --adapt: measure only the first SECONDS of each "
         "recording, in which nothing is touched",
     )
     parser.add_argument(
@@ -107,6 +108,12 @@ def run(arguments: argparse.Namespace) -> int:
             "is read as its configuration says"
         )
     predictor = run_data.open_predictor(arguments.model, arguments.config)
+    if arguments.adapt and arguments.rest is None and predictor.measures_rest:
+        print(
+            "note: --adapt takes the mean of a whole recording for its rest; --rest SECONDS takes "
+            "that of its first seconds, in which nothing is touched",
+            file=sys.stderr,
+        )
     if arguments.save is not None:
         predictor.save(arguments.save)
         print(printable(f"wrote {arguments.save}: {predictor}"), flush=True)

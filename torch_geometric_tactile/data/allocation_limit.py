@@ -8,11 +8,12 @@ from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 _ROOM = 2**28  # bytes that building a model may ask for beside its own
+_TENSORS = 5_000  # likewise, so that building many small layers ends soon
 
 
 class AllocationLimit(TorchFunctionMode):
     r"""Ends the building of a model that asks for much more memory than its weights in the file
-    take.
+    take, or for many more tensors.
 
     Tensors are allocated before they are filled, so that a size beyond all measure in a damaged or
     hostile file is found before it takes the memory.
@@ -26,9 +27,10 @@ class AllocationLimit(TorchFunctionMode):
 
     def __init__(self, weights: Iterable[Tensor]) -> None:
         super().__init__()
-        held = (w.numel() * w.element_size() for w in weights if isinstance(w, Tensor))
+        held = [w.numel() * w.element_size() for w in weights if isinstance(w, Tensor)]
         self._most = _ROOM + 4 * sum(held)
-        self._used = 0
+        self._most_tensors = _TENSORS + 4 * len(held)
+        self._used = self._tensors = 0
 
     def __torch_function__(
         self,
@@ -40,10 +42,11 @@ class AllocationLimit(TorchFunctionMode):
         out = func(*args, **(kwargs or {}))
         if isinstance(out, Tensor) and func in _FACTORIES:
             self._used += out.numel() * out.element_size()
-            if self._used > self._most:
+            self._tensors += 1
+            if self._used > self._most or self._tensors > self._most_tensors:
                 raise ValueError(
                     "the model must not be larger than its weights in the file (got more than "
-                    f"{self._most} bytes)"
+                    f"{self._most} bytes or {self._most_tensors} tensors)"
                 )
         return out
 

@@ -108,17 +108,56 @@ def static_rule(transform: Transform) -> StaticRule:
     Args:
         transform (callable): The transform.
     """
-    declared = getattr(transform, "static_rule", None)
-    if isinstance(declared, StaticRule):
-        return declared
+    own = own_declaration(transform, "static_rule")
+    if isinstance(own, StaticRule):
+        return own
     known = _RULES.get(type(transform))
     return _UNKNOWN if known is None else known(transform)
+
+
+def own_declaration(transform: Transform, name: str) -> Any:
+    r"""Returns an attribute by which a transform declares what its :obj:`forward` does, or
+    :obj:`None`. What a parent class declares does not hold for a subclass with its own.
+
+    Args:
+        transform (callable): The transform.
+        name (str): :obj:`"supports_static"` or :obj:`"static_rule"`.
+
+    Examples:
+        >>> from torch_geometric_tactile.transforms import ZScore
+        >>> class Clipped(ZScore):
+        ...     def forward(self, data):
+        ...         return super().forward(data)
+        >>> [own_declaration(transform, "supports_static") for transform in (ZScore(), Clipped())]
+        [True, None]
+    """
+    for space in (getattr(transform, "__dict__", {}), *map(vars, type(transform).__mro__)):
+        if name in space:
+            return getattr(transform, name)
+        if "forward" in space or "__call__" in space:
+            return None
+    return None
+
+
+def flat(transform: Any) -> list[Any]:
+    r"""Returns the parts of a transform in their order. A subclass of PyG's :class:`Compose` is one
+    part, since it may do something else than to run its parts.
+
+    Args:
+        transform (callable, optional): A transform or PyG's :class:`Compose` of transforms.
+    """
+    if transform is None:
+        return []
+    if type(transform) is T.Compose:
+        return [part for inner in transform.transforms for part in flat(inner)]
+    return [transform]
 
 
 def apply_transform(transform: Transform | None, data: StaticData) -> StaticData:
     r"""Applies a transform to many samples at once. The result is that of applying it to each.
 
-    * A transform that declares :obj:`supports_static = True` gets all samples in one call.
+    * A transform whose class declares :obj:`supports_static = True` gets all samples in one call; a
+      subclass with a :obj:`forward` of its own declares it again.
     * PyG's deterministic transforms of edges and positions
       (:class:`~torch_geometric.transforms.Distance`,
       :class:`~torch_geometric.transforms.ToUndirected`, ...), and those declared with
@@ -143,21 +182,17 @@ def apply_transform(transform: Transform | None, data: StaticData) -> StaticData
         >>> apply_transform(ToUndirected(), data).num_samples
         3
     """
-    if transform is None:
-        return data
-    if isinstance(transform, T.Compose):
-        for part in transform.transforms:
-            data = apply_transform(part, data)
-        return data
-    schema: Schema = data._schema
-    values = data._store._mapping.items()
-    shared = {key: value for key, value in values if schema.is_shared(key, value)}
-    with unwritten(transform, shared):
-        return _applied(transform, data)
+    for part in flat(transform):
+        schema: Schema = data._schema
+        values = data._store._mapping.items()
+        shared = {key: value for key, value in values if schema.is_shared(key, value)}
+        with unwritten(part, shared):
+            data = _applied(part, data)
+    return data
 
 
 def _applied(transform: Transform, data: StaticData) -> StaticData:
-    if getattr(transform, "supports_static", False):
+    if own_declaration(transform, "supports_static"):
         out: StaticData = returned(transform, data)
         return out
     rule = static_rule(transform)
@@ -234,7 +269,7 @@ def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> S
         is_new = key == "x" or key not in before
         if not (key in allowed or not isinstance(value, Tensor) if is_new else data.is_shared(key)):
             return None  # it has other results than those declared
-    out = _declared(copy.copy(data), rule)
+    out = _with_levels(copy.copy(data), rule)
     for key in before.keys() - found.keys():
         del out[key]
     # The numbers of taxels and edges first, with which the others have to agree.
@@ -243,7 +278,7 @@ def _applied_once(transform: Transform, rule: StaticRule, data: StaticData) -> S
     return out
 
 
-def _declared(data: StaticData, rule: StaticRule) -> StaticData:
+def _with_levels(data: StaticData, rule: StaticRule) -> StaticData:
     added = (*rule.node, *rule.edge, *rule.shared)
     return data.declare(node=rule.node, edge=rule.edge, shared=added) if added else data
 

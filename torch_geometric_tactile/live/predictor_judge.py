@@ -67,12 +67,7 @@ class PredictorModel:
 
         if self.info["rest"] is None:
             return
-        predictor = self._predictor
-        if predictor.window is None:
-            predictor.adapt(frames, joint, time)
-        else:
-            recording = Recording(time=time, tactile=frames, joint=joint)
-            predictor.adapt_windows(predictor.windows(recording)[0])
+        self._predictor.adapt_recording(Recording(time=time, tactile=frames, joint=joint))
         missing = np.isnan(frames).all(axis=0)
         for part in self._measured():
             if part.center[-1].shape == missing.shape:

@@ -4,11 +4,10 @@ import inspect
 from typing import Any
 
 import torch_geometric.transforms
-from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import transforms
+from torch_geometric_tactile.data.apply_transform import flat as flat
 from torch_geometric_tactile.nn import models
-from torch_geometric_tactile.typing import Transform
 
 # Deterministic transforms of PyG that need no compiled package and keep the number of taxels.
 _PYG_TRANSFORMS = (
@@ -56,16 +55,3 @@ def describe_own(value: Any) -> dict[str, Any]:
         return {"own": kind, "text": value.__qualname__}
     is_told = type(value).__repr__ is not object.__repr__  # which tells an address
     return {"own": kind, "text": repr(value) if is_told else kind}
-
-
-def flat(transform: Transform | None) -> list[Any]:
-    r"""Returns the parts of a transform in their order.
-
-    Args:
-        transform (callable, optional): A transform or PyG's :class:`Compose` of transforms.
-    """
-    if transform is None:
-        return []
-    if isinstance(transform, Compose):
-        return [part for inner in transform.transforms for part in flat(inner)]
-    return [transform]

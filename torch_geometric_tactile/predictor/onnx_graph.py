@@ -231,8 +231,8 @@ class OnnxGraph(Module):
             self.rest.center = given["rest"]
             self.rest.scale = given.get("rest_scale")
         data = copy.copy(self._constant)
-        data.x = frames
-        joint = given.get("joint")
+        data.x = _finite(frames)
+        joint = None if "joint" not in given else _finite(given["joint"])
         if joint is not None:
             rows = joint if joint.dim() == 2 else joint.unsqueeze(0)
             data.joint = rows.expand(len(frames), -1)
@@ -250,6 +250,10 @@ class OnnxGraph(Module):
             self._at.name = name
             data = step(data)
         return data
+
+
+def _finite(values: Tensor) -> Tensor:
+    return values.masked_fill(values.isinf(), torch.nan)  # as a predictor takes them
 
 
 def _count_joints(predictor: Predictor, parts: Sequence[Any]) -> int:

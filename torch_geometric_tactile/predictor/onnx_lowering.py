@@ -8,7 +8,7 @@ import torch
 
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, apply_transform
-from torch_geometric_tactile.data.apply_transform import static_rule
+from torch_geometric_tactile.data.apply_transform import own_declaration, static_rule
 from torch_geometric_tactile.predictor.onnx_steps import (
     Dropped,
     GivenRest,
@@ -19,7 +19,7 @@ from torch_geometric_tactile.predictor.onnx_steps import (
     Set,
     Step,
 )
-from torch_geometric_tactile.predictor.settling import access
+from torch_geometric_tactile.predictor.settling import access, shifts_and_scales
 from torch_geometric_tactile.transforms import FittedTransform
 
 # What they do to a frame of a window does not depend on the others.
@@ -57,9 +57,9 @@ def is_framewise(part: Any) -> bool:
     Args:
         part (callable): The transform.
     """
-    if isinstance(part, FittedTransform):
+    if isinstance(part, FittedTransform) and shifts_and_scales(part):
         return part.attr != "x" or part.per == "signal"
-    return isinstance(part, _FRAMEWISE)
+    return type(part) in _FRAMEWISE
 
 
 def lowered(
@@ -88,33 +88,37 @@ def _lowered(
     part: Any, known: StaticData, changing: set[str], of_windows: bool
 ) -> tuple[Step | None, StaticData]:
     if isinstance(part, FittedTransform) and part.key is not None:
+        if not shifts_and_scales(part):
+            raise NotImplementedError(
+                f"{part!r} cannot be exported: it measures sessions and has a 'forward' of its own"
+            )
         rest = GivenRest(part, of_windows)
         rest.reads_changed = "$x" in changing
         changing.add("$x")
         return rest, known
-    if isinstance(part, _RANDOM) and _draws(part):
+    if type(part) in _RANDOM and _draws(part):
         if _is_identity(part, known):
             return None, known
         raise NotImplementedError(
             f"{part!r} cannot be exported: it draws random numbers; leave it out of the predictor"
         )
-    if isinstance(part, T.DropTaxels):
+    if type(part) is T.DropTaxels:
         changing.add("$x")
         return Dropped(part, known), known
     if type(part) in (T.ZScore, T.Normalize) and part.attr in changing:
         changing.add("$x" if part.attr == "x" else part.attr)
         return Scaled(part), known
-    if isinstance(part, T.TaxelPose):
+    if type(part) is T.TaxelPose:
         changing.update(("pos", "normal", "tangent"))
         return Posed(part), known
     if isinstance(part, T.ContactCrop):
         raise NotImplementedError(
             f"{part!r} cannot be exported: the length of its windows depends on the readings"
         )
-    if isinstance(part, T.Resample):
+    if type(part) is T.Resample:
         changing.add("$x")
         return Resampled(part), known
-    if isinstance(part, T.TopologicalSegmentation) and "edge_index" not in changing:
+    if type(part) is T.TopologicalSegmentation and "edge_index" not in changing:
         step = Segmented(part, known)
         return step, step(copy.copy(known))
     reads, writes = _access(part)
@@ -134,14 +138,14 @@ def _lowered(
         changing.update(writes)
         if "x" in writes:
             changing.add("$x")
-    if getattr(part, "supports_static", False):
+    if own_declaration(part, "supports_static"):
         return part, known
     return _per_sample(part), known
 
 
 def _access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
     reads, writes = access(part)
-    if reads is not None or getattr(part, "supports_static", False):
+    if reads is not None or own_declaration(part, "supports_static"):
         return reads, writes
     rule = static_rule(part)
     if rule.reads is None or rule == type(rule)():
@@ -159,7 +163,7 @@ def _per_sample(part: Any) -> Step:
 
 
 def _draws(part: Any) -> bool:
-    return not isinstance(part, T.DropPatches | T.DropTaxels) or part.p is not None
+    return type(part) not in (T.DropPatches, T.DropTaxels) or part.p is not None
 
 
 def _is_identity(part: Any, known: StaticData) -> bool:

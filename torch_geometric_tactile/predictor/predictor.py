@@ -11,8 +11,8 @@ from torch.nn import Module
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Recording, StaticDataset
+from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.predictor import content
-from torch_geometric_tactile.predictor.classes import flat
 from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation, shared_by_frames
 from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel

@@ -10,9 +10,9 @@ from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.data.column_order import in_column_order
 from torch_geometric_tactile.data.frame_view import FrameView
-from torch_geometric_tactile.predictor.classes import flat
 from torch_geometric_tactile.predictor.file_options import checked_options, stored_options
 from torch_geometric_tactile.predictor.settling import access, is_settled, settle
 from torch_geometric_tactile.predictor.window_cut import WindowCut, frame_by_frame
@@ -89,6 +89,11 @@ class Preparation:
         r"""Whether no transform looks at frames to come."""
         parts = [*self._frame_parts, *self._parts]
         return all(getattr(part, "causal", True) for part in parts)
+
+    @property
+    def measures_frames(self) -> bool:
+        r"""Whether a transform measures the sessions on frames, before windows are cut."""
+        return bool(_keyed(self._frame_parts))
 
     @classmethod
     def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
@@ -274,13 +279,21 @@ class Preparation:
         r"""Measures a session that is new, without labels, and returns its number.
 
         Args:
-            data (StaticData): Its readings, as :meth:`data` returned them for any session.
+            data (StaticData): Its readings, as :meth:`data` returned them for any session; frames
+                if :obj:`measures_frames`.
         """
         known = [int(p.key_values.max()) for p in self.fitted if p.key and p.key_values is not None]
         number = 1 + max(known, default=-1)
         for key in self.keys:
             data[key] = torch.full((data.num_samples,), number)
-        fit_parts(Compose(self._parts), data, adapt=True)
+        if self.measures_frames:
+            fit_parts(Compose(self._frame_parts), data, adapt=True)
+        if not self.measures_frames or _keyed(self._parts):
+            if self.measures_frames:
+                data, _ = self.cut(data)
+                for key in self.keys:
+                    data[key] = torch.full((data.num_samples,), number)
+            fit_parts(Compose(self._parts), data, adapt=True)
         self.session = number
         return number
 
@@ -310,6 +323,10 @@ def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> Sta
     return shared
 
 
+def _keyed(parts: Sequence[Any]) -> list[Any]:
+    return [part for part in fitted_parts(Compose(parts)) if part.key is not None]
+
+
 def _first_stored(dataset: StaticDataset) -> StaticData:
     # The first sample before the transform of its data set.
     stored = copy.copy(dataset)
@@ -336,9 +353,12 @@ def _only_shared(data: StaticData) -> StaticData:
 
 def _tensor(name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None) -> Tensor:
     try:
-        if isinstance(value, np.ndarray) and not value.flags.writeable:
+        if isinstance(value, np.ma.MaskedArray):  # what is masked is missing
+            value = np.ma.filled(value.astype(np.result_type(value.dtype, np.float32)), np.nan)
+        elif isinstance(value, np.ndarray) and not value.flags.writeable:
             value = value.copy()  # PyTorch has no tensors that cannot be written
-        return torch.as_tensor(value).to(device=device, dtype=dtype)
+        tensor = torch.as_tensor(value).to(device=device, dtype=dtype)
+        return tensor.masked_fill(tensor.isinf(), torch.nan)  # no reading: it is missing too
     except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
 

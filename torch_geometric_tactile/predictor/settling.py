@@ -77,15 +77,25 @@ def access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
     Args:
         part (callable): The transform.
     """
-    if isinstance(part, FittedTransform):
+    if shifts_and_scales(part):
         frames = _FRAMES if part.per == "signal" else ()
         return (part.attr, *((part.key, "x") if part.key else ()), *frames), (part.attr,)
     reads, writes = _ACCESS.get(type(part), (None, None))
-    if isinstance(part, T.TaxelForce):
+    if type(part) is T.TaxelForce:
         return ("x", "tangent", "normal"), (part.out,)
-    if isinstance(part, T.AbsoluteMorphology) and part.cat:
+    if type(part) is T.AbsoluteMorphology and part.cat:
         return ("pos", "x"), ("x",)
     return reads, writes
+
+
+def shifts_and_scales(part: Any) -> bool:
+    r"""Tells whether a transform does what :class:`FittedTransform` does; a subclass with its own
+    :obj:`forward` may do anything.
+
+    Args:
+        part (callable): The transform.
+    """
+    return isinstance(part, FittedTransform) and type(part).forward is FittedTransform.forward
 
 
 def is_settled(part: Any, sample: StaticData) -> bool:

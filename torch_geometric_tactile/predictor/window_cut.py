@@ -145,10 +145,16 @@ def frame_by_frame(parts: Sequence[Any], windows: StaticData) -> StaticData:
     """
     num_frames = windows.num_frames
     data = copy.copy(windows)
-    for key, value in windows.to_dict().items():
-        if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key):
-            data[key] = value.repeat_interleave(num_frames, dim=0)
+    of_samples = [
+        key
+        for key, value in windows.to_dict().items()
+        if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key)
+    ]
+    for key in of_samples:  # with which the number of samples would have to agree
+        del data[key]
     data.x = split_frames(windows.x, num_frames).transpose(1, 2).flatten(0, 1)  # (B * T, N, C)
+    for key in of_samples:
+        data[key] = windows[key].repeat_interleave(num_frames, dim=0)
     for part in parts:
         data = apply_transform(part, data)
     x = data.x.unflatten(0, (-1, num_frames)).transpose(1, 2)

@@ -8,6 +8,7 @@ from torch import Tensor
 from torch_geometric_tactile.data import Recording, StaticData
 from torch_geometric_tactile.predictor.preparation import ArrayLike
 from torch_geometric_tactile.predictor.trained_model import TrainedModel
+from torch_geometric_tactile.transforms import Tare
 
 
 class WindowedModel(TrainedModel):
@@ -30,11 +31,13 @@ class WindowedModel(TrainedModel):
         if self.window is None:
             raise ValueError("this predictor takes single frames, not windows: call 'recording'")
         recording = self.preparation.ordered(recording)
-        # A session is the same for all frames, and may be adapted to with these windows.
+        # A session is the same for all frames, and may be adapted to with these windows, unless it
+        # is measured on the frames.
+        on_frames = self.preparation.measures_frames
         frames = self.preparation.data(
             recording.tactile,
             recording.joint,
-            -1 if self.preparation.session is None else None,
+            -1 if self.preparation.session is None and not on_frames else None,
             dtype=self._dtype,
             device=self._device,
             num_frames=1,
@@ -42,6 +45,14 @@ class WindowedModel(TrainedModel):
         del frames.num_frames
         frames.time = torch.as_tensor(recording.time.copy())
         return self.preparation.cut(frames)
+
+    @property
+    def measures_rest(self) -> bool:
+        r"""Whether a :class:`~torch_geometric_tactile.transforms.Tare` takes all readings that a
+        session is measured by for those at rest.
+        """
+        parts = self.preparation.fitted
+        return any(isinstance(p, Tare) and p.first is None and p.seconds is None for p in parts)
 
     def adapt(
         self,
@@ -55,7 +66,8 @@ class WindowedModel(TrainedModel):
         :class:`~torch_geometric_tactile.transforms.Tare`.
 
         Args:
-            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`.
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`; windows for a
+                model of windows, but frames if a transform of frames measures the session.
             joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
             time (torch.Tensor or numpy.ndarray, optional): Time of each in seconds :math:`(B,)`,
                 where :class:`~torch_geometric_tactile.transforms.Tare` needs it.
@@ -64,10 +76,34 @@ class WindowedModel(TrainedModel):
             ValueError: If no transform measures sessions, or as for a call.
         """
         self._check_adapts()
-        data = self.preparation.data(reading, joint, -1, dtype=self._dtype, device=self._device)
+        on_frames = self.preparation.measures_frames
+        data = self.preparation.data(
+            reading,
+            joint,
+            -1,
+            dtype=self._dtype,
+            device=self._device,
+            num_frames=1 if on_frames else None,
+        )
+        if on_frames:
+            del data.num_frames
         if time is not None:
             data.time = torch.as_tensor(time, dtype=torch.double)
         return self.preparation.adapt(data)
+
+    def adapt_recording(self, recording: Recording) -> int:
+        r"""Measures a new recording session by a recording, whatever the model takes.
+
+        Args:
+            recording (Recording): The recording, or its first seconds.
+
+        Raises:
+            ValueError: If no transform measures sessions, or as for a call.
+        """
+        if self.window is None or self.preparation.measures_frames:
+            recording.check(self.layout)
+            return self.adapt(recording.tactile, recording.joint, recording.time)
+        return self.adapt_windows(self.windows(recording)[0])
 
     def adapt_windows(self, windows: StaticData) -> int:
         r"""Measures a new recording session by some windows: that of what
@@ -80,6 +116,11 @@ class WindowedModel(TrainedModel):
             ValueError: If no transform measures sessions.
         """
         self._check_adapts()
+        if self.preparation.measures_frames:
+            raise ValueError(
+                "the session must be measured on frames, before windows are cut (got windows): "
+                "call 'adapt_recording'"
+            )
         return self.preparation.adapt(windows)
 
     def of_windows(self, windows: StaticData, batch_size: int = 256) -> Tensor:

@@ -65,10 +65,11 @@ def write_recordings(
                 recording = predictor.preparation.ordered(in_column_order(recording, columns))
                 columns = {**column_names(recording), **columns}
                 frames: Sequence[int] = range(recording.num_frames)
+                if adapt:
+                    measured = recording if rest is None else _beginning(recording, rest)
+                    predictor.adapt_recording(measured)
                 if predictor.window is not None:
                     frames = predictor.windows(recording)[1].tolist()
-                if adapt:
-                    _adapt(predictor, recording if rest is None else _beginning(recording, rest))
                 probability = predictor.recording(recording, _BATCH_SIZE)
             except ValueError as error:
                 raise ValueError(f"'{path}': {error}{_hint(str(error), path)}") from error
@@ -97,13 +98,6 @@ def _hint(error: str, path: PathLike) -> str:
             "'--num-channels' and '--ignore', as to 'tactile inspect'"
         )
     return ""
-
-
-def _adapt(predictor: Predictor, measured: Recording) -> None:
-    if predictor.window is not None:
-        predictor.adapt_windows(predictor.windows(measured)[0])
-    else:
-        predictor.adapt(measured.tactile, measured.joint, measured.time)
 
 
 def _beginning(recording: Recording, seconds: float) -> Recording:

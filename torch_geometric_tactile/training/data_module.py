@@ -10,6 +10,7 @@ from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
+from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.data.batches import check_names
 from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
 from torch_geometric_tactile.loader.memory_limit import exceeds_memory
@@ -192,10 +193,10 @@ class TactileDataModule(L.LightningDataModule):
             scaled (bool): Whether to scale them, for which the transform must be fitted.
         """
         index = count if isinstance(count, Tensor) else _spread(len(part), count)
-        steps = [step for step in _steps(self.transform) if scaled or not _is_fitted(step)]
+        steps = [step for step in flat(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
         with kept_rng():  # a copy, since a transform may have a generator of its own
-            part.transform = copy.deepcopy(Compose([*_steps(part.transform), *steps]))
+            part.transform = copy.deepcopy(Compose([*flat(part.transform), *steps]))
             return part.batch(index)
 
     def setup(self, stage: str | None = None) -> None:
@@ -332,12 +333,6 @@ def _shared_blocks(
         return None
     seed = int(os.environ.get("PL_GLOBAL_SEED", 0))  # as Lightning's
     return DistributedBlockSampler(part, **processes, seed=seed)
-
-
-def _steps(transform: BaseTransform | None) -> list[BaseTransform]:
-    if isinstance(transform, Compose):
-        return [step for inner in transform.transforms for step in _steps(inner)]
-    return [] if transform is None else [transform]
 
 
 def _spread(size: int, count: int) -> Tensor:

@@ -3,16 +3,9 @@ r"""Fitting transforms that come one after the other."""
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import StaticData, apply_transform
+from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.transforms._samples import AnySamples, as_static_data
 from torch_geometric_tactile.transforms.base import FittedTransform
-
-
-def _flat(transform: BaseTransform | None) -> list[BaseTransform]:
-    if transform is None:
-        return []
-    if isinstance(transform, Compose):
-        return [part for inner in transform.transforms for part in _flat(inner)]
-    return [transform]
 
 
 def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
@@ -26,7 +19,7 @@ def fitted_parts(transform: BaseTransform | None) -> list[FittedTransform]:
         >>> fitted_parts(Compose([CommonMode(), ZScore()]))
         [ZScore()]
     """
-    return [part for part in _flat(transform) if isinstance(part, FittedTransform)]
+    return [part for part in flat(transform) if isinstance(part, FittedTransform)]
 
 
 def fit_parts(
@@ -57,8 +50,8 @@ def fit_parts(
         >>> len(fitted_parts(transform))
         1
     """
-    earlier = _flat(before)
-    for part in _flat(transform):
+    earlier = flat(before)
+    for part in flat(transform):
         if isinstance(part, FittedTransform):
             of_earlier = Compose(earlier) if earlier else None
             part.adapt(data, of_earlier) if adapt else part.fit(data, of_earlier)
@@ -87,7 +80,7 @@ def fit_transform(
         True
     """
     out = as_static_data(data)
-    for part in _flat(transform):
+    for part in flat(transform):
         fit_parts(part, out, adapt)
         out = apply_transform(part, out)
     return out

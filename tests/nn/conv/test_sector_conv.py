@@ -302,3 +302,14 @@ def test_sector_conv_batch_of_sensors():
     expected = torch.cat([layer(p.x, p.edge_index, p.edge_sector) for p in parts])
     out = layer(batch.x, batch.edge_index, batch.edge_sector)
     assert torch.allclose(out, expected, atol=1e-6)
+
+
+def test_sector_conv_refuses_what_it_cannot_do():
+    with pytest.raises(ValueError, match=r"'decomposed_layers' must be 1: .* \(got 2\)"):
+        SectorConv(2, 4, decomposed_layers=2)
+    assert SectorConv(2, 4, decomposed_layers=1).decomposed_layers == 1
+    with pytest.raises(ValueError, match=r"'in_channels' must be .* only StaticGCNConv takes -1"):
+        SectorConv(-1, 4)
+    x, edges = torch.zeros(3, 2), torch.tensor([[0, 1], [1, 0]])
+    with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
+        SectorConv(2, 4)((x, x), edges, torch.tensor([0, 1]))

@@ -1,6 +1,8 @@
 import pytest
 import torch
 from small_models import EDGE_INDEX, NUM_EDGES, samples
+from torch.func import functional_call, grad, jacrev, vmap
+from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
 
 from torch_geometric_tactile.nn import SelfGCNConv
 from torch_geometric_tactile.testing import (
@@ -148,3 +150,63 @@ def test_self_gcn_conv_bad_input(difference):
     for arguments, match in bad:
         with pytest.raises(ValueError, match=match):
             layer(*arguments)
+
+
+@pytest.mark.parametrize("edges", [[[0], [1]], [[0, 1], [1, 1]], [[0, 1, 2], [1, 1, 1]]])
+@pytest.mark.parametrize("lead", [(), (5,)])
+def test_difference_that_is_masked_is_left_out(edges, lead):
+    layer, edges = conv(difference=True), torch.tensor(edges)
+    x = samples(*lead, 3, 3)
+    expected = layer(x, edges)
+    set_masks(layer, torch.ones(edges.size(1)), edges, apply_sigmoid=False)
+    assert torch.allclose(layer(x, edges), expected, atol=1e-6)
+    set_masks(layer, torch.zeros(edges.size(1)), edges, apply_sigmoid=False)
+    assert torch.allclose(layer(x, edges), layer.lin(x))
+    clear_masks(layer)
+    assert layer(x, edges).equal(expected)
+
+
+def test_each_difference_has_its_own_mask():
+    layer, edges = conv(difference=True), torch.tensor([[0, 1, 2], [1, 1, 1]])
+    x = samples(3, 3)
+    set_masks(layer, torch.tensor([0.0, 1.0, 0.5]), edges, apply_sigmoid=False)
+    expected = layer.lin(x)
+    expected[1] += layer.conv.lin(x[1] - x[2]) / 6
+    assert torch.allclose(layer(x, edges), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("difference", [False, True])
+def test_torch_func_transforms(difference):
+    layer = conv(difference)
+    x, edges, state = samples(2, 4, 11, 3), EDGE_INDEX, dict(layer.named_parameters())
+    expected = layer(x.flatten(0, 1), edges).view(2, 4, 11, 5)
+    assert torch.allclose(vmap(lambda one: layer(one, edges))(x), expected, atol=1e-6)
+    weights = torch.stack([WEIGHT, WEIGHT + 1])
+    found = vmap(lambda one, weight: layer(one, edges, weight))(x, weights)
+    expected = torch.stack([layer(x[i], edges, weights[i]) for i in range(2)])
+    assert torch.allclose(found, expected, atol=1e-5)
+    found = grad(lambda state: functional_call(layer, state, (x[0], edges)).sum())(state)
+    layer(x[0], edges).sum().backward()
+    for name, value in layer.named_parameters():
+        assert torch.allclose(found[name], value.grad, atol=1e-4)
+    one = x[0, :1].clone()
+    by_reverse = jacrev(lambda x: layer(x, edges))(one)
+    by_autograd = torch.autograd.functional.jacobian(lambda x: layer(x, edges), one)
+    assert torch.allclose(by_reverse, by_autograd, atol=1e-5)
+
+
+@pytest.mark.parametrize("difference", [False, True])
+def test_double_weights_give_double(difference):
+    layer, x, weight = conv(difference), samples(2, 11, 3), WEIGHT.double() + 1e-9
+    exact = conv(difference, torch.double)(x.double(), EDGE_INDEX, weight)
+    for form in (x, x[0]):
+        found = layer(form, EDGE_INDEX, weight)
+        assert found.dtype == torch.double
+        assert torch.allclose(found, exact if form is x else exact[0], atol=1e-5)
+
+
+def test_other_inputs_and_sizes_are_refused():
+    with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
+        conv()((samples(11, 3), samples(11, 3)), EDGE_INDEX)
+    with pytest.raises(ValueError, match=r"'in_channels' must be .*-1\); only StaticGCNConv takes"):
+        SelfGCNConv(-1, 5)

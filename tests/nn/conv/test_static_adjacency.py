@@ -227,3 +227,26 @@ def test_dense_norm_segment():
     adj_t = torch.sparse_coo_tensor(EDGES.flip(0), WEIGHT, (4, 4))
     for form in (adj_t, adj_t.to_sparse_csr()):
         assert torch.equal(dense_norm(form, None, 4, torch.float, segment), dense)
+
+
+@pytest.mark.parametrize("widths", [(2, 5), (5, 2)])
+def test_double_weights_give_double_as_in_pyg(widths):
+    conv, like = StaticGCNConv(*widths), GCNConv(*widths)
+    like.load_state_dict(conv.state_dict())
+    x, edges = torch.randn(4, 3, widths[0]), torch.tensor([[0, 1, 2], [1, 2, 0]])
+    for weight in (torch.rand(3).double(), torch.rand(3).double().requires_grad_()):
+        found, expected = conv(x, edges, weight), like(x, edges, weight)
+        assert found.dtype == expected.dtype == torch.double
+        assert torch.allclose(found, expected, atol=1e-6)
+        assert conv(x, edges, weight).equal(found)
+    assert conv(x, edges, torch.rand(3).half()).dtype == torch.float
+
+
+@pytest.mark.parametrize("fast", [True, False])
+def test_missing_reading_spreads_as_documented(fast):
+    conv, x = StaticGCNConv(3, 5, fast=fast), torch.randn(2, 4, 3)
+    x[0, 3] = torch.nan
+    edges = torch.tensor([[0, 1], [1, 0]])
+    found = conv(x, edges).isnan().any(dim=-1)
+    assert found.tolist() == [[fast, fast, fast, True], [False] * 4]
+    assert conv(x[0], edges).isnan().any(dim=-1).tolist() == [False, False, False, True]

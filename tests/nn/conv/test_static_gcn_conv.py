@@ -259,6 +259,19 @@ def test_static_gcn_conv_compile(backend):
         assert torch.allclose(compiled(x, edge_index), conv(x, edge_index), atol=1e-6)
 
 
+@pytest.mark.parametrize("improved", [False, True])
+def test_compiled_self_loops_are_those_of_pyg(improved):
+    torch.compiler.reset()
+    conv, x = StaticGCNConv(3, 5, improved=improved), samples(4, 3)
+    like = GCNConv(3, 5, improved=improved)
+    like.load_state_dict(conv.state_dict())
+    edge_index = torch.tensor([[0, 1, 1, 3, 0], [1, 1, 2, 3, 2]])  # two loops, and a taxel without
+    compiled = torch.compile(conv, fullgraph=True, backend="eager")
+    for weight in (None, torch.tensor([0.5, 3.0, 1.0, 0.25, 2.0])):
+        expected = like(x, edge_index, weight)
+        assert torch.allclose(compiled(x, edge_index, weight), expected, atol=1e-6)
+
+
 def test_static_gcn_conv_export():
     conv, x, edge_index = StaticGCNConv(3, 5), samples(6, 4, 3), EDGES["one_way"]
     exported = torch.export.export(

@@ -1,7 +1,8 @@
 r"""Checks of the edges that a layer receives."""
 
 import weakref
-from typing import Optional
+from numbers import Integral
+from typing import Any, Optional
 
 import torch
 from torch import Tensor
@@ -53,6 +54,38 @@ def is_traced() -> bool:
     return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
 
 
+def check_sizes(**sizes: Any) -> None:
+    r"""Checks the sizes of a layer.
+
+    Args:
+        **sizes (int): The sizes, by the names of their arguments.
+
+    Raises:
+        ValueError: If one is not a whole number from one on.
+    """
+    for name, size in sizes.items():
+        if not isinstance(size, Integral) or size < 1:
+            lazy = "; only StaticGCNConv takes -1, for the size of the first input"
+            raise ValueError(
+                f"'{name}' must be at least 1 (got {size}){lazy if name == 'in_channels' else ''}"
+            )
+
+
+def check_tensor(x: Any) -> None:
+    r"""Checks that node features are one tensor.
+
+    Args:
+        x (torch.Tensor): Node features.
+
+    Raises:
+        ValueError: If it is anything else, such as PyG's pair for two sets of nodes.
+    """
+    if not isinstance(x, Tensor):
+        raise ValueError(
+            f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
+        )
+
+
 def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
     r"""Checks the shape and the type of edges, not their values.
 
@@ -99,7 +132,8 @@ def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
         or edge_index.numel() == 0
     ):
         return
-    low, high = torch.stack(torch.aminmax(edge_index)).tolist()  # one synchronisation on a GPU
+    ends = torch.stack(torch.aminmax(edge_index)).cpu()  # one synchronisation on a GPU
+    low, high = int(ends[0]), int(ends[1])  # not `tolist`, which PyTorch 2.4 has not in torch.func
     if low < 0 or high >= num_nodes:
         raise ValueError(
             f"'edge_index' must hold node numbers from 0 to {num_nodes - 1}, those of 'x' "

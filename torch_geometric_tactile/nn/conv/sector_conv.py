@@ -9,7 +9,13 @@ from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj
 
-from torch_geometric_tactile.nn.conv.edge_checks import check_edge_form, check_edge_index, is_traced
+from torch_geometric_tactile.nn.conv.edge_checks import (
+    check_edge_form,
+    check_edge_index,
+    check_sizes,
+    check_tensor,
+    is_traced,
+)
 from torch_geometric_tactile.nn.conv.plain import sums_messages
 from torch_geometric_tactile.nn.conv.sector_product import (
     SectorCache,
@@ -87,14 +93,13 @@ class SectorConv(MessagePassing):
                 "'flow' must be left out: edges run from the neighbour to the taxel (got "
                 f"{kwargs['flow']!r})"
             )
+        if kwargs.get("decomposed_layers", 1) != 1:
+            raise ValueError(
+                "'decomposed_layers' must be 1: a message goes to one sector, with all of it "
+                f"(got {kwargs['decomposed_layers']})"
+            )
         super().__init__(**{"aggr": "add", **kwargs})
-        for name, size in (
-            ("in_channels", in_channels),
-            ("out_channels", out_channels),
-            ("num_sectors", num_sectors),
-        ):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        check_sizes(in_channels=in_channels, out_channels=out_channels, num_sectors=num_sectors)
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.num_sectors = num_sectors
@@ -122,6 +127,7 @@ class SectorConv(MessagePassing):
             edge_index (torch.Tensor): Edges from the neighbour to the taxel.
             edge_sector (torch.Tensor): The sector of the taxel in which each neighbour lies.
         """
+        check_tensor(x)
         if x.dim() not in (2, 3) or x.size(-1) != self.in_channels:
             raise ValueError(
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "

@@ -16,6 +16,8 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
     check_edge_form,
     check_edge_index,
     check_edge_weight,
+    check_sizes,
+    check_tensor,
     is_traced,
 )
 from torch_geometric_tactile.nn.conv.plain import is_hooked, sums_messages
@@ -72,13 +74,12 @@ class SegmentedGCNConv(MessagePassing):
         **kwargs: Any,
     ) -> None:
         super().__init__(**{"aggr": "add", **kwargs})
-        for name, size in (("in_channels", in_channels), ("out_channels", out_channels)):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        segment = checked_segment(segment)
+        check_sizes(in_channels=in_channels, out_channels=out_channels)
         self.in_channels = in_channels
         self.out_channels = out_channels
         # Not in the state: it is an argument, and a checkpoint must not overrule it.
-        self.register_buffer("segment", checked_segment(segment), persistent=False)
+        self.register_buffer("segment", segment, persistent=False)
         self.num_segments = int(self.segment.max()) + 1
         self.weight = Parameter(torch.empty(self.num_segments, out_channels, in_channels))
         if bias:
@@ -103,6 +104,7 @@ class SegmentedGCNConv(MessagePassing):
                 count.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
+        check_tensor(x)
         num_taxels = len(self.segment)
         if (
             x.dim() not in (2, 3)

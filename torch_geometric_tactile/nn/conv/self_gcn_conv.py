@@ -12,7 +12,10 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
     as_edges,
     check_edge_index,
     check_edge_weight,
+    check_sizes,
+    check_tensor,
 )
+from torch_geometric_tactile.nn.conv.plain import sums_messages
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 
@@ -70,9 +73,7 @@ class SelfGCNConv(torch.nn.Module):
         fast: bool = True,
     ) -> None:
         super().__init__()
-        for name, size in (("in_channels", in_channels), ("out_channels", out_channels)):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        check_sizes(in_channels=in_channels, out_channels=out_channels)
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.difference = difference
@@ -93,18 +94,40 @@ class SelfGCNConv(torch.nn.Module):
             edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
-        if self.difference and x.dim() > 1:
-            edge_index, edge_weight = _differences(edge_index, edge_weight, x)
-        near = self.conv(x, edge_index, edge_weight)  # first: it checks
+        check_tensor(x)
+        if not self.difference or x.dim() < 2:
+            near = self.conv(x, edge_index, edge_weight)  # first: it checks
+        else:
+            edges, share, loops = _shares(edge_index, edge_weight, x)
+            if sums_messages(self.conv):
+                near = self._with_loops(x, edges, share, loops)
+            else:  # where messages are watched, each is a difference, which can be left out
+                near = self._as_messages(x, edges, share)
         return self.lin(x) + near
+
+    def _as_messages(self, x: Tensor, edge_index: Tensor, share: Tensor) -> Tensor:
+        source, target = edge_index
+        mapped = self.conv.lin(x)
+        each = mapped.index_select(-2, target) - mapped.index_select(-2, source)
+        places = torch.stack([torch.arange(len(share), device=x.device), target])
+        size = (len(share), x.size(-2))
+        out: Tensor = self.conv.propagate(places, x=(each, None), edge_weight=share, size=size)
+        return out
+
+    def _with_loops(self, x: Tensor, edge_index: Tensor, share: Tensor, loops: Tensor) -> Tensor:
+        loop = torch.arange(len(loops), device=x.device).expand(2, -1)
+        out: Tensor = self.conv(
+            x, torch.cat([edge_index, loop], dim=1), torch.cat([-share, loops.to(share.dtype)])
+        )
+        return out
 
     def __repr__(self) -> str:
         difference = ", difference=True" if self.difference else ""
         return f"{type(self).__name__}({self.in_channels}, {self.out_channels}{difference})"
 
 
-def _differences(edge_index: Adj, edge_weight: OptTensor, x: Tensor) -> tuple[Tensor, Tensor]:
-    # The edges with minus their share of the mean, and a loop of weight one where there are any.
+def _shares(edge_index: Adj, edge_weight: OptTensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    # The edges, their shares of the mean, and the sum of the shares: none or one.
     num_nodes = x.size(-2)
     check_edge_index(edge_index, num_nodes)
     check_edge_weight(edge_index, edge_weight)
@@ -113,12 +136,8 @@ def _differences(edge_index: Adj, edge_weight: OptTensor, x: Tensor) -> tuple[Te
     target = edge_index[1]
     if edge_weight is None:
         edge_weight = x.new_ones(edge_index.size(1))
-    weight = edge_weight.view(-1).to(x.dtype)
+    weight = edge_weight.view(-1)
+    weight = weight.to(torch.promote_types(weight.dtype, x.dtype))
     total = scatter(weight, target, dim_size=num_nodes, reduce="sum")
     some = total != 0
-    share = weight / torch.where(some, total, 1.0)[target]
-    loop = torch.arange(num_nodes, device=x.device)
-    return (
-        torch.cat([edge_index, torch.stack([loop, loop])], dim=1),
-        torch.cat([-share * some[target], some.to(x.dtype)]),
-    )
+    return edge_index, weight / torch.where(some, total, 1.0)[target] * some[target], some

@@ -217,7 +217,10 @@ class KeptTensor:
         if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
             return False
         if tensor.is_cpu and copy.is_cpu:
-            return torch.equal(tensor, copy)
+            try:
+                return torch.equal(tensor, copy)
+            except RuntimeError:  # the tensor of a `vmap` has many values
+                return False
         if tensor.device != copy.device or tensor.shape != copy.shape:
             return False
         if (
@@ -249,10 +252,24 @@ def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
         edge_weight (torch.Tensor, optional): Their weights.
     """
     return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
-        tensor.requires_grad or type(tensor) not in _PLAIN or tensor.device.type == "meta"
+        tensor.requires_grad
+        or type(tensor) not in _PLAIN
+        or tensor.device.type == "meta"
+        or _is_wrapped(tensor)
         for tensor in (edge_index, edge_weight)
         if tensor is not None
     )
+
+
+def _is_wrapped(tensor: Tensor) -> bool:
+    # By a transform of torch.func, whose tensors have no memory of their own.
+    if tensor.layout != torch.strided:
+        return False
+    try:
+        tensor.data_ptr()
+    except RuntimeError:
+        return True
+    return False
 
 
 def _sparse(dense: Tensor) -> Tensor:
@@ -320,16 +337,30 @@ def dense_norm(
     )
     adjacency = adjacency.view(num_nodes, num_nodes)
     if add_self_loops:
-        # Self-loops keep their weight and missing ones are added; the last place takes all else.
-        loop = weight.new_full((num_nodes + 1,), loop_weight).scatter(
-            0, source.masked_fill(~is_loop, num_nodes), weight
-        )
-        adjacency = adjacency + loop[:-1].diag_embed()
+        loop = loop_weights(source, is_loop, weight, num_nodes, loop_weight)
+        adjacency = adjacency + loop.diag_embed()
     if not norm.normalize:
         return adjacency
     scale = adjacency.sum(dim=1).pow(-0.5)
     scale = scale.masked_fill(scale == float("inf"), 0.0)
     return scale.view(-1, 1) * adjacency * scale
+
+
+def loop_weights(
+    source: Tensor, is_loop: Tensor, weight: Tensor, num_nodes: int, loop_weight: float
+) -> Tensor:
+    r"""Returns the weights of self-loops :math:`(N,)`: those that there are keep their weight, and
+    missing ones are added.
+
+    Args:
+        source (torch.Tensor): The sources of the edges :math:`(|\mathcal{E}|,)`.
+        is_loop (torch.Tensor): Which edges are self-loops :math:`(|\mathcal{E}|,)`.
+        weight (torch.Tensor): Weights of the edges :math:`(|\mathcal{E}|,)`.
+        num_nodes (int): Number of taxels :math:`N`.
+        loop_weight (float): The weight of those that are added.
+    """
+    places = source.masked_fill(~is_loop, num_nodes)  # the last place takes all that is no loop
+    return weight.new_full((num_nodes + 1,), loop_weight).scatter(0, places, weight)[:-1]
 
 
 def sparse_norm(adj_t: Adj, num_nodes: int, dtype: torch.dtype, norm: GCNNorm) -> Tensor:

@@ -31,6 +31,7 @@ from torch_geometric_tactile.nn.conv.static_adjacency import (
     GCNNorm,
     Norm,
     dense_norm,
+    loop_weights,
 )
 
 
@@ -194,13 +195,18 @@ class StaticGCNConv(GCNConv):
         if self.normalize and self.cached:
             edge_index, edge_weight = self._normed(x, edge_index, edge_weight)
             norm = (*norm[:2], False, self.flow)
-        kept = self._kept.get(edge_index, edge_weight, num_nodes, x.dtype, norm=norm)
+        dtype = x.dtype
+        if edge_weight is not None and edge_weight.is_floating_point():
+            dtype = torch.promote_types(dtype, edge_weight.dtype)  # as PyG's messages
+        kept = self._kept.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if kept is None:
-            adjacency = dense_norm(edge_index, edge_weight, num_nodes, x.dtype, norm=GCNNorm(*norm))
+            adjacency = dense_norm(edge_index, edge_weight, num_nodes, dtype, norm=GCNNorm(*norm))
         else:
             adjacency = kept.dense
         # The product with the adjacency is cheaper on the narrower side of the linear map.
-        if plain and x.size(-1) < self.out_channels:
+        if dtype != x.dtype:
+            out = torch.matmul(adjacency, self.lin(x).to(dtype))
+        elif plain and x.size(-1) < self.out_channels:
             out = self.lin(torch.matmul(adjacency, x))
         else:
             out = torch.matmul(adjacency, self.lin(x))
@@ -213,7 +219,12 @@ class StaticGCNConv(GCNConv):
                 edge_index = edge_index.long()
             if edge_weight is not None and not edge_weight.is_floating_point():
                 edge_weight = edge_weight.to(x.dtype)
-            return super().forward(x, edge_index, edge_weight)
+            if not is_traced() or not self.normalize or not self.add_self_loops or self.cached:
+                return super().forward(x, edge_index, edge_weight)
+            # PyG adds self-loops with a mask, whose result has no size that a compiler can know.
+            edge_index, edge_weight = self._looped(x, edge_index, edge_weight)
+            out = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
+            return out if self.bias is None else out + self.bias
         if x.dim() == 2 or self.flow == "target_to_source":
             return super().forward(x, edge_index, edge_weight)
         # A sparse product takes no batch of samples, messages do.
@@ -222,6 +233,22 @@ class StaticGCNConv(GCNConv):
         edge_index, edge_weight = as_edges(edge_index, edge_weight)
         out = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
         return out if self.bias is None else out + self.bias
+
+    def _looped(
+        self, x: Tensor, edge_index: Tensor, edge_weight: OptTensor
+    ) -> tuple[Tensor, Tensor]:
+        num_nodes, edge_index = x.size(int(self.node_dim)), as_edges(edge_index)[0]
+        loop_weight = 2.0 if self.improved and edge_weight is not None else 1.0
+        weight = x.new_ones(edge_index.size(1)) if edge_weight is None else edge_weight.view(-1)
+        is_loop = edge_index[0] == edge_index[1]
+        loops = loop_weights(edge_index[0], is_loop, weight, num_nodes, loop_weight)
+        nodes = torch.arange(num_nodes, device=x.device).expand(2, -1)
+        edge_index = torch.cat([edge_index, nodes], dim=1)
+        weight = torch.cat([weight.masked_fill(is_loop, 0.0), loops])
+        pair: tuple[Tensor, Tensor] = gcn_norm(
+            edge_index, weight, num_nodes, False, False, self.flow, x.dtype
+        )
+        return pair
 
     def _normed(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> tuple[Adj, OptTensor]:
         # With PyG's own attribute, so that both forms share what `cached=True` keeps.

@@ -76,7 +76,7 @@ class GCNThread(Thread):
                 f"'x' must have shape (num_nodes, {self.in_channels}) or (batch_size, num_nodes, "
                 f"{self.in_channels}) (got {tuple(x.shape)})"
             )
-        edge_index = given_edges(edge_index)
+        edge_index, edge_weight = given_edges(edge_index), weight_like(edge_weight, x)
         if self.fast and may_run_fast(x) and may_merge(self.layers()):
             kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
@@ -87,6 +87,18 @@ class GCNThread(Thread):
         for conv, pool in self.layers():
             x = pool(conv(x, edge_index, edge_weight)).relu()
         return x
+
+
+def weight_like(edge_weight: OptTensor, x: Tensor) -> OptTensor:
+    r"""Returns edge weights in the precision of the node features, in which several layers compute.
+
+    Args:
+        edge_weight (torch.Tensor, optional): The weights.
+        x (torch.Tensor): Node features.
+    """
+    if edge_weight is None or not edge_weight.is_floating_point():
+        return edge_weight
+    return edge_weight.to(x.dtype)
 
 
 def given_edges(edge_index: OptTensor) -> Tensor:

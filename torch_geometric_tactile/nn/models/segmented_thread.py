@@ -14,7 +14,7 @@ from torch_geometric_tactile.nn.conv.static_adjacency import (
     dense_norm,
 )
 from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
-from torch_geometric_tactile.nn.models.gcn_thread import given_edges
+from torch_geometric_tactile.nn.models.gcn_thread import given_edges, weight_like
 from torch_geometric_tactile.nn.models.thread import Thread
 
 
@@ -100,7 +100,8 @@ class SegmentedThread(Thread):
             edge_index (torch.Tensor): Edges; those between segments do not count.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
-        edge_index, layers = given_edges(edge_index), self.layers()
+        edge_index, edge_weight = given_edges(edge_index), weight_like(edge_weight, x)
+        layers = self.layers()
         segment: Tensor = layers[0][0].segment
         if x.dim() != 3 or x.size(1) != len(segment) or not may_merge(layers):
             for conv, pool in layers:
