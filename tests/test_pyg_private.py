@@ -1,4 +1,4 @@
-"""The private parts of PyG that the package uses are there, in the oldest and newest release."""
+"""The private parts of PyG that the package uses are there, in its oldest and newest release."""
 
 import ast
 from pathlib import Path

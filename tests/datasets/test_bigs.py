@@ -161,7 +161,7 @@ def changed(rec, **fields):
         ({"meta": {"object": "a", "pickup_time": "x"}}, r"must have seconds in 'pickup_time'"),
         ({"meta": {"object": "a", "ends_after_pickup": -1}}, r"seconds in 'ends_after_pickup'"),
         ({"extra": {"pac": np.zeros((60, 22))}}, r"shape \(3, any\) a frame in 'pac' \(got float"),
-        ({"extra": {"pac": np.zeros((60, 3, 0))}}, r"shape \(3, any\) a frame in 'pac'"),
+        ({"extra": {"pac": np.zeros((60, 4, 2))}}, r"shape \(3, any\) a frame in 'pac'"),
         ({"extra": {"pac": np.full((60, 3, 22), np.inf)}}, r"finite numbers, or NaN, in 'pac'"),
         (
             {"extra": {"pressure": np.full((60, 3), "a")}},
