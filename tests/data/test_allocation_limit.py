@@ -32,5 +32,5 @@ def test_many_small_tensors_end_it_too(monkeypatch):
     with AllocationLimit([torch.zeros(50)]):
         for _ in range(7):
             torch.zeros(1)
-        with pytest.raises(ValueError, match=r"more than 1200 bytes or 7 tensors\)"):
+        with pytest.raises(ValueError, match=r"more than 1800 bytes or 7 tensors\)"):
             torch.zeros(1)

@@ -78,23 +78,6 @@ def test_one_frame_many_frames_numpy_and_integers_agree():
     assert predictor(x[:1].tolist()).shape == (1, 2)
 
 
-def test_masked_and_infinite_readings_are_missing():
-    predictor, x = Predictor(Sum(), LAYOUT, num_channels=2), readings(3, 4, 2).numpy()
-    hidden = np.zeros(x.shape, dtype=bool)
-    hidden[1, 2, 0] = True
-    missing = predictor(np.where(hidden, np.nan, x))
-    assert missing.isnan().any(dim=1).tolist() == [False, True, False]
-    assert predictor.labels(missing)[1] == []
-    for value in (np.ma.masked_array(x, hidden), np.where(hidden, np.inf, x)):
-        torch.testing.assert_close(predictor(value), missing, equal_nan=True)
-    counts = np.ma.masked_array((10 * x).astype(np.int16), hidden)
-    assert predictor(counts).isnan().any(dim=1).tolist() == [False, True, False]
-    filled = Predictor(Sum(), LAYOUT, FillMissing(), num_channels=2)
-    expected = filled(np.where(hidden, np.nan, x))
-    assert filled(np.ma.masked_array(x, hidden)).equal(expected)
-    assert filled(np.where(hidden, -np.inf, x)).equal(expected)
-
-
 HAND = HandKinematics([Joint("bend", "base", "tip", axis=(0.0, 0.0, 1.0))], name="finger")
 FINGER = TaxelLayout(
     "finger",
