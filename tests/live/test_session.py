@@ -252,6 +252,12 @@ def test_status_is_one_line(said, text):
     assert line == f"{health.line()}  {text}  latency 2.1 ms  recorded 9  keep still"
 
 
+def test_status_tells_first_what_to_do_while_there_is_no_prediction():
+    health = Health("open", frames=51, rate=100.0, age=0.001)
+    line = Status(health, None, None, 51, Rest(1.0).status()).line()
+    assert line.startswith("keep the sensor untouched: 0 still frames so far  100.0 Hz")
+
+
 @pytest.mark.parametrize("state", ["silent", "lost"])
 def test_status_without_frames_shows_no_old_prediction(state):
     health = Health(state, frames=9, age=2.0)

@@ -163,7 +163,7 @@ class Rest:
         if self.ready:
             return "the rest is there"
         reason = f" ({self.reason})" if self.reason else ""
-        return f"{len(self._pending)} still frames so far{reason}: keep the sensor untouched"
+        return f"keep the sensor untouched: {len(self._pending)} still frames so far{reason}"
 
     def need(self, min_frames: int) -> None:
         r"""Raises the least number of frames, as to fill a window.
