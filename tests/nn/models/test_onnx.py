@@ -93,6 +93,39 @@ def test_onnx_posed_taxel_net(tmp_path):
     assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 12, **places)
 
 
+@pytest.mark.parametrize("posed", [True, False], ids=["posed", "open"])
+def test_onnx_posed_taxel_net_of_taxels_that_tie(posed, tmp_path):
+    for name in ("onnx", "onnxscript"):
+        pytest.importorskip(name)
+    runtime, path = pytest.importorskip("onnxruntime"), tmp_path / "model.onnx"
+    torch.manual_seed(0)
+    model = PosedTaxelNet("allegro_uskin", 4, posed=posed)
+    sizes = {"pos": (384, 3), "normal": (384, 3), "tangent": (384, 2, 3)} if posed else {}
+    data = inputs(41, 384, **sizes)
+    model(**data)  # measures the scales
+    example = {key: value[:3] for key, value in data.items()}
+    torch.onnx.export(
+        model.eval(),
+        (),
+        path,
+        kwargs=example,
+        dynamo=True,
+        opset_version=18,
+        dynamic_shapes={name: {0: "batch"} for name in example},
+        verbose=False,
+    )
+    session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    # Nothing else is touched: of 0 to 40 taxels, and of 384 with three levels of pressure.
+    order = torch.randn(41, 384).argsort(dim=1)
+    pressure = data["x"][..., -1].abs().clamp(max=2).ceil()
+    for number in (torch.arange(41), torch.full((41,), 384)):
+        data["x"][..., -1] = torch.where(order < number.view(-1, 1), pressure, 0.0)
+        with torch.no_grad():
+            expected = model(**data).softmax(dim=-1)
+        (out,) = session.run(None, {key: value.numpy() for key, value in data.items()})
+        assert (torch.from_numpy(out).softmax(dim=-1) - expected).abs().max() < 1e-5
+
+
 def test_onnx_temporal_taxel_net(tmp_path):
     # The three numbers of a taxel are frames.
     model = TemporalTaxelNet(LAYOUT, 3, filter_size=2, dilation=1, max_taxels=6, widths=(4,))

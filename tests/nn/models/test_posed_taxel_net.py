@@ -8,6 +8,7 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import PosedTaxelNet
+from torch_geometric_tactile.nn.models.posed_taxel_net import _strongest
 from torch_geometric_tactile.nn.models.taxels import seen_taxels
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
@@ -41,6 +42,28 @@ def given(model, batch_size, seed=0):
         "tangent": unit(batch_size, N, 2, 3, seed=3),
     }
     return found | {name: places[name] for name in model.modalities}
+
+
+def touched(model, batch_size, number, levels=None, seed=0):
+    """Inputs with so many touched taxels in each sample, and that many levels of pressure."""
+    data = given(model, batch_size, seed)
+    order = samples(batch_size, N, seed=seed + 7).argsort(dim=1)
+    pressure = data["x"][..., -1].abs() + 0.01
+    if levels is not None:
+        pressure = (levels * pressure).ceil() / levels
+    # Not touched is zero or, by drift, below it.
+    idle = torch.where(order % 2 == 0, 0.0, -0.1)
+    data["x"][..., -1] = torch.where(order < number, pressure, idle)
+    return data
+
+
+def renumbered(model, data, order):
+    """The model and its inputs with the taxels in another order."""
+    model = copy.deepcopy(model)
+    if not model.posed:
+        for name in ("open_pos", "open_normal", "open_tangent"):
+            setattr(model, name, getattr(model, name)[order])
+    return model, {key: value[:, order] for key, value in data.items()}
 
 
 def trained(model):
@@ -117,14 +140,77 @@ def test_posed_taxel_net_sees_the_strongest_only():
         assert torch.allclose(model(**{**data, name: other}), expected, atol=1e-5)
 
 
-def test_posed_taxel_net_numbering_of_the_taxels_does_not_matter(model):
-    order = torch.randperm(N, generator=torch.Generator().manual_seed(0))
-    data, other = given(model, 5), copy.deepcopy(model)
-    if not model.posed:
-        for name in ("open_pos", "open_normal", "open_tangent"):
-            setattr(other, name, getattr(model, name)[order])
-    found = other(**{key: value[:, order] for key, value in data.items()})
-    assert torch.allclose(found, model(**data), atol=1e-5)
+@pytest.mark.parametrize("mode", ["eval", "train"])
+@pytest.mark.parametrize("levels", [None, 2, 0.1], ids=["distinct", "few", "one"])
+@pytest.mark.parametrize("number", [0, 1, 5, 6, 7, N])
+def test_posed_taxel_net_numbering_of_the_taxels_does_not_matter(model, number, levels, mode):
+    # Taxels that are not touched tie, and so do touched ones if there are few levels.
+    data = touched(model, 9, number, levels)
+    model = copy.deepcopy(model).train(mode == "train")
+    model.taxel_dropout = model.dropout.p = 0.0
+    for seed in range(3):
+        order = torch.randperm(N, generator=torch.Generator().manual_seed(seed))
+        other, again = renumbered(model, data, order)
+        expected = copy.deepcopy(model)(**data)
+        assert torch.allclose(other(**again), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("number", [0, 1, 5])
+def test_posed_taxel_net_untouched_taxels_do_not_count(model, number):
+    data = touched(model, 9, number)
+    other = {key: value.clone() for key, value in data.items()}
+    idle = data["x"][..., -1] <= 0
+    for value in other.values():
+        value[idle] = -value[idle].abs() - 1
+    assert torch.equal(model(**other), model(**data))
+    # Nor do they in training, where more rows than are touched would change the scales.
+    outs, states = [], []
+    for most in (6, N):
+        model.num_strongest, norms = most, copy.deepcopy(model).train()
+        norms.num_strongest, norms.taxel_dropout, norms.dropout.p = most, 0.0, 0.0
+        outs.append(norms(**data))
+        states.append(norms.state_dict())
+    assert torch.allclose(*outs, atol=1e-5)
+    for name, value in states[0].items():
+        assert torch.allclose(value, states[1][name], atol=1e-5), name
+
+
+def test_posed_taxel_net_nothing_touched(model):
+    data = touched(model, 3, 0)
+    rows = torch.zeros(3, model.lin.in_features)
+    expected = model.lin_out(model.norm_hidden(model.lin(rows)).relu())
+    assert torch.allclose(model(**data), expected)
+    # Scales stay as they are without anything to measure.
+    before = copy.deepcopy(model.state_dict())
+    assert model.train()(**data).isfinite().all()
+    for name, value in model.state_dict().items():
+        if not name.startswith("norm_hidden"):
+            assert torch.equal(value, before[name]), name
+
+
+def test_strongest_equals_come_by_their_place():
+    pressure = torch.tensor([[2.0, 1.0, 1.0, 3.0, 1.0, 0.0, -1.0]])
+    pos = torch.zeros(1, 7, 3)
+    pos[0, :, 1] = torch.tensor([0.0, 5.0, 7.0, 0.0, 6.0, 9.0, 9.0])
+
+    def chosen(most):
+        return _strongest(pressure, pos, most)[0].nonzero().view(-1).tolist()
+
+    assert [chosen(most) for most in (1, 2, 3, 4)] == [[3], [0, 3], [0, 2, 3], [0, 2, 3, 4]]
+    assert chosen(5) == chosen(7) == chosen(99) == [0, 1, 2, 3, 4]
+    pos[0, :, 1] = 0.0  # at one place: all that fit, or none
+    assert chosen(4) == [0, 3]
+    assert chosen(5) == [0, 1, 2, 3, 4]
+    pos[0, 1, 0] = 1.0  # the first axis before the second
+    assert chosen(3) == [0, 1, 3]
+
+
+@pytest.mark.parametrize("channel", [0, -1])
+def test_posed_taxel_net_missing_reading_has_no_answer(model, channel):
+    data = touched(model, 3, 9)
+    weakest = data["x"][1, :, -1].argmin()
+    data["x"][1, weakest, channel] = torch.nan
+    assert model(**data).isnan().all(dim=1).tolist() == [False, True, False]
 
 
 def test_posed_taxel_net_force_is_that_of_taxel_force():

@@ -271,6 +271,24 @@ def test_taxel_norm():
     assert torch.allclose(one, norm.eval()(x[:1, 0]))
 
 
+@pytest.mark.parametrize("norm", [ReadingNorm, TaxelNorm])
+def test_norms_measure_the_rows_that_are_kept(norm):
+    kept, x = torch.arange(20).view(5, 4, 1) % 3 == 0, samples(5, 4, 2)
+    some, alone = norm(2), norm(2)
+    x[~kept.squeeze(-1)] = 1e6
+    for scale in (1.0, 2.0):
+        expected = alone(scale * x[kept.squeeze(-1)].unsqueeze(1))
+        out = some(scale * x, kept)
+        assert torch.allclose(out[kept.squeeze(-1)], expected.squeeze(1), atol=1e-5)
+    for name, value in alone.state_dict().items():
+        assert torch.allclose(some.state_dict()[name], value, atol=1e-5), name
+    before = copy.deepcopy(some.state_dict())
+    for number in (0, 1):  # nothing to measure: as in evaluation
+        out = some(x, torch.arange(20).view(5, 4, 1) < number)
+        assert torch.allclose(out, copy.deepcopy(some).eval()(x), rtol=1e-4)
+        assert all(torch.equal(value, before[name]) for name, value in some.state_dict().items())
+
+
 def test_taxel_net_seed_and_reset(model):
     before = copy.deepcopy(model.state_dict())
     outs = []

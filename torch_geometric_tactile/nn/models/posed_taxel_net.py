@@ -28,8 +28,12 @@ class PosedTaxelNet(Module, TactileHubMixin):
     r"""A network that treats the strongest taxels as a set of points, to predict metric values such
     as the width of an object. It is ours, not from a paper.
 
-    Of each sample, the taxels with the largest pressure :math:`p_i` are taken, with their position,
-    normal, force :math:`\mathbf{f}_i` and its size in the frame of the palm, and pressure. All
+    Of each sample, the touched taxels (:math:`p_i > 0`) with the largest pressure :math:`p_i` are
+    taken, with their position, normal, force :math:`\mathbf{f}_i` and its size in the frame of the
+    palm, and pressure. The others do not count: not in maximum and mean, which are zero if nothing
+    is touched, and not in the scales of batch normalisation. The numbering of taxels does not
+    matter: of equal pressures at the limit, those with the larger :math:`x`, :math:`y`, :math:`z`
+    of their position come first. All
     features share one scale for all taxels; a network with shared weights, maximum and mean over
     the taxels, a hidden layer and the outputs follow:
 
@@ -41,7 +45,8 @@ class PosedTaxelNet(Module, TactileHubMixin):
     Pressure is the last channel. Readings of three channels are :math:`(x, y, p)`, as in
     :class:`~torch_geometric_tactile.transforms.TaxelForce`; of one channel, the force is along the
     normal; of any other number, it is as well, and the readings are further features. Readings
-    should be tared: nothing touched is zero.
+    should be tared and rise with touch: nothing touched is zero, and below zero is not touched. The
+    answer is missing (NaN) if any reading is.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
@@ -53,7 +58,7 @@ class PosedTaxelNet(Module, TactileHubMixin):
             :class:`~torch_geometric_tactile.transforms.TaxelPose`. Otherwise they are those of the
             layout if it has one link, and of the open hand if its links are those of an Allegro
             hand.
-        num_strongest (int): Number of taxels that are taken, at most.
+        num_strongest (int): Number of touched taxels that are taken, at most.
         widths (sequence of int): Widths of the shared network.
         hidden_channels (int): Width of the hidden layer.
         dropout (float): Part of the features dropped in training before the hidden layer and the
@@ -171,17 +176,20 @@ class PosedTaxelNet(Module, TactileHubMixin):
         given = {"pos": pos, "normal": normal, "tangent": tangent}
         places = {name: self._place(name, given[name], x) for name in self.places}
         seen = seen_taxels(x, self.taxel_dropout if self.training else 0.0)
-        score = x[..., -1] if seen is None else x[..., -1].masked_fill(~seen, -torch.inf)
-        strongest = score.topk(min(self.num_strongest, self.num_nodes), dim=1).indices
-        h = self.norm(self._features(x, places, strongest))
+        # What misses a reading comes first, so that the answer is missing as well.
+        score = x[..., -1].masked_fill(x.isnan().any(dim=-1), torch.inf)
+        score = score if seen is None else score.masked_fill(~seen, -torch.inf)
+        chosen = _strongest(score, places["pos"], self.num_strongest)
+        # The rows of fewer taxels are filled up with others, which are masked from here on.
+        number = min(self.num_strongest, self.num_nodes)
+        index = score.masked_fill(~chosen, -torch.inf).topk(number, dim=1).indices
+        kept = chosen.gather(1, index).unsqueeze(-1)
+        x = x.masked_fill(~chosen.unsqueeze(-1), 0.0)
+        h = self.norm(self._features(x, places, index), kept)
         for lin, norm in zip(self.lins, self.norms, strict=True):
-            h = norm(lin(h)).relu()
-        kept = None if seen is None else seen.gather(1, strongest).unsqueeze(-1)
-        if kept is None:
-            rows = torch.cat([h.amax(dim=1), h.mean(dim=1)], dim=1)
-        else:  # what is left after ReLU is not negative
-            h = h * kept
-            rows = torch.cat([h.amax(dim=1), h.sum(dim=1) / kept.sum(dim=1).clamp(min=1)], dim=1)
+            h = norm(lin(h), kept).relu()
+        h = h * kept  # not negative after ReLU: the maximum is of those kept
+        rows = torch.cat([h.amax(dim=1), h.sum(dim=1) / kept.sum(dim=1).clamp(min=1)], dim=1)
         rows = self.norm_hidden(self.lin(self.dropout(rows))).relu()
         return self.lin_out(self.dropout(rows))
 
@@ -234,6 +242,23 @@ def _taken(values: Tensor, index: Tensor) -> Tensor:
     more = values.shape[2:]
     index = index.view(*index.shape, *[1] * len(more)).expand(-1, -1, *more)
     return values.gather(1, index)
+
+
+def _strongest(pressure: Tensor, pos: Tensor, most: int) -> Tensor:
+    # Which taxels are touched and among the strongest (B, N). Of equal pressure at the limit, those
+    # come first whose place has the larger x, y, z; comparisons alone, for the same choice in any
+    # numbering and runtime. Of equals at one place, all that fit or none.
+    tied = pressure > 0
+    chosen = torch.zeros_like(tied)
+    most = min(most, pressure.size(1))
+    for key in (pressure, *pos.unbind(-1)):
+        left = most - chosen.sum(dim=1, keepdim=True)
+        key = key.masked_fill(~tied, -torch.inf)
+        least = key.topk(most, dim=1).values.gather(1, left - 1)
+        chosen = chosen | (key > least)
+        tied = tied & (key == least)
+    fits = chosen.sum(dim=1, keepdim=True) + tied.sum(dim=1, keepdim=True) <= most
+    return chosen | (tied & fits)
 
 
 def _open(layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:

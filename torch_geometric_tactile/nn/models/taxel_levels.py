@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import BatchNorm1d, Module
 from torch.nn.functional import batch_norm
+from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import SectorConv, SelfGCNConv
 from torch_geometric_tactile.nn.pool import TaxelPool
@@ -21,7 +22,7 @@ CONVS = ("sector", "self", "difference")
 class TaxelNorm(BatchNorm1d):
     r"""Batch normalisation of each channel over all samples and taxels, so that all taxels of a
     channel share one scale. The numbers of a single row are scaled as in evaluation, since they
-    have no spread.
+    have no spread. Rows that are not kept do not count.
 
     Args:
         num_features (int): Number of channels.
@@ -32,12 +33,15 @@ class TaxelNorm(BatchNorm1d):
         - **output:** likewise
     """
 
-    def forward(self, input: Tensor) -> Tensor:
+    def forward(self, input: Tensor, kept: OptTensor = None) -> Tensor:
         r"""Scales features.
 
         Args:
             input (torch.Tensor): Features.
+            kept (torch.Tensor, optional): Which rows count :math:`(B, N, 1)`; all if left out.
         """
+        if self.training and kept is not None:
+            return self._scaled_by_kept(input, kept)
         # In the order in which the convolutions leave them: nothing is copied.
         swapped = input.dim() == 3 and not input.is_contiguous()
         rows = input.transpose(0, 1) if swapped else input
@@ -50,6 +54,16 @@ class TaxelNorm(BatchNorm1d):
             )
         out = out.view(rows.shape)
         return out.transpose(0, 1) if swapped else out
+
+    def _scaled_by_kept(self, input: Tensor, kept: Tensor) -> Tensor:
+        own: Any = self  # whose buffers and momentum may be None in general
+        count, mean, var = _kept_moments(input, kept, own.running_mean, own.running_var)
+        with torch.no_grad():
+            own.num_batches_tracked += count > 1
+            part = (count > 1).to(mean) * own.momentum
+            own.running_mean.lerp_(mean, part)
+            own.running_var.lerp_(var * (count / (count - 1).clamp(min=1)), part)
+        return (input - mean) * ((var + self.eps).rsqrt() * self.weight) + self.bias
 
 
 class ReadingNorm(Module):
@@ -83,21 +97,39 @@ class ReadingNorm(Module):
         self.running_var.fill_(1.0)
         self.num_batches_tracked.zero_()
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Tensor, kept: OptTensor = None) -> Tensor:
         r"""Scales readings.
 
         Args:
             x (torch.Tensor): The readings.
+            kept (torch.Tensor, optional): Which rows count :math:`(B, N, 1)`; all if left out.
         """
         mean, var = self.running_mean, self.running_var
         if self.training and x.size(0) * x.size(1) > 1:
-            var, mean = torch.var_mean(x, dim=(0, 1), correction=0)
+            many = torch.ones_like(self.num_batches_tracked)
+            if kept is None:
+                var, mean = torch.var_mean(x, dim=(0, 1), correction=0)
+            else:
+                count, mean, var = _kept_moments(x, kept, mean, var)
+                many = count > 1
             with torch.no_grad():
-                self.num_batches_tracked += 1
-                part = 1 / self.num_batches_tracked.to(mean.dtype)
+                self.num_batches_tracked += many
+                part = many.to(mean) / self.num_batches_tracked.clamp(min=1)
                 self.running_mean.lerp_(mean, part)
                 self.running_var.lerp_(var, part)
         return (x - mean) * (var + self.eps).rsqrt()
+
+
+def _kept_moments(
+    rows: Tensor, kept: Tensor, mean: Tensor, var: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    # How many rows are kept, and their mean and variance; the given ones if there is one at most.
+    # Sums, not indices: the shape of the rows kept is not known to a compiler.
+    weight = kept.to(mean.dtype)
+    count = weight.sum()
+    found = (rows * weight).sum(dim=(0, 1)) / count.clamp(min=1)
+    spread = ((rows - found).square() * weight).sum(dim=(0, 1)) / count.clamp(min=1)
+    return count, torch.where(count > 1, found, mean), torch.where(count > 1, spread, var)
 
 
 class TaxelBlock(Module):
