@@ -2,7 +2,9 @@ r"""Types of arguments that several verbs share."""
 
 import argparse
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from torch_geometric_tactile.parallel import BACKENDS
 
@@ -125,6 +127,24 @@ def add_allow(parser: argparse.ArgumentParser) -> None:
         help="allow classes of your own package, module or class in the checkpoint and its "
         "config.yaml; can be repeated",
     )
+
+
+@contextmanager
+def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
+    r"""Names the options of a verb in the messages of errors, where these name the arguments of
+    Python functions that they become.
+
+    Args:
+        arguments (argparse.Namespace): The arguments of the verb.
+        **more (str): Options by the names of arguments that have other names.
+    """
+    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
+    try:
+        yield
+    except ValueError as error:
+        pattern = rf"(?<!got )'({'|'.join(options)})'"
+        text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
+        raise ValueError(text) from error
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
