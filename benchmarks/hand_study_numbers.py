@@ -12,6 +12,7 @@ from torch_geometric_tactile.experiments.differences import Difference, paired_d
 from torch_geometric_tactile.experiments.judgement import Judgement
 
 METRICS = {"shape": "accuracy", "width": "mae"}
+OVERLAP = {"trial": 1 / 4, "placement": 1 / 2, "size": 0.0}  # test samples by training samples
 Found = dict[tuple[str, str, int | None], dict[str, list[dict[str, Any]]]]
 
 
@@ -85,7 +86,7 @@ def difference(
     task, folds = a[0]["task"], {run["fold"] for run in a} & {run["fold"] for run in b}
     parts = [[run for run in runs if run["fold"] in folds] for runs in (a, b)]
     found: Difference = paired_difference(
-        judgements(parts[0], key), judgements(parts[1], key), METRICS[task]
+        judgements(parts[0], key), judgements(parts[1], key), METRICS[task], OVERLAP[a[0]["by"]]
     )
     scale = 100 if task == "shape" else 1
     return {
@@ -93,6 +94,7 @@ def difference(
         "over_splits": scale * found.over_splits if found.num_splits > 1 else None,
         "over_trials": scale * found.over_trials,
         "splits": found.num_splits,
+        "verdict": found.verdict,
         "wins": sum(
             (score(task, x["y"], x["answers"][key]) - score(task, x["y"], z["answers"][key]))
             * (1 if task == "shape" else -1)

@@ -185,9 +185,10 @@ def difference_table(found: dict[str, Any], task: str, digits: int) -> str:
                     "" if pair["over_splits"] is None else f"{pair['over_splits']:.{digits}f}",
                     f"{pair['over_trials']:.{digits}f}",
                     f"{pair['wins']} of {pair['splits']}",
+                    pair["verdict"],
                 ]
 
-    head = ["", "", "mean", "s.e. over splits", "s.e. over trials", "better in"]
+    head = ["", "", "mean", "s.e. over splits", "s.e. over trials", "better in", "verdict"]
     return table(head, rows())
 
 

@@ -97,3 +97,11 @@ def test_signal_svm_is_that_of_the_grasp_paper():
     assert (ours.predict(x[40:]) == Y[40:]).mean() > 0.9
     with pytest.raises(ValueError, match="7 fingers x frames"):
         baselines.signal_svm(num_channels=7).fit(x, Y)
+
+
+def test_linear_svm_takes_few_steps_where_readings_outnumber_samples():
+    draw = np.random.default_rng(0)
+    x, y = np.cumsum(draw.normal(size=(200, 10, 50)), axis=-1), draw.integers(0, 2, 200)
+    assert baselines.linear_svm().fit(x, y)[-1].n_iter_ < 50
+    numbers = baselines.linear_svm("regression").fit(x, y.astype(float))[-1].regressor_
+    assert numbers.estimators_[0].n_iter_ < 50

@@ -19,7 +19,7 @@ from moving import motions
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import compare
-from torch_geometric_tactile.experiments import compared_models
+from torch_geometric_tactile.experiments import compared_models, estimate
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
@@ -52,10 +52,16 @@ def test_table_ends_with_a_sentence(tmp_path, capsys):
         "48 samples, 12 trials; 3 folds by trial, stratified by y; 3 models x "
     )
     assert "; about " in out[0]
-    assert out[1].split()[:2] == ["model", "kind"]
+    done = [line.split()[:2] for line in out[1:4]]  # as they finish
+    assert sorted(done) == [
+        ["constant", "accuracy"],
+        ["fnn", "accuracy"],
+        ["svm_linear", "accuracy"],
+    ]
+    assert out[4].split()[:2] == ["model", "kind"]
     assert "a: 9 of 9 runs finished" in out
     assert out[-1].startswith("Take ")
-    for suffix in (".md", ".csv", ".json", ".png"):
+    for suffix in (".md", ".csv", ".json", "_predictions.csv", ".png"):
         assert (tmp_path / "out" / f"a{suffix}").stat().st_size > 100
         assert f"wrote {tmp_path / 'out' / f'a{suffix}'}" in out
     before = results(tmp_path)
@@ -64,13 +70,61 @@ def test_table_ends_with_a_sentence(tmp_path, capsys):
     assert results(tmp_path) == before
 
 
+def test_quick_models_are_done_first(tmp_path, capsys, monkeypatch):
+    touches(tmp_path / "a.npz")
+    seconds = {"forest": 3.0, "constant": 9.0, "svm_linear": 1.0}
+    monkeypatch.setattr(estimate, "estimate_seconds", lambda plan, out: seconds)
+    assert run(tmp_path, "--models", "svm_linear,constant,forest", "--seeds", "2") == 0
+    out = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in out[1:4]] == ["svm_linear", "forest", "constant"]
+
+
+def test_every_other_sample_of_a_trial_of_a_file(tmp_path, capsys):
+    touches(tmp_path / "a.npz", num_trials=12, frames=5)
+    assert run(tmp_path, "--models", "constant", "--stride", "2", "--window", "3") == 0
+    assert "12 samples of 3 frames, 12 trials" in capsys.readouterr().out
+
+
+def test_groups_are_called_groups(tmp_path, capsys):
+    touches(tmp_path / "a.npz", group=np.repeat(["ann", "bo", "cy", "di"], 12))
+    assert run(tmp_path, "--models", "constant", "--by", "group") == 0
+    out = capsys.readouterr().out
+    assert "folds by group" in out
+    assert "object" not in out
+    page = (tmp_path / "out" / "a.md").read_text()
+    assert "| group | test samples | constant |" in page
+    assert "| ann | 12 | " in page
+
+
+def test_several_test_sets_after_one_training(tmp_path, capsys):
+    sets = np.repeat(["lab", "lab", "kitchen", "garden"], 12)
+    touches(tmp_path / "a.npz", part=np.repeat([0, 0, 2, 2], 12), set=sets)
+    assert run(tmp_path, *THREE, "--by", "given", "--seeds", "3") == 0
+    page = (tmp_path / "out" / "a.md").read_text()
+    assert "## Accuracy by set" in page
+    assert "| garden | 36 |" in page  # 12 samples, three seeds
+    assert "| lab |" not in page
+    rows = (tmp_path / "out" / "a_predictions.csv").read_text().splitlines()
+    assert rows[0] == "model,seed,fold,index,set,trial,y,prediction"
+    assert len(rows) == 1 + 3 * 3 * 24
+    assert any(row.startswith("constant,2,0,24,kitchen,6,0,") for row in rows)
+
+
+def test_windows_that_are_already_cut(tmp_path, capsys):
+    x = np.random.default_rng(0).normal(size=(24, 10, 12, 2))
+    touches(tmp_path / "a.npz", x=x, y=np.arange(24) % 2, trial=np.arange(24))
+    options = ["--models", "lstm,svm_signal,constant", "--time-axis", "1", "--epochs", "1"]
+    assert run(tmp_path, *options) == 0
+    assert "24 samples of 10 frames, 24 trials" in capsys.readouterr().out
+
+
 def test_json_is_all_that_is_printed(tmp_path, capsys):
     touches(tmp_path / "a.npz")
     assert run(tmp_path, "--models", "svm_linear,constant", "--json") == 0
     said = capsys.readouterr()
     content = json.loads(said.out)
     assert content == json.loads((tmp_path / "out" / "a.json").read_text())
-    assert (content["format"], content["version"]) == ("tactile comparison", 1)
+    assert (content["format"], content["version"]) == ("tactile comparison", 2)
     assert [model["name"] for model in content["models"]] == ["svm_linear", "constant"]
     assert content["num_splits"] == 3
     assert "48 samples" in said.err
@@ -205,30 +259,34 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        (["--models", "svm"], "'models' must be some of taxel_net, posed_taxel_net, temporal, gcn"),
-        (["--models", ","], "'models' must be some of"),
+        (
+            ["--models", "svm"],
+            "'--models' must be some of taxel_net, posed_taxel_net, temporal, gcn",
+        ),
+        (["--models", ","], "'--models' must be some of"),
         (["--by", "group"], "'dataset' must have 'group'"),
-        (["--metric", "mae"], "'metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
+        (["--metric", "mae"], "'--metric' must be 'accuracy' or 'balanced_accuracy' for classes"),
         (["--init", "stride"], "'--init' must be KEY=VALUE, such as root=DIR (got 'stride')"),
         (["--init", "stride=[1"], "'--init stride' must be a plain value"),
         (["--init", "no=1"], "'no' must be an argument of SamplesFile"),
-        (["--layout", "biotac"], "only one of 'layout' and 'grid'"),
+        (["--layout", "biotac"], "only one of '--layout' and '--grid'"),
         (["--grid", "8x8"], "'x' must have shape (num_samples, 64, ...)"),
-        (["--stride", "2"], "'stride' must be an argument of SamplesFile"),
+        (["--time-axis", "9"], "'--time-axis' must be a dimension of 'x' of at least 2 frames"),
+        (["--time-axis", "1", "--window", "2"], "'--time-axis' must be left out where windows"),
+        (["--time-axis", "2", "--rest", "1"], "'--rest' must be left out for samples of several"),
         (
             ["--window", "5"],
-            "'length' must be at most that of the longest trial, 4 frames",
+            "'--window' must be at most that of the longest trial, 4 frames",
         ),
-        (["--window", "3", "--horizon", "2"], "'horizon' must leave a window its label"),
-        (["--window", "3", "--trials", "9"], "only one of 'window' and 'trials' may be given"),
-        (["--hop", "3"], "'hop' must come with 'window'"),
-        (["--window", "2", "--hop", "1", "--by", "frame"], "'by' must be 'trial' or 'group'"),
-        (["--window", "2", "--stride", "2"], "'stride' must be an argument of SamplesFile"),
+        (["--window", "3", "--horizon", "2"], "'--horizon' must leave a window its label"),
+        (["--window", "3", "--trials", "9"], "only one of '--window' and '--trials' may be given"),
+        (["--hop", "3"], "'--hop' must come with '--window'"),
+        (["--window", "2", "--hop", "1", "--by", "frame"], "'--by' must be 'trial' or 'group'"),
         (["--window", "2", "--init", "no=1"], "'no' must be an argument of SamplesFile"),
         (["--models", "lstm"], "got 'lstm', but the samples are single frames: cut windows"),
         (["--window", "2", "--models", "posed_ridge"], "got 'posed_ridge', but it is for single"),
-        (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
-        (["--task", "regression", "--metric", "accuracy"], "'metric' must be 'mae' for numbers"),
+        (["--scheduler", "tcp://a:1"], "'--scheduler' must come with the backend dask or ray"),
+        (["--task", "regression", "--metric", "accuracy"], "'--metric' must be 'mae' for numbers"),
     ],
 )
 def test_bad_options_are_one_line(tmp_path, capsys, options, match):

@@ -46,6 +46,17 @@ def test_sequences_by_hand(inner, tmp_path):
     assert dataset[0].pos.shape == (24, 3)
 
 
+def test_sets_of_the_authors_are_parts(tmp_path):
+    for name in FOLDERS:
+        for item in ("pen0", "cardboard4", "screw8", "plate12", "mug16"):
+            sequence(tmp_path / name / f"{item}.csv")
+    dataset = BioTacSPDoS(tmp_path)
+    assert dataset.set.unique().tolist() == [0, 1, 2, 3, 4]
+    split = Protocol("given").split(dataset)
+    groups = [{dataset.group_names[i] for i in dataset.group[part]} for part in split]
+    assert groups == [{"pen"}, set(), {"cardboard", "screw", "plate", "mug"}]
+
+
 def test_folders_and_suffixes_in_capitals(tmp_path):
     make(tmp_path, [name.upper() for name in FOLDERS])
     sequence(tmp_path / "CW" / "hd3.CSV")

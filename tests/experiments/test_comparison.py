@@ -13,6 +13,7 @@ from compared import GIVEN, touches
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_data import data_source
 from torch_geometric_tactile.experiments.compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments.compared_samples import prediction_rows
 from torch_geometric_tactile.experiments.compared_task import Task
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
@@ -32,17 +33,18 @@ def plan(folder, settings=None, grid="3x4", **changes):
     return comparison_plan(data_source(folder / "a.npz", grid=grid), settings)
 
 
-def made_up(plan, parts, failed=()):
+def made_up(plan, parts, failed=(), sizes={}):  # noqa: B006
     """A run whose models are right on given parts of the samples of each split."""
     results = []
     for experiment in plan.experiments:
         if experiment.name not in parts or experiment.label in failed:
             continue
-        _, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+        train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
         y = test.data.y.numpy()
         right = parts[experiment.name][experiment.fold] * len(y)
         prediction = np.where(np.arange(len(y)) < round(right), y, (y + 1) % 3)
-        judgement = Judgement(prediction, prediction, y, trial=test.data.trial.numpy())
+        index = np.asarray(test.indices())
+        judgement = Judgement(prediction, prediction, y, None, test.data.trial.numpy(), index)
         accuracy = float((prediction == y).mean())
         results.append(
             (
@@ -50,9 +52,12 @@ def made_up(plan, parts, failed=()):
                 {
                     "metrics": {"accuracy": accuracy, "balanced_accuracy": accuracy, "f1": 0.5},
                     "predictions": judgement.to_dict(),
-                    "num_parameters": 10,
+                    "num_parameters": sizes.get(experiment.name, 10),
                     "choose_seconds": 2.0,
                     "train_seconds": 1.0,
+                    "predict_seconds": 1e-5 * (sizes.get(experiment.name) or 10) * len(y),
+                    "num_train": len(train),
+                    "num_test": len(test),
                     "chosen": {"setting": {}, "number": 0, "epochs": 3, "validation": [0.5]},
                 },
             )
@@ -218,12 +223,12 @@ GOOD, FAIR, POOR = [1.0, 1.0, 1.0], [0.75, 0.75, 0.75], [0.25, 0.25, 0.25]
     [
         (
             {"gcn": GOOD, "fnn": POOR, "forest": [0.5] * 3, "constant": [0.3] * 3},
-            "Take gcn (accuracy 100.0 %): 50.0 points better than forest, the best plain model, "
+            "Take gcn (accuracy 100.0 %): forest, the best plain model, is 50.0 points worse, "
             "which is beyond the noise",
         ),
         (
             {"gcn": FAIR, "fnn": [0.75, 0.8, 0.69], "forest": POOR, "constant": [0.1] * 3},
-            "gcn, the best graph model, is 0.0 points",
+            "gcn, the best graph model, is level with it, which is within the noise",
         ),
         (
             {"gcn": POOR, "fnn": GOOD, "forest": FAIR, "constant": POOR},
@@ -248,16 +253,71 @@ def test_sentence_says_which_model_to_take(tmp_path, parts, sentence):
     json.dumps(content, allow_nan=False)
 
 
-def test_within_the_noise_the_plain_model_is_taken(tmp_path):
-    parts = {"gcn": [1.0, 0.5, 0.75], "fnn": [0.5, 0.75, 0.75], "constant": [0.0] * 3}
-    text = advice(made_up(plan(tmp_path, THREE), parts))
-    assert text.startswith(
-        "Take fnn (accuracy 66.7 %): gcn, the best graph model, is 8.3 points be"
-    )
-    assert text.endswith("and the plain model is the simpler one.")
-    assert "within the noise (standard error" in text
+NEAR = {"gcn": [1.0, 0.5, 0.75], "fnn": [0.5, 0.75, 0.75]}
+PLAIN = "Take fnn (accuracy 66.7 %): gcn, the best graph model, is 8.3 points better, which"
+
+
+@pytest.mark.parametrize(
+    ("sizes", "start", "end"),
+    [
+        (
+            {"gcn": 1100, "fnn": 1550},
+            "Take gcn (accuracy 75.0 %): fnn, the best plain model, is 8.3 points worse, which",
+            "gcn is the simpler one (1,100 against 1,550 weights, 11 against 16 ms a sample",
+        ),
+        (
+            {"gcn": 20},
+            PLAIN,
+            "fnn is the simpler one (10 against 20 weights, 0.1 against 0.2 ms a sa",
+        ),
+        ({"gcn": None}, PLAIN, "the plain model comes first, as the other is not both smaller and"),
+    ],
+)
+def test_within_the_noise_the_simpler_model_is_taken(tmp_path, sizes, start, end):
+    text = advice(made_up(plan(tmp_path, THREE), NEAR, sizes=sizes))
+    assert text.startswith(start)
+    assert end in text
+    assert "within the noise of ± 150.0 (standard error" in text
     assert "over 3 splits and" in text
     assert "over 12 trials" in text
+
+
+def test_more_samples_would_tell_where_a_difference_is_larger_than_its_error(tmp_path):
+    clear = {"gcn": [1.0, 0.8, 0.75], "fnn": [0.69, 0.69, 0.69], "constant": [0.0] * 3}
+    found = plan(tmp_path, THREE)
+    assert advice(made_up(found, clear)).endswith(" More test samples would tell.")
+    assert "More test samples" not in advice(made_up(found, NEAR))
+
+
+def test_one_split_says_how_many_seeds_would_tell(tmp_path):
+    found = plan(tmp_path, replace(THREE, by="given"), part=GIVEN)
+    comparison = made_up(found, {"gcn": GOOD, "fnn": POOR, "constant": POOR})
+    assert "75.0 points better, which 1 split cannot tell ('--seeds 3' would)" in advice(comparison)
+    page = comparison_markdown(comparison)
+    assert "| +75.0 | ± ? | ± " in page
+    assert "no verdict on fewer than 3 splits. '--seeds 3' would tell." in page
+
+
+def test_page_without_a_plain_model_compares_with_none(tmp_path):
+    found = plan(tmp_path, THREE)
+    for parts in ({}, {"gcn": GOOD}):
+        assert "None" not in comparison_markdown(made_up(found, parts))
+
+
+def test_scores_by_group_and_predictions_of_each_sample(tmp_path):
+    groups = np.repeat(["ann", "-1"], 24)
+    found = plan(tmp_path, THREE, group=groups, y=np.repeat(["a", "b", "c", "a"], 12))
+    comparison = made_up(found, {"gcn": GOOD, "fnn": POOR})
+    page = comparison_markdown(comparison)
+    assert "## Accuracy by group" in page
+    assert "| group | test samples | gcn | fnn |" in page
+    assert "| ann | 24 | 100.0 | " in page
+    header, *rows = prediction_rows(comparison)
+    assert header == ["model", "seed", "fold", "index", "group", "trial", "y", "prediction"]
+    of_gcn = {row[3]: row[4:] for row in rows if row[0] == "gcn"}
+    assert sorted(of_gcn) == list(range(48))
+    assert of_gcn[13] == ["ann", "3", "b", "b"]
+    assert of_gcn[47] == ["-1", "11", "a", "a"]
 
 
 def test_model_that_lacks_a_split_is_left_out(tmp_path):
@@ -290,11 +350,12 @@ def test_json_has_one_form(tmp_path):
     ]
     gcn, fnn = content["models"]
     assert list(gcn) == [
-        *("name", "title", "kind", "scores", "difference", "num_parameters", "seconds", "chosen"),
+        *("name", "title", "kind", "scores", "difference", "num_parameters", "seconds"),
+        *("milliseconds", "chosen"),
     ]
     assert gcn["scores"]["accuracy"] == {"mean": 1.0, "sd": 0.0}
     assert gcn["difference"]["mean"] == 0.75
-    assert gcn["difference"]["beyond_noise"]
+    assert gcn["difference"]["verdict"] == "beyond the noise"
     assert fnn["difference"] is None
     assert content["missing"] == 6
 

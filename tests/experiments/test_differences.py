@@ -13,10 +13,11 @@ from torch_geometric_tactile.experiments.scores import prediction_scores, sample
 Y = np.array([0, 0, 1, 1])
 
 
-def said(*hits, y=Y, trial=(0, 0, 1, 1)):
+def said(*hits, y=Y, trial=(0, 0, 1, 1), index=None):
     hit = np.array(hits, dtype=bool)
     prediction = np.where(hit, y, 1 - y)
-    return Judgement(prediction, prediction, y, trial=None if trial is None else np.array(trial))
+    trial = None if trial is None else np.array(trial)
+    return Judgement(prediction, prediction, y, trial=trial, index=index)
 
 
 def test_difference_by_hand():
@@ -59,9 +60,27 @@ def test_frames_of_a_trial_do_not_make_it_sure():
     assert alone.over_trials < many.over_trials / 3
 
 
-def test_samples_without_trials_of_two_splits_are_different():
-    pair = [said(1, 1, 1, 1, trial=None)] * 2, [said(0, 1, 1, 1, trial=None)] * 2
-    assert paired_difference(*pair, "accuracy").num_trials == 8
+@pytest.mark.parametrize(("starts", "count"), [((0, 0), 4), ((0, 4), 8), ((0, 2), 6)])
+def test_sample_that_two_splits_test_on_is_one_observation(starts, count):
+    places = [np.arange(start, start + 4) for start in starts]
+    first = [said(1, 1, 1, 1, trial=None, index=index) for index in places]
+    second = [said(0, 1, 1, 1, trial=None, index=index) for index in places]
+    assert paired_difference(first, second, "accuracy").num_trials == count
+
+
+def test_overlap_of_training_parts_by_hand():
+    # Gains of three folds: 1/4, 2/4 and 3/4; a test part is half as large as a training part.
+    hits = [(1, 0, 0, 0), (1, 1, 0, 0), (1, 1, 1, 0)]
+    first = [
+        said(*hit, trial=[4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3]) for i, hit in enumerate(hits)
+    ]
+    second = [said(0, 0, 0, 0, trial=judgement.trial) for judgement in first]
+    apart, found = (paired_difference(first, second, "accuracy", o) for o in (0.0, 0.5))
+    assert apart.over_splits == pytest.approx(0.25 / math.sqrt(3))  # 0.1443
+    assert found.over_splits == pytest.approx(0.25 * math.sqrt(1 / 3 + 1 / 2))  # 0.2282
+    assert found.margin == pytest.approx(4.302653 * 0.228218, rel=1e-5)  # t of two degrees
+    assert found.mean == 0.5
+    assert found.verdict == "within the noise"  # twice the uncorrected error would be 0.29
 
 
 @pytest.mark.parametrize("metric", ["accuracy", "balanced_accuracy"])
@@ -93,18 +112,22 @@ def test_scores_are_those_of_scikit_learn():
 
 
 @pytest.mark.parametrize(
-    ("mean", "over_splits", "over_trials", "beyond"),
+    ("mean", "over_splits", "over_trials", "counts", "verdict"),
     [
-        (0.3, 0.1, 0.14, True),
-        (-0.3, 0.1, 0.14, True),
-        (0.3, 0.1, 0.16, False),
-        (0.3, 0.16, 0.1, False),
-        (0.3, math.nan, 0.1, True),
-        (0.3, math.nan, math.nan, False),
+        (0.3, 0.1, 0.13, (5, 9), "beyond the noise"),  # 2.776 over splits, 2.306 over trials
+        (-0.3, 0.1, 0.13, (5, 9), "beyond the noise"),
+        (0.3, 0.11, 0.13, (5, 9), "within the noise"),
+        (0.3, 0.1, 0.14, (5, 9), "within the noise"),
+        (0.3, 0.01, 0.01, (2, 9), "too few splits"),
+        (0.3, math.nan, 0.01, (1, 9), "too few splits"),
+        (0.3, 0.01, 0.01, (3, 2), "too few trials"),
+        (0.0, 0.0, 0.0, (5, 9), "within the noise"),
     ],
 )
-def test_noise_is_the_larger_error(mean, over_splits, over_trials, beyond):
-    assert Difference(mean, over_splits, over_trials, 5, 9).is_beyond_noise is beyond
+def test_one_rule_for_the_noise(mean, over_splits, over_trials, counts, verdict):
+    found = Difference(mean, over_splits, over_trials, *counts)
+    assert found.verdict == verdict
+    assert found.is_beyond_noise is (verdict == "beyond the noise")
 
 
 def test_other_samples_are_refused():

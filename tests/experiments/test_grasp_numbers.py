@@ -1,44 +1,49 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments.grasp_numbers import Judged, grasp_differences
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.experiments.grasp_numbers import grasp_differences
 from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+
+PROTOCOLS = (("test", Protocol("given")), ("folds", Protocol("trial", folds=2)))
+CELLS = (("net", "raw"), ("twin", "raw"), ("net", "session"))
+Y = np.array([0, 1, 0, 1])
 
 
-def judged(right, y):
-    prediction = np.where(right, y, 1 - y)
-    return Judgement(score=prediction.astype(float), prediction=prediction, y=y)
+def result(right, index):
+    prediction = np.where(right, Y, 1 - Y)
+    said = Judgement(score=prediction.astype(float), prediction=prediction, y=Y, index=index)
+    return {"predictions": said.to_dict(), "num_train": 8, "num_test": 4}
 
 
-def test_differences_are_those_of_one_kind_of_readings():
-    y = np.array([0, 1, 0, 1])
-    said = {
-        Judged("net", "test", "raw", 0): judged([True, True, True, False], y),
-        Judged("twin", "test", "raw", 0): judged([True, False, False, False], y),
-        Judged("net", "test", "session", 0): judged([False] * 4, y),
-    }
-    (difference,) = grasp_differences(said, "raw", "net", "twin").values()
-    assert difference.mean == pytest.approx(0.5)
-    assert difference.num_splits == 1
+def run():
+    """The net is right on three of four samples and its twin on one, on each of four splits."""
+    results = []
+    for name, protocol in PROTOCOLS:
+        for seed, fold in [(0, 0), (1, 0)] if name == "test" else [(0, 0), (0, 1), (1, 0), (1, 1)]:
+            index = np.arange(4) + 4 * fold
+            for model, readings in CELLS:
+                right = {"net": [1, 1, 1, 0], "twin": [1, 0, 0, 0]}[model]
+                right = [0] * 4 if readings == "session" else np.roll(right, seed)
+                keys = {"name": f"{model}_{readings}", "protocol_name": name}
+                e = SimpleNamespace(**keys, protocol=protocol, seed=seed, fold=fold)
+                results.append((e, result(right, index)))
+    cells = [SimpleNamespace(row=m, column=r, experiment=f"{m}_{r}") for m, r in CELLS]
+    protocols = [SimpleNamespace(name=name, protocol=protocol) for name, protocol in PROTOCOLS]
+    plan = SimpleNamespace(table=SimpleNamespace(cells=cells), protocols=protocols)
+    return PlanRun(plan, results, 0, {}, 0)
 
 
-def test_a_sample_that_all_seeds_judge_is_one_observation():
-    y = np.array([0, 1, 0, 1])
-    net, twin = judged([True, True, True, False], y), judged([True, False, False, False], y)
-    folds = judged([True, True, True, False], y[::-1].copy())
-    other = judged([True, False, False, False], y[::-1].copy())
-    said = {
-        Judged("net", "test", "raw", 0): net,
-        Judged("net", "test", "raw", 1): net,
-        Judged("net", "folds", "raw", 0): net,
-        Judged("net", "folds", "raw", 1): folds,
-        Judged("twin", "test", "raw", 0): twin,
-        Judged("twin", "test", "raw", 1): twin,
-        Judged("twin", "folds", "raw", 0): twin,
-        Judged("twin", "folds", "raw", 1): other,
-    }
-    found = grasp_differences(said, "raw", "net", "twin")
-    assert (found["test"].num_trials, found["folds"].num_trials) == (4, 8)
-    assert found["test"].error > found["folds"].error
+def test_differences_are_those_of_one_kind_of_readings_split_by_split():
+    found = grasp_differences(run(), "raw", "net", "twin")
+    assert list(found) == ["test", "folds"]
+    assert [d.mean for d in found.values()] == pytest.approx([0.5, 0.5])
+    assert [d.num_splits for d in found.values()] == [2, 4]
+    assert found["folds"].over_trials == pytest.approx((8 / 7 * 4 / 256) ** 0.5)
+    assert [d.num_trials for d in found.values()] == [4, 8]  # a sample is one observation
+    assert [d.verdict for d in found.values()] == ["too few splits", "beyond the noise"]

@@ -19,19 +19,21 @@ def compared(mean, error, pair=("a", "b"), protocol="random"):
 @pytest.mark.parametrize(
     ("mean", "error", "verdict"),
     [
-        (0.1, 0.04, "yes"),
-        (-0.1, 0.04, "no"),
-        (0.1, 0.06, "within noise"),
-        (0.0, 0.0, "within noise"),
+        (0.1, 0.03, "yes"),
+        (-0.1, 0.03, "no"),
+        (0.1, 0.04, "within the noise"),
+        (0.0, 0.0, "within the noise"),
     ],
 )
-def test_verdict_needs_twice_the_standard_error(mean, error, verdict):
+def test_verdict_is_that_of_the_difference(mean, error, verdict):
     assert compared(mean, error).verdict == verdict
+    few = replace(compared(mean, error), difference=Difference(mean, error, error, 2, 100))
+    assert few.verdict == "too few splits"
 
 
 def test_lines_of_the_page():
-    entries = [compared(0.1, 0.04), compared(-0.2, 0.04, ("c", "d"))]
-    assert _line(entries[0]) == "| a above b | random | a | b | +10.0 ± 4.0 | 5 | yes |"
+    entries = [compared(0.1, 0.03), compared(-0.2, 0.03, ("c", "d"))]
+    assert _line(entries[0]) == "| a above b | random | a | b | +10.0 ± 3.0 | 5 | yes |"
     assert list(_summary(entries)) == ["| a above b | random | yes in 1 of 2, no in 1 of 2 |"]
     assert list(_summary(entries[:1])) == ["| a above b | random | yes |"]
 

@@ -76,8 +76,8 @@ def test_table_of_the_demo():
     protocols = {entry.name: entry.protocol.describe() for entry in table.protocols}
     assert protocols == {
         "random folds": "5 folds by frame",
-        "leave objects out": "5 folds by object",
-        "objects and sessions": "5 folds by object, each session tested on unseen",
+        "leave objects out": "5 folds by group",
+        "objects and sessions": "5 folds by group, each session tested on unseen",
         "unseen objects": "the given parts",
     }
     check_arguments(table.data.class_path, table.data.arguments)

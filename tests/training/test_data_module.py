@@ -126,7 +126,7 @@ def test_given_parts_are_those_of_two_data_sets():
 def test_protocol_leaves_no_other_fraction():
     with pytest.raises(ValueError, match=r"'val' must be left out with a protocol \(got 0.2\)"):
         TactileDataModule(fake(), split=Protocol("trial"), val=0.2)
-    message = r"'test_dataset' must be left out .* test part \(got '3 folds by object'\)"
+    message = r"'test_dataset' must be left out .* test part \(got '3 folds by group'\)"
     with pytest.raises(ValueError, match=message):
         TactileDataModule(fake(), fake("test"), split=Protocol("group", folds=3))
 

@@ -21,7 +21,6 @@ from torch_geometric_tactile.typing import PathLike
 Task = Literal["multiclass", "regression"]
 Weight = Literal["balanced"] | None
 _TASKS = ("multiclass", "regression")
-_MOST_STEPS = 5000
 
 
 def flat_forest(
@@ -112,7 +111,8 @@ def linear_svm(
 ) -> Pipeline:
     r"""Returns a linear support vector machine on all readings side by side, which should be scaled
     before (see :class:`~torch_geometric_tactile.transforms.ZScore`); regression targets are scaled
-    here.
+    here. It is solved in the primal, which converges also where there are more readings than
+    samples, with :program:`liblinear`'s own tolerance.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
@@ -126,9 +126,10 @@ def linear_svm(
         array([1])
     """
     if _is_classes(task):
-        model: Any = LinearSVC(C=C, class_weight=class_weight, max_iter=_MOST_STEPS, dual="auto")
+        model: Any = LinearSVC(C=C, class_weight=class_weight, dual=False, tol=1e-2)
     else:
-        model = _scaled(LinearSVR(C=C, max_iter=_MOST_STEPS, dual="auto", loss=_SMOOTH))
+        loss = "squared_epsilon_insensitive"
+        model = _scaled(LinearSVR(C=C, loss=loss, dual=False, tol=1e-3))
     return make_pipeline(FlatReadings(), model)
 
 
@@ -211,9 +212,6 @@ def constant(task: Task = "multiclass") -> Pipeline:
     """
     model = DummyClassifier(strategy="most_frequent") if _is_classes(task) else DummyRegressor()
     return make_pipeline(FlatReadings(), model)
-
-
-_SMOOTH = "squared_epsilon_insensitive"  # which liblinear solves in the primal where it is faster
 
 
 def _is_classes(task: str) -> bool:

@@ -2,7 +2,9 @@ r"""Types of arguments that several verbs share."""
 
 import argparse
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from torch_geometric_tactile.parallel import BACKENDS
 
@@ -109,6 +111,24 @@ def rest(text: str) -> str | float | None:
             f"must be a phase, 'none', or seconds above 0 and up to 3600 (got {text[:40]!r})"
         )
     return number
+
+
+@contextmanager
+def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
+    r"""Names the options of a verb in the messages of errors, where these name the arguments of
+    Python functions that they become.
+
+    Args:
+        arguments (argparse.Namespace): The arguments of the verb.
+        **more (str): Options by the names of arguments that have other names.
+    """
+    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
+    try:
+        yield
+    except ValueError as error:
+        pattern = rf"(?<!got )'({'|'.join(options)})'"
+        text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
+        raise ValueError(text) from error
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

@@ -4,14 +4,16 @@ import argparse
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands.arguments import add_workers, few, positive
+from torch_geometric_tactile.commands.arguments import add_workers, few, options_named, positive
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
+    from torch_geometric_tactile.experiments.experiment import Experiment
     from torch_geometric_tactile.experiments.plan import Plan
 
 # The names in `experiments`, which is too heavy to import for them.
@@ -45,7 +47,7 @@ line recommends a model and says whether it is better by more than the noise. Ne
 data:
   FILE.npz     arrays x (S, N), (S, N, channels) or, with --grid, (S, rows, cols), and y (names or
                whole numbers for classes, other numbers for regression); optionally trial, group,
-               session, joint, time (S, ...); and pos (N, 3) in metres without --layout or --grid
+               session, set, joint, time (S, ...); and pos (N, 3) in metres without --layout, --grid
   FOLDER       a folder of recordings for the data set RecordingFrames
   CLASS        import path of a StaticDataset class; of this package, its name is enough
 
@@ -69,6 +71,8 @@ examples:
   tactile compare slips.npz --layout biotac --window 50 --hop 10 --horizon 20
                                                          forecast 20 frames after the window
   tactile compare BiGS --init root=DIR --trials 60       each grasp, resampled to 60 frames
+  tactile compare windows.npz --layout biotac --time-axis 1
+                                                         windows that are cut: x (S, frames, N)
   tactile compare touches.npz --grid 8x8 --epochs 5 --folds 2
                                                          a first look
 
@@ -164,10 +168,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead of windows: each trial is one sample, resampled to N frames",
     )
     cut.add_argument(
+        "--time-axis",
+        metavar="AXIS",
+        type=positive,
+        help="the samples of an npz file are windows already: this dimension of x is time (1 is "
+        "the first after the samples)",
+    )
+    cut.add_argument(
         "--stride",
         metavar="N",
         type=positive,
-        help="use every N-th frame of recordings (before windows are cut)",
+        help="use every N-th frame of each trial (before windows are cut)",
     )
     cut.add_argument(
         "--rest",
@@ -197,6 +208,11 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
+    with options_named(arguments, data="DATA", tare="--rest", length="--window", num="--trials"):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands.progress import progress
     from torch_geometric_tactile.experiments.compared_data import data_source
     from torch_geometric_tactile.experiments.comparison import (
@@ -227,16 +243,22 @@ def run(arguments: argparse.Namespace) -> int:
         layout=arguments.layout,
         grid=arguments.grid,
         task=arguments.task,
+        time_axis=arguments.time_axis,
         arguments=_init(arguments.init),
+        stride=arguments.stride,
         cut=_cut(arguments),
     )
-    selection = {} if arguments.stride is None else {"stride": arguments.stride}
-    plan = comparison_plan(source, settings, name=_name(arguments.data), selection=selection)
+    plan = comparison_plan(source, settings, name=_name(arguments.data))
     if not arguments.no_train:
-        _tell(_intention(plan, arguments), arguments.json)
+        plan = _quick_first(plan, arguments)
     with progress(plan.table.name, "run") as show:
+
+        def on_progress(experiment: "Experiment", ended: int, all_runs: int) -> None:
+            show(experiment, ended, all_runs)
+            _tell_row(plan, experiment, arguments)
+
         finished = run_plan(
-            plan, arguments.out, workers, train=not arguments.no_train, on_progress=show
+            plan, arguments.out, workers, train=not arguments.no_train, on_progress=on_progress
         )
     comparison = summarize(finished)
     paths = write_comparison(comparison, arguments.out)
@@ -271,9 +293,35 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     print(f"\n{_plain(advice(comparison))}", flush=True)
 
 
-def _intention(plan: "Plan", arguments: argparse.Namespace) -> str:
+def _quick_first(plan: "Plan", arguments: argparse.Namespace) -> "Plan":
     from torch_geometric_tactile.experiments.estimate import estimate_seconds
 
+    seconds = estimate_seconds(plan, arguments.out)
+    _tell(_intention(plan, arguments, seconds), arguments.json)
+    order = sorted(plan.experiments, key=lambda e: seconds.get(e.name, 0.0))
+    return replace(plan, experiments=tuple(order))
+
+
+def _tell_row(plan: "Plan", experiment: "Experiment", arguments: argparse.Namespace) -> None:
+    # The score of a model, as soon as it has been tested on every split.
+    from torch_geometric_tactile.experiments.advice import NAMES, shown_number
+    from torch_geometric_tactile.experiments.comparison import summarize
+    from torch_geometric_tactile.experiments.run_plan import PlanRun
+    from torch_geometric_tactile.experiments.run_store import RunStore
+
+    store = RunStore(Path(arguments.out) / "runs")
+    runs = [(e, store.read(e)) for e in plan.experiments if e.name == experiment.name]
+    results = [(e, result) for e, result in runs if result is not None]
+    if len(results) < len(runs):
+        return
+    comparison = summarize(PlanRun(plan, results, 0, {}, 0))
+    (result,), metric = comparison.results, comparison.metric
+    mean, sd = (shown_number(metric, value) for value in result.scores[metric])
+    text = f"{experiment.name:16} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
+    _tell(text, arguments.json)
+
+
+def _intention(plan: "Plan", arguments: argparse.Namespace, seconds: dict[str, float]) -> str:
     (protocol,) = plan.protocols
     facts = plan.facts
     models = [cell.experiment for cell in plan.table.cells]
@@ -284,7 +332,6 @@ def _intention(plan: "Plan", arguments: argparse.Namespace) -> str:
         + (f", {facts.num_trials:,} trials" if facts.num_trials else "")
         + f"; {protocol.protocol.describe()}; {len(models)} models x {splits} splits"
     )
-    seconds = estimate_seconds(plan, arguments.out)
     if not seconds:
         return f"{text}; all runs are finished"
     jobs = 1 if arguments.scheduler is not None else arguments.jobs
@@ -302,7 +349,11 @@ def _duration(seconds: float) -> str:
 
 
 def _tell(text: str, as_json: bool) -> None:
-    print(_plain(text), file=sys.stderr if as_json else sys.stdout, flush=True)
+    from tqdm import tqdm  # which keeps a line apart from a progress bar
+
+    file = sys.stderr if as_json else sys.stdout
+    tqdm.write(_plain(text), file=file)
+    file.flush()
 
 
 def _plain(text: str) -> str:

@@ -234,19 +234,18 @@ class Protocol:
 
         Examples:
             >>> Protocol("group", folds=5).describe()
-            '5 folds by object'
+            '5 folds by group'
             >>> Protocol("trial", val=0, test=0.3, stratify="group").describe()
             'by trial, 30 % for the test, stratified by group'
         """
         if self.by == "given":
             return "the given parts"
-        by = "object" if self.by == "group" else self.by
         if self.leave_one_out:
-            text = f"leave one {by} out"
+            text = f"leave one {self.by} out"
         elif self.folds is not None:
-            text = f"{self.folds} folds by {by}"
+            text = f"{self.folds} folds by {self.by}"
         else:
-            text = f"by {by}"
+            text = f"by {self.by}"
         if self.unseen is not None:
             text += f", each {self.unseen} tested on unseen"
         if self.val:

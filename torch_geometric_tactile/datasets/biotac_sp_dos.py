@@ -24,6 +24,14 @@ DIRECTIONS = {
     "aw": "anticlockwise",
     "t": "touch",
 }
+#: The authors' sets of objects. Other objects are of the set "other".
+SETS = {
+    "basic": ("case", "hd", "pen", "sponge"),
+    "solids": ("bottle", "cardboard"),
+    "small": ("brush", "screw"),
+    "textures": ("bubbles", "plate", "striped"),
+    "other": (),
+}
 _NAME = re.compile(r"(?P<object>.*[^0-9])(?P<number>[0-9]{1,9})", re.ASCII)
 _PARENTS = ("raw", "csvs", ".")
 
@@ -46,8 +54,10 @@ class BioTacSPDoS(StaticDataset):
     nominal rate. Without a :obj:`pre_transform` such as
     :class:`~torch_geometric_tactile.transforms.KNNGraph` there are no edges.
 
-    The authors name four sets of objects: basic (case, hd, pen, sponge), solids (bottle,
-    cardboard), small (brush, screw) and textures (bubbles, plate, striped).
+    :obj:`set` is which of the authors' four sets of objects a sample is of: basic (case, hd, pen,
+    sponge), solids (bottle, cardboard), small (brush, screw) or textures (bubbles, plate, striped).
+    With :obj:`part`, ``Protocol("given")`` trains on the basic objects and tests on the others;
+    their repository names the sets, and not what they trained on.
 
     .. list-table:: STATS, as published
         :header-rows: 1
@@ -124,7 +134,7 @@ class BioTacSPDoS(StaticDataset):
     @property
     def processed_file_names(self) -> str:
         r"""One file."""
-        return "biotac_sp_dos.pt"
+        return "biotac_sp_dos_sets.pt"
 
     @property
     def num_classes(self) -> int:
@@ -169,6 +179,8 @@ class BioTacSPDoS(StaticDataset):
         directions = [*DIRECTIONS]
         y = torch.tensor([directions.index(s.direction) for s in sequences])
         group = torch.tensor([objects.index(s.object_name) for s in sequences])
+        number = {name: i for i, names in enumerate(SETS.values()) for name in names}
+        sets = torch.tensor([number.get(s.object_name, len(SETS) - 1) for s in sequences])
         data = StaticData(
             x=torch.from_numpy(np.concatenate([r.tactile for r in recordings])),
             y=y.repeat_interleave(num_frames),
@@ -176,10 +188,13 @@ class BioTacSPDoS(StaticDataset):
             normal=self.layout.normal,
             trial=torch.arange(len(sequences)).repeat_interleave(num_frames),
             group=group.repeat_interleave(num_frames),
+            set=sets.repeat_interleave(num_frames),
+            part=(2 * (sets > 0)).repeat_interleave(num_frames),
             time=torch.from_numpy(np.concatenate([r.time for r in recordings])),
         )
         names = [f"{s.direction}/{s.path.stem}" for s in sequences]
-        return data, {"class": [*DIRECTIONS.values()], "group": objects, "trial": names}
+        kinds = {"class": [*DIRECTIONS.values()], "group": objects, "set": [*SETS]}
+        return data, {**kinds, "trial": names}
 
 
 def _folders(parent: Path) -> list[Path]:

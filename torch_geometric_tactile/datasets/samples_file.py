@@ -41,6 +41,9 @@ class SamplesFile(StaticDataset):
         grid (str, optional): Rows and columns of a planar array, such as :obj:`"28x50"`.
         pitch (float): Distance between neighbouring taxels of the grid in metres.
         task (str): :obj:`"multiclass"`, :obj:`"regression"`, or :obj:`"auto"`.
+        time_axis (int, optional): The dimension of :obj:`x` that is time, counted from the samples,
+            which are 0, where samples are windows that are already cut; they have
+            :obj:`num_frames` then.
         transform (callable, optional): Applied at every access.
 
     Raises:
@@ -66,6 +69,7 @@ class SamplesFile(StaticDataset):
         grid: str | None = None,
         pitch: float = _PITCH,
         task: Literal["auto", "multiclass", "regression"] = "auto",
+        time_axis: int | None = None,
         transform: Transform | None = None,
     ) -> None:
         if task not in _TASKS:
@@ -78,7 +82,9 @@ class SamplesFile(StaticDataset):
         try:
             size = None if grid is None else _grid_size(grid)
             self.layout = _layout(content, layout, size, pitch)
-            content["x"] = _taxels_first(content["x"], self.layout, size)
+            x = content["x"] if time_axis is None else _time_last(content["x"], time_axis)
+            content["x"] = _taxels_first(x, self.layout, size)
+            self._num_frames = None if time_axis is None else x.shape[-1]
             self._content: dict[str, np.ndarray] | None = content
             super().__init__(None, transform)
         except ValueError as error:
@@ -95,7 +101,7 @@ class SamplesFile(StaticDataset):
             columns["time"] = content["time"].astype(np.float64)
         given = content.get("class_names")
         y, names["class"] = _target(content["y"], self.task, given, self.path)
-        for key in ("trial", "group", "session"):
+        for key in ("trial", "group", "session", "set"):
             if key in content:
                 names[key], columns[key] = _numbered(key, content[key])
         if "part" in content:
@@ -107,6 +113,8 @@ class SamplesFile(StaticDataset):
         data, _ = static_data_from_arrays(
             content["x"], self.layout, edges, {"y": y, **columns}, {}, schema
         )
+        if self._num_frames is not None:
+            data.num_frames = self._num_frames
         return data, names
 
 
@@ -143,6 +151,15 @@ def _layout(
     )
 
 
+def _time_last(x: np.ndarray, axis: int) -> np.ndarray:
+    if not 0 < axis < x.ndim or x.shape[axis] < 2:
+        raise ValueError(
+            f"'time_axis' must be a dimension of 'x' of at least 2 frames, from 1 to {x.ndim - 1} "
+            f"(got {axis} for shape {x.shape})"
+        )
+    return np.moveaxis(x, axis, -1)
+
+
 def _taxels_first(x: np.ndarray, layout: TaxelLayout, size: tuple[int, int] | None) -> np.ndarray:
     count = layout.num_taxels
     if size is not None and x.shape[1:3] == size:
@@ -177,7 +194,7 @@ def _target(
             task = "multiclass"
             _logger.warning(
                 "'%s': 'y' holds %d different whole numbers, which are taken for classes; "
-                "task='regression' takes them for numbers",
+                "the task 'regression' takes them for numbers",
                 path,
                 len(np.unique(y)),
             )

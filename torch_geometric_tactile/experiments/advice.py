@@ -5,9 +5,9 @@ from typing import Any
 
 from torch_geometric_tactile.experiments.compared_models import FLOOR
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult, Summary
-from torch_geometric_tactile.experiments.differences import Difference
+from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, Difference
 
-VERSION = 1
+VERSION = 2
 NAMES = {
     "accuracy": "accuracy",
     "balanced_accuracy": "balanced accuracy",
@@ -16,6 +16,8 @@ NAMES = {
     "rmse": "RMSE",
     "r2": "R2",
 }
+_LEVEL = "level with it"
+_MORE = " More test samples would tell."
 _PERCENT = ("accuracy", "balanced_accuracy", "f1")
 
 
@@ -37,9 +39,10 @@ def shown_number(metric: str, value: float) -> str:
 
 
 def advice(comparison: Comparison) -> str:
-    r"""Returns which model to take, and whether it differs from the best plain model by more than
-    the noise: more than twice the standard error, over splits or over trials, whichever is larger.
-    Where it does not, the plain model is taken.
+    r"""Returns which model to take, and whether the best graph model differs from the best plain
+    model by more than the noise (:data:`~torch_geometric_tactile.experiments.differences.RULE`).
+    Where it does not, the simpler one is taken: the one with fewer weights that also predicts
+    faster, or else the plain one.
 
     Args:
         comparison (Comparison): What came of the runs.
@@ -59,23 +62,35 @@ def advice(comparison: Comparison) -> str:
     difference = graph.difference
     gain = -difference.mean if comparison.metric == "mae" else difference.mean
     size = _size(comparison.metric, difference)
-    noise = _noise(comparison, difference)
-    if difference.is_beyond_noise and gain > 0:
-        return (
-            f"Take {_with_score(comparison, graph)}: {size} better than {plain.model.name}, the "
-            f"best plain model, which is beyond the noise ({noise})."
-        )
-    taken = f"Take {_with_score(comparison, plain)}"
-    worse = "better" if gain > 0 else "worse"
-    if difference.is_beyond_noise:
-        return (
-            f"{taken}: {graph.model.name}, the best graph model, is {size} worse, which is beyond "
-            f"the noise ({noise})."
-        )
+    is_told = difference.is_beyond_noise and size != _LEVEL
+    taken = (graph if gain > 0 else plain) if is_told else _simpler(graph, plain)
+    other = plain if taken is graph else graph
+    kind = "graph" if other is graph else "plain"
+    worse = "" if size == _LEVEL else " better" if (gain > 0) == (other is graph) else " worse"
     return (
-        f"{taken}: {graph.model.name}, the best graph model, is {size} {worse}, which is within "
-        f"the noise ({noise}), and the plain model is the simpler one."
+        f"Take {_with_score(comparison, taken)}: {other.model.name}, the best {kind} model, is "
+        f"{size}{worse}, {_told(comparison, difference)}"
+        + ("." if is_told else _why(taken, other))
+        + (_MORE if difference.error < abs(difference.mean) <= difference.margin else "")
     )
+
+
+def _simpler(graph: ModelResult, plain: ModelResult) -> ModelResult:
+    weights = [r.num_parameters for r in (graph, plain) if r.num_parameters is not None]
+    is_smaller = len(weights) == 2 and weights[0] < weights[1]
+    return graph if is_smaller and graph.milliseconds <= plain.milliseconds else plain
+
+
+def _why(taken: ModelResult, other: ModelResult) -> str:
+    sizes, times = [], []
+    for result in (taken, other):
+        number = result.num_parameters
+        sizes.append("?" if number is None else f"{number:,.0f}")
+        times.append(f"{result.milliseconds:.2g}")
+    numbers = f"({sizes[0]} against {sizes[1]} weights, {times[0]} against {times[1]} ms a sample)"
+    if _simpler(taken, other) is taken:
+        return f"; {taken.model.name} is the simpler one {numbers}."
+    return f"; the plain model comes first, as the other is not both smaller and faster {numbers}."
 
 
 def _nothing_learnt(comparison: Comparison) -> str:
@@ -89,11 +104,11 @@ def _nothing_learnt(comparison: Comparison) -> str:
             "nothing to learn from these samples, or there are too few."
         )
     difference = comparison.difference(best.model.name, FLOOR)
-    if difference.is_beyond_noise:
+    if difference.is_beyond_noise or difference.num_splits < LEAST_PAIRS:
         return ""
     return (
         f"Take none yet: {_with_score(comparison, best)} is not beyond the noise above '{FLOOR}' "
-        f"({_noise(comparison, difference)}); more samples would tell."
+        f"({_errors(comparison, difference)}); more samples would tell."
     )
 
 
@@ -109,20 +124,26 @@ def _score(comparison: Comparison, result: ModelResult) -> str:
 
 def _size(metric: str, difference: Difference) -> str:
     number = shown_number(metric, abs(difference.mean))
-    return f"{number} points" if metric in _PERCENT else number
+    return f"{number}{' points' if metric in _PERCENT else ''}" if float(number) else _LEVEL
 
 
-def _noise(comparison: Comparison, difference: Difference) -> str:
-    if math.isnan(difference.error):
-        return f"unknown: there is one split of one {comparison.unit}"
-    parts = []
-    for error, count, unit in (
-        (difference.over_splits, difference.num_splits, "splits"),
-        (difference.over_trials, difference.num_trials, f"{comparison.unit}s"),
-    ):
-        if math.isfinite(error):
-            parts.append(f"{shown_number(comparison.metric, error)} over {count} {unit}")
-    return f"standard error {' and '.join(parts)}"
+def _told(comparison: Comparison, difference: Difference) -> str:
+    if difference.num_splits < LEAST_PAIRS:
+        few = "1 split" if difference.num_splits == 1 else f"{difference.num_splits} splits"
+        return f"which {few} cannot tell ('--seeds {comparison.seeds_to_tell}' would)"
+    margin = shown_number(comparison.metric, difference.margin)
+    return f"which is {difference.verdict} of ± {margin} ({_errors(comparison, difference)})"
+
+
+def _errors(comparison: Comparison, difference: Difference) -> str:
+    splits, trials = (
+        shown_number(comparison.metric, error)
+        for error in (difference.over_splits, difference.over_trials)
+    )
+    return (
+        f"standard error {splits} over {difference.num_splits} splits and {trials} over "
+        f"{difference.num_trials} {comparison.unit}s"
+    )
 
 
 def to_dict(comparison: Comparison) -> dict[str, Any]:
@@ -147,7 +168,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
             "class_names": list(plan.facts.class_names),
         },
         "protocol": protocol.protocol.describe(),
-        "num_splits": len({(e.seed, e.fold) for e in plan.experiments}),
+        "num_splits": comparison.num_splits,
         "task": plan.table.task,
         "metric": comparison.metric,
         "best_plain": comparison.best_plain,
@@ -173,10 +194,12 @@ def _model_dict(result: ModelResult) -> dict[str, Any]:
             "over_trials": _number(difference.over_trials),
             "num_splits": difference.num_splits,
             "num_trials": difference.num_trials,
-            "beyond_noise": difference.is_beyond_noise,
+            "margin": _number(difference.margin),
+            "verdict": difference.verdict,
         },
         "num_parameters": result.num_parameters,
         "seconds": result.seconds,
+        "milliseconds": result.milliseconds,
         "chosen": list(result.chosen),
     }
 

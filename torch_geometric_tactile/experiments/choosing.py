@@ -49,13 +49,14 @@ _NO_SCORE = Scored(-math.inf, math.inf)
 
 class Fitted(NamedTuple):
     r"""What a model that was trained says of samples: its predictions, their score if it was asked
-    for, how many numbers it holds, and for how many seconds it was trained.
+    for, how many numbers it holds, and for how many seconds it was trained and predicted.
     """
 
     prediction: np.ndarray
     score: Scored | None
     num_parameters: int | None
     seconds: float
+    predict_seconds: float
 
 
 def run_choosing(experiment: Experiment) -> dict[str, Any]:
@@ -92,6 +93,7 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
         "num_parameters": fitted.num_parameters,
         "choose_seconds": choosing,
         "train_seconds": fitted.seconds,
+        "predict_seconds": fitted.predict_seconds,
         "chosen": {
             "setting": dict(experiment.choice.settings[best]),
             "number": best,
@@ -102,6 +104,7 @@ def run_choosing(experiment: Experiment) -> dict[str, Any]:
             prediction=fitted.prediction,
             y=y,
             trial=column_of(parts.test, "trial"),
+            index=np.asarray(parts.test.indices()),
         ).to_dict(),
         "num_train": len(parts.train),
         "num_test": len(parts.test),
@@ -161,11 +164,13 @@ def _fit_estimator(
     start = time.perf_counter()
     estimator.fit(estimator_input(estimator, seen), seen.y.numpy())
     seconds = time.perf_counter() - start
+    start = time.perf_counter()
     prediction = np.asarray(estimator.predict(estimator_input(estimator, held_out)))
+    predicting = time.perf_counter() - start
     score = None
     if is_scored:
         score = Scored(_value(experiment, held_out.y.numpy(), prediction))
-    return Fitted(prediction, score, num_numbers(estimator), seconds)
+    return Fitted(prediction, score, num_numbers(estimator), seconds, predicting)
 
 
 def _fit_network(
@@ -195,7 +200,7 @@ def _fit_network(
     settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
     settings |= experiment.trainer
     members = 1 if is_scored else experiment.choice.members
-    said, seconds, size = [], 0.0, 0
+    said, seconds, predicting, size = [], 0.0, 0.0, 0
     for member in range(members):
         clock, seed = Clock(), experiment.seed + _NEXT_SEED * member
         classifier = fit_classifier(
@@ -203,9 +208,11 @@ def _fit_network(
         )
         seconds += clock.seconds
         size += sum(weight.numel() for weight in classifier.model.parameters())
+        start = time.perf_counter()
         said.append(collect_predictions(classifier, data.test_dataloader()))
+        predicting += time.perf_counter() - start
     score = _score(experiment, said[0], scale) if is_scored else None
-    return Fitted(_predicted(said, scale), score, size, seconds)
+    return Fitted(_predicted(said, scale), score, size, seconds, predicting)
 
 
 def _score(experiment: Experiment, said: Predictions, scale: "TargetScale | None") -> Scored:

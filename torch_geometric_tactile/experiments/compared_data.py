@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments.compared_windows import FrameCut
+from torch_geometric_tactile.experiments.compared_windows import FrameCut, with_stride
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.typing import PathLike
 
@@ -24,7 +24,9 @@ def data_source(
     layout: str | None = None,
     grid: str | None = None,
     task: str | None = None,
+    time_axis: int | None = None,
     arguments: Mapping[str, Any] | None = None,
+    stride: int | None = None,
     cut: FrameCut | None = None,
 ) -> DataSource:
     r"""Returns the data set that a text stands for.
@@ -39,7 +41,10 @@ def data_source(
         grid (str, optional): Rows and columns of a planar array, such as :obj:`"28x50"`.
         task (str, optional): What the labels of a file are: :obj:`"multiclass"` or
             :obj:`"regression"`.
+        time_axis (int, optional): The dimension of the readings of a file that is time, where its
+            samples are windows that are already cut.
         arguments (Mapping, optional): Further arguments of the data set.
+        stride (int, optional): Only every so manieth frame of each trial.
         cut (FrameCut, optional): How windows of frames or whole trials are cut from its samples,
             which must be frames; each frame is a sample if left out.
 
@@ -47,7 +52,12 @@ def data_source(
         FileNotFoundError: If there is no such file, folder or class.
         ValueError: If an argument does not go with the data.
     """
-    frames = _frames(data, layout, grid, task, arguments)
+    if time_axis is not None and cut is not None:
+        raise ValueError(
+            f"'time_axis' must be left out where windows or trials are cut (got {time_axis})"
+        )
+    frames = _frames(data, layout, grid, task, time_axis, arguments)
+    frames = frames if stride is None else with_stride(frames, stride)
     return frames if cut is None else cut.cut(frames)
 
 
@@ -56,6 +66,7 @@ def _frames(
     layout: str | None,
     grid: str | None,
     task: str | None,
+    time_axis: int | None,
     arguments: Mapping[str, Any] | None,
 ) -> DataSource:
     text, path = str(data), Path(data)
@@ -63,12 +74,14 @@ def _frames(
     if path.is_file() or path.suffix == ".npz":
         if path.suffix != ".npz":
             raise ValueError(f"'data' must be an npz file, a folder or a class (got '{text}')")
-        for key, value in {"layout": layout, "grid": grid, "task": task}.items():
-            if value is not None:
-                given[key] = value
+        own = {"layout": layout, "grid": grid, "task": task, "time_axis": time_axis}
+        given |= {key: value for key, value in own.items() if value is not None}
         return DataSource(f"{_DATASETS}.SamplesFile", {"path": text, **given})
-    if task is not None:
-        raise ValueError(f"'task' must be left out for anything but an npz file (got '{task}')")
+    for key, of_file in {"task": task, "time_axis": time_axis}.items():
+        if of_file is not None:
+            raise ValueError(
+                f"'{key}' must be left out for anything but an npz file (got {of_file!r})"
+            )
     if path.is_dir():
         found: Any = layout if grid is None else _grid(grid)
         if found is not None:

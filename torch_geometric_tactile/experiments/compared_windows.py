@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile.data import StaticDataset, Windows
 from torch_geometric_tactile.data.frame_view import FrameView
-from torch_geometric_tactile.experiments.building import find_class
+from torch_geometric_tactile.experiments.building import argument_names, find_class
 from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.transforms import Tare
 
@@ -19,6 +20,7 @@ _WINDOWS = "torch_geometric_tactile.data.Windows"
 _TRIALS = "torch_geometric_tactile.data.Trials"
 _RESAMPLE = "torch_geometric_tactile.transforms.Resample"
 _TARED = f"{__name__}.tared_frames"
+_STRIDED = f"{__name__}.strided_frames"
 _logger = logging.getLogger(__name__)
 
 
@@ -161,6 +163,36 @@ def tared_frames(
     out = copy.copy(dataset)
     out.transform = tare if dataset.transform is None else Compose([dataset.transform, tare])
     return out
+
+
+def with_stride(frames: DataSource, stride: int) -> DataSource:
+    r"""Returns every so manieth frame of each trial of a source: by an argument of its class, if it
+    has one of this name.
+
+    Args:
+        frames (DataSource): The frames.
+        stride (int): How many.
+    """
+    names = argument_names(frames.class_path)
+    if names is None or "stride" in names:
+        return replace(frames, selection={**frames.selection, "stride": stride})
+    inner = {"class_path": frames.class_path, "init_args": frames.arguments}
+    return replace(frames, class_path=_STRIDED, arguments={"dataset": inner, "stride": stride})
+
+
+def strided_frames(dataset: StaticDataset, stride: int) -> StaticDataset:
+    r"""Returns every so manieth sample of each trial of a data set, in their order.
+
+    Args:
+        dataset (StaticDataset): The samples; without trials they count as one.
+        stride (int): How many.
+    """
+    trial = dataset.column("trial")
+    trial = torch.zeros(len(dataset)) if trial is None else trial
+    order = trial.argsort(stable=True)
+    _, counts = trial[order].unique_consecutive(return_counts=True)
+    place = torch.arange(len(order)) - (counts.cumsum(0) - counts).repeat_interleave(counts)
+    return dataset[order[place % stride == 0].sort().values]
 
 
 def check_cut(dataset: StaticDataset, by: str) -> None:

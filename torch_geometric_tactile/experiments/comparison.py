@@ -19,9 +19,12 @@ from torch_geometric_tactile.experiments.compared_models import (
 from torch_geometric_tactile.experiments.compared_task import Task
 from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
 from torch_geometric_tactile.experiments.data_source import DataFacts, DataSource
-from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.differences import (
+    LEAST_PAIRS,
+    Difference,
+    run_difference,
+)
 from torch_geometric_tactile.experiments.held_out import balanced_protocol, check_units
-from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
@@ -114,6 +117,7 @@ class ModelResult:
         difference (Difference, optional): To the best plain model; :obj:`None` for itself.
         num_parameters (float, optional): Weights, or numbers that an estimator holds, mean.
         seconds (float): Of choosing and training on one split, mean.
+        milliseconds (float): Of predicting one sample, mean.
         chosen (tuple of dict): What was chosen on each split.
     """
 
@@ -122,6 +126,7 @@ class ModelResult:
     difference: Difference | None
     num_parameters: float | None
     seconds: float
+    milliseconds: float
     chosen: tuple[dict[str, Any], ...]
 
 
@@ -150,6 +155,16 @@ class Comparison:
     def unit(self) -> str:
         r"""What counts as one observation: :obj:`"trial"`, or :obj:`"sample"` without trials."""
         return "trial" if self.run.plan.facts.num_trials else "sample"
+
+    @property
+    def num_splits(self) -> int:
+        r"""The number of splits that each model is compared on."""
+        return len({(e.seed, e.fold) for e in self.run.plan.experiments})
+
+    @property
+    def seeds_to_tell(self) -> int:
+        r"""How many seeds have enough splits for a verdict."""
+        return math.ceil(LEAST_PAIRS * self.run.plan.seeds / self.num_splits)
 
     @property
     def best(self) -> ModelResult | None:
@@ -187,12 +202,11 @@ class Comparison:
             first (str): Name of the one.
             second (str): Name of the other.
         """
-        one, other = (self._judgements(name) for name in (first, second))
-        return paired_difference(one, other, self.metric)
-
-    def _judgements(self, name: str) -> list[Judgement]:
-        found = [(e.seed, e.fold, result) for e, result in self.run.results if e.name == name]
-        return [_judgement(result) for *_, result in sorted(found, key=lambda part: part[:2])]
+        (protocol,) = self.run.plan.protocols
+        found = run_difference(self.run, first, second, protocol.name, self.metric)
+        if found is None:
+            raise ValueError(f"'{first}' and '{second}' must have a finished split (got none)")
+        return found
 
 
 def comparison_plan(
@@ -222,7 +236,7 @@ def comparison_plan(
     if facts.num_frames is not None and tare is not None:
         raise ValueError(
             "'tare' must be left out for samples of several frames: subtract rest readings before "
-            f"they are cut (got {tare})"
+            "they are cut"
         )
     with said_before():
         return _plan_of(source, facts, settings, tare, name, selection)
@@ -311,7 +325,7 @@ def summarize(run: PlanRun) -> Comparison:
         for name, of_split in by_model.items()
         if len(of_split) == len(splits)
     }
-    said = {name: [_judgement(r) for r in results] for name, results in whole.items()}
+    (protocol,) = plan.protocols
     sign = -1 if metric == "mae" else 1
     means = {name: sign * _summary(results, metric).mean for name, results in whole.items()}
     plain = [name for name in means if not model_of(name).is_graph]
@@ -324,10 +338,12 @@ def summarize(run: PlanRun) -> Comparison:
             difference=(
                 None
                 if best_plain in (None, name)
-                else paired_difference(said[name], said[str(best_plain)], metric)
+                else run_difference(run, name, str(best_plain), protocol.name, metric)
             ),
             num_parameters=_mean([r["num_parameters"] for r in whole[name]]),
             seconds=statistics.fmean(r["choose_seconds"] + r["train_seconds"] for r in whole[name]),
+            milliseconds=1000
+            * statistics.fmean(r["predict_seconds"] / r["num_test"] for r in whole[name]),
             chosen=tuple(r["chosen"] for r in whole[name]),
         )
         for name in (cell.experiment for cell in plan.table.cells)
@@ -338,10 +354,6 @@ def summarize(run: PlanRun) -> Comparison:
 
 def _frames_in_words(num_frames: int | None) -> str:
     return "" if num_frames is None else f", {num_frames} frames a sample"
-
-
-def _judgement(result: dict[str, Any]) -> Judgement:
-    return Judgement.from_dict(result["predictions"])
 
 
 def _summary(results: list[dict[str, Any]], metric: str) -> Summary:

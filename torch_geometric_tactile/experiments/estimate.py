@@ -36,9 +36,13 @@ def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
     count = Counter(e.name for e in todo)
     threads = torch.get_num_threads()
     found: dict[str, float] = {}
+    warm: set[bool] = set()
     for experiment in {e.name: e for e in reversed(todo)}.values():
         torch.set_num_threads(experiment.threads)
         try:
+            if experiment.is_estimator not in warm:  # the first of a kind imports much
+                warm.add(experiment.is_estimator)
+                _of_run(experiment)
             found[experiment.name] = count[experiment.name] * _of_run(experiment)
         finally:
             torch.set_num_threads(threads)
@@ -73,7 +77,9 @@ def _of_estimator(
     trainings: int,
 ) -> float:
     assert experiment.choice is not None
-    seconds, _ = _seconds(experiment, model, few, _some(parts.val, 8))
+    last = laid_over(experiment.model, experiment.choice.settings[-1])  # slower for some
+    tried = [_seconds(experiment, m, few, _some(parts.val, 8))[0] for m in (model, last)]
+    seconds = sum(tried) / len(tried)
     growth = len(parts.fit) / len(few)
     if str(model["class_path"]).endswith(_SQUARE):
         seconds *= growth

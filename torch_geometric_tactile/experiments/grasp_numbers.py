@@ -3,12 +3,12 @@ r"""The numbers of the demo's report."""
 import math
 import statistics
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
@@ -104,30 +104,22 @@ def grasp_summary(
 
 
 def grasp_differences(
-    judgements: dict[Judged, Judgement], readings: str, first: str, second: str
+    run: PlanRun, readings: str, first: str, second: str
 ) -> dict[str, Difference]:
     r"""Returns the accuracy of a model less that of another on the same readings, by protocol.
 
     Args:
-        judgements (dict): Of :func:`grasp_judgements`.
+        run (PlanRun): A finished run of the table :obj:`bts3`.
         readings (str): The kind of readings.
         first (str): The one model.
         second (str): The other.
     """
-    pairs: dict[str, list[tuple[Judgement, Judgement]]] = {}
-    for key, judgement in judgements.items():
-        if (key.model, key.readings) == (first, readings):
-            other = judgements[key._replace(model=second)]
-            pairs.setdefault(key.protocol, []).append((judgement, other))
-    return {protocol: _difference(pair) for protocol, pair in pairs.items()}
-
-
-def _difference(pairs: list[tuple[Judgement, Judgement]]) -> Difference:
-    firsts, seconds = zip(*pairs, strict=True)
-    if all(np.array_equal(first.y, firsts[0].y) for first in firsts):
-        # All seeds judge the same samples, each of which is one observation.
-        firsts = tuple(replace(first, trial=np.arange(len(first.y))) for first in firsts)
-    return paired_difference(firsts, seconds, "accuracy")
+    names = {cell.row: cell.experiment for cell in run.plan.table.cells if cell.column == readings}
+    found = {
+        entry.name: run_difference(run, names[first], names[second], entry.name)
+        for entry in run.plan.protocols
+    }
+    return {protocol: difference for protocol, difference in found.items() if difference}
 
 
 def _score(values: list[float]) -> Score:

@@ -1,5 +1,6 @@
 r"""The table of the demo, on the real data, or on generated data where that cannot be had."""
 
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from torch_geometric_tactile.experiments.data_source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, load_table
 from torch_geometric_tactile.typing import PathLike
 
+_logger = logging.getLogger(__name__)
 _GENERATED = {"num_samples": 2000, "num_test": 600, "num_objects": 20}
 
 
@@ -39,10 +41,8 @@ def grasp_table(root: PathLike | None = None, generated: bool = False) -> Table:
             reason = str(error)
         else:
             return replace(table, data=source)
-    notice = (
-        "Data: GENERATED, not measured (FakeTactileDataset, seed 0); no number below says anything "
-        f"about a real hand. Why not real data: {reason}."
-    )
+    _logger.warning("no real data: %s", reason)
+    notice = "Data: GENERATED, not measured: no number below says anything about a real hand."
     arguments = {**_GENERATED, "pre_transform": table.data.arguments["pre_transform"]}
     class_path = "torch_geometric_tactile.datasets.FakeTactileDataset"
     return replace(table, data=DataSource(class_path, arguments, kind="generated", caption=notice))

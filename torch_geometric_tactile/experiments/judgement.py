@@ -25,6 +25,8 @@ class Judgement:
         y (numpy.ndarray): The classes :math:`(S,)` or labels :math:`(S, C)`.
         session (numpy.ndarray, optional): The recording session of each sample :math:`(S,)`.
         trial (numpy.ndarray, optional): The trial of each sample :math:`(S,)`.
+        index (numpy.ndarray, optional): The place of each sample in its data set :math:`(S,)`; the
+            same ones in all judgements that are compared, if left out.
     """
 
     score: np.ndarray
@@ -32,6 +34,7 @@ class Judgement:
     y: np.ndarray
     session: np.ndarray | None = None
     trial: np.ndarray | None = None
+    index: np.ndarray | None = None
 
     @property
     def positive_score(self) -> np.ndarray:

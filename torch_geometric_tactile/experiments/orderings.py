@@ -1,14 +1,9 @@
 r"""Which orderings of models hold, by paired differences over seeds."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import numpy as np
-
-from torch_geometric_tactile.experiments.differences import Difference, paired_difference
-from torch_geometric_tactile.experiments.held_out import column_of
-from torch_geometric_tactile.experiments.judgement import Judgement
-from torch_geometric_tactile.experiments.numbers import Part, finished_parts, pooled_judgement
+from torch_geometric_tactile.experiments.differences import Difference, run_difference
+from torch_geometric_tactile.experiments.numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
 
@@ -31,64 +26,29 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        r"""Whether the pair is ordered so: :obj:`"yes"` or :obj:`"no"`, where the difference is
-        beyond twice its standard error, and :obj:`"within noise"` otherwise.
+        r"""Whether the pair is ordered so: :obj:`"yes"` or :obj:`"no"` where the difference is
+        beyond the noise, and else why not.
         """
         if not self.difference.is_beyond_noise:
-            return "within noise"
+            return self.difference.verdict
         return "yes" if self.difference.mean > 0 else "no"
 
 
 def compare_orderings(run: PlanRun) -> list[Comparison]:
-    r"""Compares the pairs of all orderings of a table, by each protocol, on the seeds that are
+    r"""Compares the pairs of all orderings of a table, by each protocol, on the splits that are
     finished for both.
 
     Args:
         run (PlanRun): What :func:`run_plan` returned.
     """
-    if not run.plan.table.orderings:
-        return []
-    judged = {
-        part: _with_trials(pooled_judgement(found), part, run)
-        for part, found in finished_parts(run).items()
-    }
     compared = []
     for ordering in run.plan.table.orderings:
         for protocol in run.plan.protocols:
             for pair in ordering.pairs:
-                firsts, seconds = _matched(judged, pair, protocol.name, run.plan.seeds)
-                if firsts:
-                    difference = paired_difference(firsts, seconds, "accuracy")
+                difference = run_difference(run, *pair, protocol.name)
+                if difference is not None:
                     compared.append(Comparison(ordering, protocol.name, pair, difference))
     return compared
-
-
-def _with_trials(judgement: Judgement, part: Part, run: PlanRun) -> Judgement:
-    # Runs of earlier versions do not tell the trials of their samples, but the data does.
-    if judgement.trial is not None:
-        return judgement
-    tested = [
-        column_of(e.data.parts(e.protocol, e.seed, e.fold)[1], "trial")
-        for e in run.plan.experiments
-        if Part(e.name, e.protocol_name, e.seed) == part and e.data.fingerprint
-    ]
-    known = [trial for trial in tested if trial is not None]
-    if not known or len(known) < len(tested):
-        return judgement
-    trial = np.concatenate(known)
-    return replace(judgement, trial=trial) if len(trial) == len(judgement.y) else judgement
-
-
-def _matched(
-    judged: Mapping[Part, Judgement], pair: tuple[str, str], protocol: str, seeds: int
-) -> tuple[list[Judgement], list[Judgement]]:
-    firsts, seconds = [], []
-    for seed in range(seeds):
-        found = [judged.get(Part(name, protocol, seed)) for name in pair]
-        if found[0] is not None and found[1] is not None:
-            firsts.append(found[0])
-            seconds.append(found[1])
-    return firsts, seconds
 
 
 def class_shares(run: PlanRun) -> dict[str, float]:

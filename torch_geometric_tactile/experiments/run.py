@@ -147,6 +147,7 @@ def _run_classifier(
         y=said.y.numpy(),
         session=None if session is None else session.numpy(),
         trial=column_of(test, "trial"),
+        index=np.asarray(test.indices()),
     )
     metrics = classification_metrics(said.probability, said.y, classifier.task, threshold)
     return {
@@ -215,6 +216,7 @@ def _run_estimator(
         y=held_out.y.numpy(),
         session=held_out.session.numpy() if "session" in held_out else None,
         trial=column_of(test, "trial"),
+        index=np.asarray(test.indices()),
     )
     found = {}
     if experiment.studies:

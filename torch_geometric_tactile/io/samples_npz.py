@@ -15,6 +15,7 @@ SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
     "y": ("y", "Y", "label", "labels", "target", "targets"),
     "trial": ("trial", "trials", "trial_id"),
     "group": ("group", "groups", "group_id", "object", "objects"),
+    "set": ("set", "sets", "test_set"),
     "session": ("session", "sessions", "session_id"),
     "joint": ("joint", "joints"),
     "time": ("time", "t"),
@@ -25,8 +26,8 @@ SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
     "edge_index": ("edge_index", "edges"),
 }
 _BY_NAME = {name: key for key, names in SAMPLE_ARRAYS.items() for name in names}
-_ROWS = ("y", "trial", "group", "session", "joint", "time", "part")
-_TEXTS = ("y", "trial", "group", "session", "class_names", "part")
+_ROWS = ("y", "trial", "group", "session", "set", "joint", "time", "part")
+_TEXTS = ("y", "trial", "group", "session", "set", "class_names", "part")
 _logger = logging.getLogger(__name__)
 
 
@@ -35,9 +36,9 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     taken, every array is compared with its checksum, and nothing is unpickled.
 
     The file holds the readings :obj:`x` :math:`(S, \ldots)` and the labels :obj:`y`
-    :math:`(S, \ldots)`, and may hold :obj:`trial`, :obj:`group`, :obj:`session`, :obj:`joint`,
-    :obj:`time` and :obj:`part` with a row for each sample, the :obj:`class_names`, and of the
-    taxels :obj:`pos`, :obj:`normal` and :obj:`edge_index`. Other usual names, such as
+    :math:`(S, \ldots)`, and may hold :obj:`trial`, :obj:`group`, :obj:`session`, :obj:`set`,
+    :obj:`joint`, :obj:`time` and :obj:`part` with a row for each sample, the :obj:`class_names`,
+    and of the taxels :obj:`pos`, :obj:`normal` and :obj:`edge_index`. Other usual names, such as
     :obj:`labels`, are found as well (:obj:`SAMPLE_ARRAYS`); arrays with any other name are not
     read, and a warning is logged that names them.
 

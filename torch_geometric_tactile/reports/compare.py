@@ -9,10 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile.experiments.advice import NAMES, advice, shown_number, to_dict
+from torch_geometric_tactile.experiments.compared_samples import (
+    PartScores,
+    part_scores,
+    prediction_rows,
+)
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, RULE
 from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io.csv_table import safe_cell
+from torch_geometric_tactile.reports.predictions import cell_text
 from torch_geometric_tactile.texts import markdown_text, printable
 from torch_geometric_tactile.typing import PathLike
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
@@ -23,19 +30,20 @@ if TYPE_CHECKING:
 _PERCENT = ("accuracy", "balanced_accuracy", "f1")
 _COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
-    *("difference", "over_splits", "over_trials", "parameters", "seconds"),
+    *("difference", "over_splits", "over_trials", "parameters", "seconds", "milliseconds"),
 )
 _WHO_SEES_TIME = (
     "The models temporal and lstm process the frames in their order, and svm_signal takes "
     "statistics of each signal; all others take the frames of a taxel as channels."
 )
+_PARTS = "The test samples of all splits together."
 _SIMULATED = "The samples are simulated: the results may not hold for a real hand."
 _SERIES = {False: "plain models", True: "graph models"}
 
 
 def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
     r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.json` and, if there is a result,
-    :obj:`NAME.png`, and returns their paths.
+    :obj:`NAME_predictions.csv` and :obj:`NAME.png`, and returns their paths.
 
     Args:
         comparison (Comparison): What came of the runs.
@@ -55,6 +63,11 @@ def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
         with atomic_path(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     if comparison.results:
+        paths.append(Path(out) / f"{name}_predictions.csv")
+        with atomic_path(paths[-1]) as temporary, temporary.open("w", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            for row in prediction_rows(comparison):
+                writer.writerow([cell_text(v) if isinstance(v, str) else v for v in row])
         paths.append(Path(out) / f"{name}.png")
         save_figure(_picture(comparison), paths[-1])
     return paths
@@ -67,9 +80,11 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
         comparison (Comparison): What came of the runs.
     """
     names = [f"{NAMES[key]}{' (%)' if key in _PERCENT else ''}" for key in comparison.metrics]
-    unit = " (points)" if comparison.metric in _PERCENT else ""
-    header = ["model", "kind", *names, f"to {comparison.best_plain}{unit}"]
-    header += ["over splits", f"over {comparison.unit}s", "parameters", "seconds"]
+    header = ["model", "kind", *names]
+    if comparison.best_plain is not None:
+        unit = " (points)" if comparison.metric in _PERCENT else ""
+        header += [f"to {comparison.best_plain}{unit}", "over splits", f"over {comparison.unit}s"]
+    header += ["parameters", "seconds", "ms a sample"]
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
     return header, [_row(comparison, result) for result in ordered]
 
@@ -80,7 +95,7 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
         mean, sd = result.scores[key]
         text = shown_number(key, mean)
         scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
-    difference = ["", "", ""]
+    difference = [] if comparison.best_plain is None else ["", "", ""]
     if result.difference is not None:
         mean, over_splits, over_trials = result.difference[:3]
         sign = "+" if mean > 0 else ""
@@ -90,7 +105,8 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
         difference = [f"{sign}{number}{mark}", *errors]
     size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
     kind = "graph" if result.model.is_graph else "plain"
-    return [result.model.name, kind, *scores, *difference, size, f"{result.seconds:,.1f}"]
+    times = [f"{result.seconds:,.1f}", f"{result.milliseconds:.2g}"]
+    return [result.model.name, kind, *scores, *difference, size, *times]
 
 
 def comparison_markdown(comparison: Comparison) -> str:
@@ -109,33 +125,55 @@ def comparison_markdown(comparison: Comparison) -> str:
         "",
         *_lines(["model", "description", "chosen"], _chosen(comparison)),
     ]
+    for part in part_scores(comparison):
+        lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {part.kind}", "", _PARTS, ""]
+        lines += _lines(*_part_rows(comparison, part))
     if comparison.run.failed:
         lines += ["", "## Failed runs", ""]
         lines += [f"- {markdown_text(f'{k}: {v}')}" for k, v in comparison.run.failed.items()]
     return "\n".join(lines) + "\n"
 
 
+def _part_rows(comparison: Comparison, part: PartScores) -> tuple[list[str], list[list[str]]]:
+    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
+    models = [result.model.name for result in ordered]
+    rows = [
+        [name, f"{count:,}", *(shown_number(comparison.metric, part.scores[m][i]) for m in models)]
+        for i, (name, count) in enumerate(part.counts.items())
+    ]
+    return [part.kind, "test samples", *models], rows
+
+
 def _facts(comparison: Comparison) -> list[str]:
     plan = comparison.run.plan
     (protocol,) = plan.protocols
-    num_splits = len({(e.seed, e.fold) for e in plan.experiments})
     facts = plan.facts
     held = f" of {facts.num_frames} frames" if facts.num_frames else ""
     held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
-    more = [describe_cut(plan.data)]
+    more = [_differences(comparison), describe_cut(plan.data)]
     if facts.num_frames is not None:
         more += [describe_left_out(plan.data.load()), _WHO_SEES_TIME]
     more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
-        f"{num_splits} splits. Mean ± standard deviation over the splits. Settings were "
-        "chosen on a part of each training part; each test part was used once. Differences "
-        f"are to {comparison.best_plain}, the best plain model, on the same samples, with their "
-        f"standard errors over the splits and over the {comparison.unit}s; * is beyond the noise, "
-        "twice the larger of both.",
+        f"{comparison.num_splits} splits. Mean ± standard deviation over the splits. Settings were "
+        "chosen on a part of each training part; each test part was used once.",
         *filter(None, more),
     ]
+
+
+def _differences(comparison: Comparison) -> str:
+    if comparison.best_plain is None:
+        return ""
+    few = ""
+    if comparison.num_splits < LEAST_PAIRS:
+        few = f" '--seeds {comparison.seeds_to_tell}' would tell."
+    return (
+        f"Differences are to {comparison.best_plain}, the best plain model, on the same samples, "
+        f"with their standard errors over the splits and over the {comparison.unit}s; * is beyond "
+        f"the noise. {RULE}{few}"
+    )
 
 
 def _chosen(comparison: Comparison) -> list[list[str]]:
@@ -183,7 +221,7 @@ def comparison_csv(comparison: Comparison) -> str:
             difference = result.difference[:3] if same and result.difference else ("", "", "")
             numbers = [mean, sd, len(result.chosen), *difference]
             size = "" if result.num_parameters is None else result.num_parameters
-            row = [kind, key, *map(_cell, numbers), size, result.seconds]
+            row = [kind, key, *map(_cell, numbers), size, result.seconds, result.milliseconds]
             writer.writerow([safe_cell(result.model.name), *row])
     return file.getvalue()
 

@@ -16,7 +16,7 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments.differences import Difference
+from torch_geometric_tactile.experiments.differences import RULE, Difference
 from torch_geometric_tactile.experiments.grasp_numbers import (
     Judged,
     Score,
@@ -84,7 +84,7 @@ def write_grasp_report(
     judgements = grasp_judgements(run)
     records = list(grasp_records(judgements, run))
     summary = grasp_summary(records)
-    edges = grasp_differences(judgements, _READINGS, _MAIN, _TWIN)
+    edges = grasp_differences(run, _READINGS, _MAIN, _TWIN)
     pictures = _pictures(train, judgements, _means(summary, plan), out)
     cell = next(cell for cell in plan.table.cells if cell.experiment == MAIN)
     metrics = Judgement.from_dict(main["predictions"]).metrics()
@@ -114,7 +114,7 @@ def write_grasp_report(
             protocol: {
                 "accuracy": gain.mean,
                 "error": gain.error if math.isfinite(gain.error) else None,
-                "beyond_noise": gain.is_beyond_noise,
+                "verdict": gain.verdict,
             }
             for protocol, gain in edges.items()
         },
@@ -194,11 +194,13 @@ def _edges(edges: dict[str, Difference]) -> str:
         f"{protocol} {100 * gain.mean:+.1f} ± {100 * gain.error:.1f}"
         for protocol, gain in edges.items()
     )
-    better = [protocol for protocol, gain in edges.items() if gain.is_beyond_noise]
-    beyond = f"on {' and '.join(better)}" if better else "nowhere"
+    verdicts: dict[str, list[str]] = {}
+    for protocol, gain in edges.items():
+        verdicts.setdefault(gain.verdict, []).append(protocol)
+    said = "; ".join(f"{verdict}: {', '.join(names)}" for verdict, names in verdicts.items())
     return (
         f"accuracy of {_MAIN} with edges less that without, ± standard error, in points: {gains}. "
-        f"Beyond the noise, twice the standard error: {beyond}"
+        f"{said[:1].upper()}{said[1:]}. {RULE}"
     )
 
 
@@ -209,15 +211,14 @@ def _verdict(summary: _Summary, edges: dict[str, Difference], is_generated: bool
     main, svm = (accuracy(model, _UNSEEN, _READINGS) for model in (_MAIN, "SVM"))
     raw, folds = (accuracy("SVM", protocol, "raw") for protocol in (_UNSEEN, "random folds"))
     gain = edges[_UNSEEN]
-    help_of_edges = "make no difference beyond the noise"
-    if gain.is_beyond_noise:
-        help_of_edges = f"change this by {100 * gain.mean:+.1f} points, beyond the noise"
+    lesson = ": judge a model on unseen objects" if raw < folds and not is_generated else ""
+    help_of_edges = f", and edges change this by {100 * gain.mean:+.1f} points, {gain.verdict}"
     texts = [
         f"From the common mode of middle finger and thumb, {_MAIN} tells whether an unseen object "
         f"will slip in {main:.1f} % of the grasps; an SVM on the same readings does so in "
-        f"{svm:.1f} %, and edges {help_of_edges}.",
+        f"{svm:.1f} %{'' if is_generated else help_of_edges}.",
         f"From raw readings the SVM has {folds:.1f} % on random folds, but {raw:.1f} % on unseen "
-        f"objects{': judge a model on unseen objects' if raw < folds else ''}.",
+        f"objects{lesson}.",
     ]
     if is_generated:
         texts.insert(0, "The data is generated: the numbers show that everything runs, no more.")

@@ -74,7 +74,7 @@ def write_recordings(
             except ValueError as error:
                 raise ValueError(f"'{path}': {error}{_hint(str(error), path)}") from error
             for i, row in zip(frames, probability, strict=True):
-                yield [_cell(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
+                yield [cell_text(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
 
     return _write(predictor, ["recording", "frame", "time"], rows(), out)
 
@@ -150,18 +150,23 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
             if not count:
                 names = predictor.names(len(probability))
                 prefix, label = ("p_", ["prediction"]) if has_labels else ("", [])
-                writer.writerow([*head, *label, *(_cell(f"{prefix}{name}") for name in names)])
+                writer.writerow([*head, *label, *(cell_text(f"{prefix}{name}") for name in names)])
             prediction = ";".join(predictor.labels(probability)[0]) if has_labels else ""
             count[prediction] += 1
             numbers = [f"{value:.6f}" for value in probability.tolist()]
-            writer.writerow([*cells, *([_cell(prediction)] if has_labels else []), *numbers])
+            writer.writerow([*cells, *([cell_text(prediction)] if has_labels else []), *numbers])
         if not count:
             raise ValueError("there must be at least one frame to predict (got none)")
     return count
 
 
-def _cell(text: str) -> str:
-    # A class may be called -1. The name of a file may be no text.
+def cell_text(text: str) -> str:
+    r"""Returns a name for a cell of a CSV file: a class may be called -1, and the name of a file
+    may be no text.
+
+    Args:
+        text (str): The name.
+    """
     text = text.encode("utf-8", "backslashreplace").decode()
     return text if re.fullmatch(r"[+-]?[0-9.]+", text) else safe_cell(text)
 

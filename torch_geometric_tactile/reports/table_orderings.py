@@ -3,7 +3,7 @@ r"""The part of a table's page on which orderings of models hold."""
 import math
 from collections.abc import Iterator
 
-from torch_geometric_tactile.experiments.differences import Difference
+from torch_geometric_tactile.experiments.differences import RULE, Difference
 from torch_geometric_tactile.experiments.orderings import (
     Comparison,
     class_shares,
@@ -11,8 +11,6 @@ from torch_geometric_tactile.experiments.orderings import (
 )
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.texts import markdown_text
-
-_MANY_SPLITS = 5
 
 
 def ordering_lines(run: PlanRun) -> list[str]:
@@ -24,12 +22,12 @@ def ordering_lines(run: PlanRun) -> list[str]:
     compared = compare_orderings(run)
     if not compared:
         return []
-    lines = [
+    return [
         "## Which orderings hold",
         "",
         "The accuracy of the first model minus that of the second on the same splits, in points, ± "
-        "its standard error: the larger of the one over the splits, which share training samples, "
-        "and the one over the test trials. *Yes* and *no* are beyond twice the error.",
+        "its standard error: the larger of the one over the splits and the one over the test "
+        f"trials. {RULE}",
         "",
         "| ordering | protocol | holds |",
         "| --- | --- | --- |",
@@ -40,9 +38,6 @@ def ordering_lines(run: PlanRun) -> list[str]:
         *map(_line, compared),
         "",
     ]
-    if min(entry.difference.num_splits for entry in compared) < _MANY_SPLITS:
-        lines += ["Some of these are based on few splits and may change with more seeds.", ""]
-    return lines
 
 
 def _summary(compared: list[Comparison]) -> Iterator[str]:
