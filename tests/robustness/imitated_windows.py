@@ -22,11 +22,6 @@ def lacking_import(name, globals=None, *args, **kwargs):
     return REAL_IMPORT(name, globals, *args, **kwargs)
 
 
-builtins.__import__ = lacking_import
-
-if hasattr(select, "poll"):
-    del select.poll
-
 REAL_FSYNC, REAL_REPLACE, REAL_UNLINK = os.fsync, os.replace, os.unlink
 
 
@@ -66,12 +61,16 @@ def unlink(path, **options):
     REAL_UNLINK(path, **options)
 
 
-os.fsync, os.replace, os.unlink = fsync, replace, unlink
-
-import numpy as np  # noqa: E402
+def imitate():
+    builtins.__import__ = lacking_import
+    if hasattr(select, "poll"):
+        del select.poll
+    os.fsync, os.replace, os.unlink = fsync, replace, unlink
 
 
 def recording():
+    import numpy as np
+
     from torch_geometric_tactile.data import Recording
 
     return Recording(time=np.arange(5) / 10, tactile=np.ones((5, 4, 3)), label="mug")
@@ -202,6 +201,7 @@ if __name__ == "__main__":
     import tempfile
     import traceback
 
+    imitate()
     failed = []
     for name, run in WRITERS.items():
         with tempfile.TemporaryDirectory() as made:
