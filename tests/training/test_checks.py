@@ -254,7 +254,7 @@ class Normed(torch.nn.Module):
     def __init__(self, norm, is_flat=False):
         super().__init__()
         self.norm, self.is_flat = norm, is_flat
-        self.lin = torch.nn.Linear(3, 3)
+        self.lin = torch.nn.Linear(2, 3)
 
     def forward(self, x, edge_index):
         batch = torch.arange(len(x), device=x.device).repeat_interleave(x.size(1))
@@ -262,7 +262,7 @@ class Normed(torch.nn.Module):
         return self.lin(x.mean(dim=1))
 
 
-@pytest.mark.parametrize("norm", [GraphNorm(3), LayerNorm(3), PairNorm()])
+@pytest.mark.parametrize("norm", [GraphNorm(2), LayerNorm(2), PairNorm()])
 def test_norm_that_mixes_samples_is_noticed(labelled, norm):
     data = TactileDataModule(labelled("multiclass"), val=0.2)
     module = TactileModule(Normed(norm), num_classes=3)
@@ -272,7 +272,7 @@ def test_norm_that_mixes_samples_is_noticed(labelled, norm):
     assert not module.model.norm._forward_pre_hooks
 
 
-@pytest.mark.parametrize("model", [Normed(LayerNorm(3, mode="node")), Normed(GraphNorm(3), True)])
+@pytest.mark.parametrize("model", [Normed(LayerNorm(2, mode="node")), Normed(GraphNorm(2), True)])
 def test_norm_that_keeps_samples_apart_is_not_warned_of(labelled, model):
     data = TactileDataModule(labelled("multiclass"), val=0.2)
     with warnings.catch_warnings(record=True) as caught:
