@@ -334,7 +334,7 @@ def _only_shared(data: StaticData) -> StaticData:
 def _tensor(name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None) -> Tensor:
     try:
         if isinstance(value, np.ma.MaskedArray):  # what is masked is missing
-            value = value.astype(np.result_type(value.dtype, np.float32)).filled(np.nan)
+            value = np.ma.filled(value.astype(np.result_type(value.dtype, np.float32)), np.nan)
         elif isinstance(value, np.ndarray) and not value.flags.writeable:
             value = value.copy()  # PyTorch has no tensors that cannot be written
         tensor = torch.as_tensor(value).to(device=device, dtype=dtype)
