@@ -4,39 +4,8 @@ Submodules load on first use, so that ``import torch_geometric_tactile`` costs n
 command line answers before :obj:`torch` is imported.
 """
 
-from importlib import import_module
-from typing import Any
+import lazy_loader
 
 __version__ = "0.2.1"
 
-_SUBMODULES = (
-    "analysis",
-    "baselines",
-    "data",
-    "datasets",
-    "experiments",
-    "io",
-    "live",
-    "loader",
-    "nn",
-    "predictor",
-    "reports",
-    "sensors",
-    "sim",
-    "testing",
-    "training",
-    "transforms",
-    "visualization",
-)
-
-
-def __getattr__(name: str) -> Any:
-    if name in _SUBMODULES:
-        return import_module(f"{__name__}.{name}")
-    if name == "Predictor":
-        return import_module(f"{__name__}.predictor").Predictor
-    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_SUBMODULES, "Predictor"])
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

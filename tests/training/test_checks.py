@@ -6,7 +6,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import lightning as L
 import torch
-from torch_geometric.nn import GCNConv
+from torch_geometric.nn import GCNConv, GraphNorm, LayerNorm, PairNorm
 
 from torch_geometric_tactile.nn import (
     MTCNN,
@@ -248,3 +248,34 @@ def test_empty_training_part(labelled):
     data = TactileDataModule(labelled("multiclass")[:0], val=0.0)
     with pytest.raises(ValueError, match="the training part must have samples"):
         fit(TactileModule(Linear(), num_classes=3), data)
+
+
+class Normed(torch.nn.Module):
+    def __init__(self, norm, is_flat=False):
+        super().__init__()
+        self.norm, self.is_flat = norm, is_flat
+        self.lin = torch.nn.Linear(2, 3)
+
+    def forward(self, x, edge_index):
+        batch = torch.arange(len(x), device=x.device).repeat_interleave(x.size(1))
+        x = self.norm(x.flatten(0, 1), batch).view_as(x) if self.is_flat else self.norm(x)
+        return self.lin(x.mean(dim=1))
+
+
+@pytest.mark.parametrize("norm", [GraphNorm(2), LayerNorm(2), PairNorm()])
+def test_norm_that_mixes_samples_is_noticed(labelled, norm):
+    data = TactileDataModule(labelled("multiclass"), val=0.2)
+    module = TactileModule(Normed(norm), num_classes=3)
+    match = rf"'model.norm', PyG's {type(norm).__name__}, takes all samples .*mode='node'"
+    with pytest.warns(UserWarning, match=match):
+        fit(module, data, max_steps=1)
+    assert not module.model.norm._forward_pre_hooks
+
+
+@pytest.mark.parametrize("model", [Normed(LayerNorm(2, mode="node")), Normed(GraphNorm(2), True)])
+def test_norm_that_keeps_samples_apart_is_not_warned_of(labelled, model):
+    data = TactileDataModule(labelled("multiclass"), val=0.2)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fit(TactileModule(model, num_classes=3), data, max_steps=1)
+    assert not [str(one.message) for one in caught if "takes all samples" in str(one.message)]

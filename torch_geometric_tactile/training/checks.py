@@ -2,10 +2,19 @@ r"""What is found before a training starts."""
 
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch_geometric.nn.norm import (
+    BatchNorm,
+    GraphNorm,
+    GraphSizeNorm,
+    LayerNorm,
+    MeanSubtractionNorm,
+    PairNorm,
+)
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.loader.random_states import kept_rng
@@ -14,6 +23,8 @@ from torch_geometric_tactile.training.finite import check_part
 from torch_geometric_tactile.training.losses import balanced_weights
 from torch_geometric_tactile.training.metrics import Task
 
+# PyG's normalisations that give wrong numbers for stacked samples, without an error.
+_MIXING = (BatchNorm, GraphNorm, GraphSizeNorm, LayerNorm, MeanSubtractionNorm, PairNorm)
 # What gives a sample edges.
 EDGE_SOURCE = (
     "give the data set pre_transform=KNNGraph(k=2), or the edges of an adjacency of its layout"
@@ -207,12 +218,19 @@ def _warn_of_missing_classes(y: Tensor, task: Task, outputs: int, names: Sequenc
 def _check_outputs(module: Any, batch: StaticData) -> None:
     modes = [(part, part.training) for part in module.modules()]
     module.eval()
+    hooks = [
+        part.register_forward_pre_hook(partial(_warn_of_mixing, name))
+        for name, part in module.named_modules()
+        if isinstance(part, _MIXING) and getattr(part, "mode", "graph") == "graph"
+    ]
     try:
         with torch.no_grad(), kept_rng():
             batch = batch.to(module.device)
             module.inputs(batch)  # which tells itself what is missing
             out = _run(module, batch)
     finally:
+        for hook in hooks:
+            hook.remove()
         for part, training in modes:  # some may be frozen
             part.training = training
     expected = (len(batch.x), module.num_classes)
@@ -222,6 +240,16 @@ def _check_outputs(module: Any, batch: StaticData) -> None:
             f"the model must return shape {expected} for {expected[0]} samples, one output for "
             f"each {kind} (got {tuple(out.shape)}); set its 'out_channels', or leave it out of the "
             "configuration to take it from the data"
+        )
+
+
+def _warn_of_mixing(name: str, norm: Any, inputs: tuple[Any, ...]) -> None:
+    if inputs and isinstance(inputs[0], Tensor) and inputs[0].dim() == 3:
+        warnings.warn(
+            f"'{name}', PyG's {type(norm).__name__}, takes all samples of a batch (B, N, F) for "
+            "one graph, so that each prediction depends on the others; use LayerNorm(mode='node') "
+            "or the forms of docs/static_data.md",
+            stacklevel=2,
         )
 
 
