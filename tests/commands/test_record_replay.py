@@ -160,8 +160,8 @@ def test_record_refuses_strange_seconds(tmp_path, capsys, seconds):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_end_a_recording_and_keep_it(whole, tmp_path, number):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signals_end_a_recording_and_keep_it(whole, tmp_path, name):
     source = f"{tmp_path / 'whole.npz'}?loop=1"
     with start("record", source, tmp_path / "a.mcap") as child:
         first = child.stderr.readline()  # after the recorder has begun
@@ -169,7 +169,7 @@ def test_signals_end_a_recording_and_keep_it(whole, tmp_path, number):
         while not (tmp_path / "a.mcap").exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         time.sleep(0.4)
-        child.send_signal(number)
+        child.send_signal(getattr(signal, name))
         out, _ = child.communicate(timeout=60)
     assert child.returncode == 0
     assert "frames" in first

@@ -224,4 +224,5 @@ def mcap(folder: Path) -> None:
             writer.write_points(5 + time, np.zeros((3, 3)), {"pressure": np.ones(3)}, "palm")
             if i % 2:  # several chunks
                 writer.write_health(5 + time, {"state": "open", "rate": 128.0})
+                writer.write_event(5 + time, "mark", "by key")
                 writer.flush()

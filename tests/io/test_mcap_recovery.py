@@ -53,7 +53,12 @@ def no_wrong_frame(recording):
     for place, number in enumerate(numbers):
         assert (recording.tactile[place] == contents(number)).all()
         assert recording.time[place] == number * PERIOD / 1e9
-    assert (recording.label, recording.meta) == ("mug", {"unit": "count"})
+    assert (recording.label, recording.meta["unit"]) == ("mug", "count")
+    events = recording.meta.get("events", [])
+    for event in events:
+        number = int(event["text"])
+        assert event == {"time": number * PERIOD / 1e9, "kind": "number", "text": str(number)}
+    assert not events or {int(event["text"]) for event in events} >= set(numbers)
     return numbers
 
 

@@ -275,6 +275,6 @@ class LiveSession:
             self.stop_recording()  # raises it
         if on_status is not None:
             recorded = None if recorder is None else recorder.frames
-            latency = self._latencies.median()
+            latency = None if waiting else self._latencies.median()
             judgement = None if waiting else self.judgement
             on_status(Status(health, judgement, latency, recorded, waiting or self._note))

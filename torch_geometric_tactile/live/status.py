@@ -29,10 +29,11 @@ class Status(NamedTuple):
         r"""Returns it on one line. The last prediction is left out while no frames come; where none
         is shown, the note is first."""
         parts = [self.health.line()]
-        judged = self.judgement is not None and self.health.state not in ("silent", "lost")
-        if self.judgement is not None and judged:
+        fresh = self.health.state not in ("silent", "lost")
+        judged = fresh and self.judgement is not None
+        if self.judgement is not None and fresh:
             parts.append(described(self.judgement))
-        if self.latency is not None and judged:
+        if self.latency is not None and fresh:
             parts.append(f"latency {1000 * self.latency:.1f} ms")
         if self.recorded is not None:
             parts.append(f"recorded {self.recorded}")
