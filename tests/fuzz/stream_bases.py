@@ -83,7 +83,8 @@ def robotiq(folder: Path) -> None:
                 counts = draw.integers(0, 2**16, 28).astype(">u2").tobytes()
                 blocks = bytes([0x10 | finger << 2]) + counts
                 made += b"\x9a\x00\x58" + bytes([len(blocks)]) + blocks
-            blocks = bytes([0x70]) + i.to_bytes(stamp, "big") + b"\x24\0\1\x30\0\1\0\2\0\3"
+            imu = b"\x30\0\1\0\2\0\3\x54\0\4\0\5\0\6"
+            blocks = bytes([0x70]) + i.to_bytes(stamp, "big") + b"\x24\0\1" + imu
             made += b"\x9a\x00\x58" + bytes([len(blocks)]) + blocks
         (folder / f"{name}.bin").write_bytes(made)
 

@@ -39,6 +39,7 @@ def test_a_frame_by_hand():
         block(0x20, 0, [0xFFFE]),
         block(0x30, 0, [1, 2, 0x8000]),
         block(0x40, 1, [4, 5, 6]),
+        block(0x50, 0, [7, 0xFFF8, 9]),
         block(0x60, 1, [300]),
         time(12_345),
         command=0x59,
@@ -55,6 +56,7 @@ def test_a_frame_by_hand():
         "dynamic": [-2, nan],
         "accelerometer": [[1, 2, -32768], [nan] * 3],
         "gyroscope": [[nan] * 3, [4, 5, 6]],
+        "magnetometer": [[7, -8, 9], [nan] * 3],
         "temp": [nan, 300],
     }
     assert frame.extra.keys() == expected.keys()

@@ -14,8 +14,14 @@ _COMMANDS = frozenset((_AUTOSEND, 0x59, 0x61))  # sent by period, sent when new,
 _TAXELS = 28
 _FINGERS = 2
 _STATIC, _TIMESTAMP = 0x10, 0x70
-_NAMES = {0x20: "dynamic", 0x30: "accelerometer", 0x40: "gyroscope", 0x60: "temp"}
-# Values of 16 bits in a block of each type; 0x50 is a magnetometer of early boards.
+_NAMES = {
+    0x20: "dynamic",
+    0x30: "accelerometer",
+    0x40: "gyroscope",
+    0x50: "magnetometer",
+    0x60: "temp",
+}
+# Values of 16 bits in a block of each type.
 _VALUES = {_STATIC: _TAXELS, 0x20: 1, 0x30: 3, 0x40: 3, 0x50: 3, 0x60: 1}
 
 Block = tuple[int, int, bytes]
@@ -32,14 +38,15 @@ class RobotiqDecoder(HeaderDecoder):
       not published. It is not checked here either; instead, the command must be known and the
       blocks must fill the packet exactly. A damaged reading is not found out.
     - Type 10 is the static grid, 28 values row by row (7 rows of 4 in the newer drivers), 20 is
-      dynamic pressure, 30 acceleration, 40 rate of rotation, 60 temperature, and 70 the time in
-      milliseconds: 64 bits in newer firmware, and 16 in older, which are not used here.
+      dynamic pressure, 30 acceleration, 40 rate of rotation, 50 the magnetic field, which only
+      older drivers name, 60 temperature, and 70 the time in milliseconds: 64 bits in newer
+      firmware, and 16 in older, which are not used here.
     - A frame begins with finger 0, and is complete when both have sent their grid; if one has not,
       it is NaN. Packets have no number, so nothing tells what is lost.
 
     Readings are counts :math:`(28 F, 1)`; :obj:`extra` has the last values of :obj:`"dynamic"`
-    :math:`(F,)`, :obj:`"accelerometer"` and :obj:`"gyroscope"` :math:`(F, 3)` and :obj:`"temp"`
-    :math:`(F,)` as raw counts, NaN until they come.
+    :math:`(F,)`, :obj:`"accelerometer"`, :obj:`"gyroscope"` and :obj:`"magnetometer"`
+    :math:`(F, 3)` and :obj:`"temp"` :math:`(F,)` as raw counts, NaN until they come.
 
     Args:
         num_fingers (int): Number of fingers :math:`F` that send, 1 or 2.
