@@ -1,7 +1,6 @@
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import torch
 
@@ -17,6 +16,7 @@ from torch_geometric_tactile.visualization import (
     plot_roc,
     save_figure,
 )
+from torch_geometric_tactile.visualization.layout import facing_axes
 
 LAYOUT = grid(2, 3, pitch=0.002)
 
@@ -42,9 +42,67 @@ def test_plane_moves_with_the_sensor_and_keeps_distances():
     torch.testing.assert_close(shift, shift[:1].expand_as(shift), atol=1e-3, rtol=0)
 
 
-def test_plane_without_normals_holds_the_main_axes():
+def test_plane_without_normals_leaves_out_the_least_extent():
     bare = TaxelLayout("bare", LAYOUT.pos[:, [2, 1, 0]])
-    assert np.ptp(layout_plane(bare).numpy(), axis=0) == pytest.approx([4, 2], abs=1e-4)
+    torch.testing.assert_close(layout_plane(bare), 1e3 * bare.pos[:, 1:])  # y right, z up
+    line = TaxelLayout("line", LAYOUT.pos[:3])
+    torch.testing.assert_close(layout_plane(line), 1e3 * line.pos[:, :2])
+
+
+# An L whose stem is along +y, and whose foot is along +x.
+L_POS = torch.tensor([[0.0, 0.004 * i, 0.0] for i in range(6)] + [[0.004, 0, 0], [0.008, 0, 0]])
+
+
+@pytest.mark.parametrize("has_normals", [True, False])
+def test_plane_is_neither_mirrored_nor_turned(has_normals):
+    normal = torch.tensor([[0.0, 0.0, 1.0]]).expand(8, 3) if has_normals else None
+    layout = TaxelLayout("L", L_POS, normal)
+    torch.testing.assert_close(layout_plane(layout), 1e3 * L_POS[:, :2])
+    ax = plot_layout(layout).axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (mm)", "y (mm)")
+
+
+@pytest.mark.parametrize(
+    ("normal", "right", "up"),
+    [
+        ([0, 0, 1], "x", "y"), ([0, 0, -1], "y", "x"), ([1, 0, 0], "y", "z"),
+        ([-1, 0, 0], "z", "y"), ([0, 1, 0], "z", "x"), ([0, -1, 0], "x", "z"),
+        ([0.3, -0.2, 0.9], "x", "y"), ([0.6, -0.7, 0.2], "x", "z"),
+    ],
+)  # fmt: skip
+def test_pads_are_seen_from_the_side_that_is_touched(normal, right, up):
+    toward = torch.tensor([normal], dtype=torch.double)
+    toward = toward / toward.norm()
+    pos = torch.randn(8, 3, generator=torch.Generator().manual_seed(0))
+    axes = facing_axes(pos, toward.expand(8, 3))
+    torch.testing.assert_close(axes[2:], toward)
+    torch.testing.assert_close(axes @ axes.T, torch.eye(3).double())
+    assert float(torch.linalg.det(axes)) == pytest.approx(1)
+    assert ["xyz"[int(axis.argmax())] for axis in axes[:2]] == [right, up]
+    ax = plot_layout(TaxelLayout("pad", pos, toward.float().expand(8, 3))).axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (f"{right} (mm)", f"{up} (mm)")
+
+
+def test_joined_pads_are_side_by_side():
+    single = TaxelLayout("L", L_POS)
+    hand = TaxelLayout.join([single, LAYOUT, LAYOUT], ["stem", "pad", "tip"])
+    plane, own = layout_plane(hand), layout_plane(single)
+    torch.testing.assert_close(plane[:8] - plane[0], own - own[0])
+    ends = [(part[:, 0].min(), part[:, 0].max()) for part in plane.split([8, 6, 6])]
+    assert ends[0][1] < ends[1][0] <= ends[1][1] < ends[2][0]
+    ax = plot_layout(hand).axes[0]
+    assert [text.get_text() for text in ax.texts] == ["stem", "pad", "tip"]
+    assert ax.get_ylim()[1] > ax.texts[0].get_position()[1]
+
+
+def test_numbers_are_those_of_the_readings():
+    from matplotlib.textpath import TextPath
+
+    (drawn,) = (
+        c for c in plot_layout(LAYOUT).axes[0].collections if type(c).__name__ == "PathCollection"
+    )
+    for i, path in enumerate(drawn.get_paths()):
+        assert len(path.vertices) == len(TextPath((0, 0), str(i), size=1.0).vertices), i
 
 
 def test_layout_colours_follow_values_and_edges_are_drawn_once():

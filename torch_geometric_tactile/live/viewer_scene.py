@@ -10,7 +10,6 @@ import numpy as np
 if TYPE_CHECKING:  # without a layout, a live robot is shown without torch
     from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 
-_GAP = 0.3  # between the links of a layout that no hand carries, in shares of the largest
 _NEAR = 0.1  # share of the taxels of a patch that may overlap their nearest
 # Rows: what the viewer sees to the right, above, and towards himself, in the frame of the root.
 _HAND_VIEW = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
@@ -211,27 +210,21 @@ def _digit_labels(layout: "TaxelLayout", link: np.ndarray) -> list[dict[str, Any
 
 
 def _pads(layout: "TaxelLayout") -> Scene:
-    from torch_geometric_tactile.visualization.layout import facing_axes
+    from torch_geometric_tactile.visualization.layout import PAD_GAP, pads_side_by_side
 
     assert layout.link is not None
-    link = layout.link.numpy()
-    used, link = np.unique(link, return_inverse=True)
-    pose, labels, edge = [], [], 0.0
-    pads = []
-    for index in range(len(used)):
-        mine = np.flatnonzero(link == index)
-        normal = None if layout.normal is None else layout.normal[mine]
-        axes = facing_axes(layout.pos[mine], normal).numpy()
-        pads.append((axes, layout.pos.numpy()[mine] @ axes.T))
-    gap = _GAP * max(float(np.ptp(places, axis=0).max()) for _, places in pads)
-    for index, (axes, places) in enumerate(pads):
+    used, link = np.unique(layout.link.numpy(), return_inverse=True)
+    pads = [[part.numpy() for part in pad] for pad in pads_side_by_side(layout)]
+    pos = [layout.pos.numpy()[mine] @ axes.T for mine, axes, _ in pads]
+    below = 0.6 * PAD_GAP * max(float(np.ptp(places, axis=0).max()) for places in pos)
+    pose, labels = [], []
+    for index, ((_, axes, shift), places) in enumerate(zip(pads, pos, strict=True)):
         low, high = places.min(axis=0), places.max(axis=0)
-        shift = np.array([edge - low[0], -(low[1] + high[1]) / 2, -(low[2] + high[2]) / 2])
-        edge += float(high[0] - low[0]) + gap
         pose.append(np.concatenate([axes.ravel(), shift]))
-        below = [(low[0] + high[0]) / 2, low[1] - 0.6 * gap, 0.0]
-        at = (axes.T @ np.array(below)).tolist()
-        labels.append({"text": layout.link_names[int(used[index])], "link": index, "at": at})
+        at = axes.T @ np.array([(low[0] + high[0]) / 2, low[1] - below, 0.0])
+        labels.append(
+            {"text": layout.link_names[int(used[index])], "link": index, "at": at.tolist()}
+        )
     return Scene(
         name=layout.name,
         form="pads",

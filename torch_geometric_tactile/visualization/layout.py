@@ -8,7 +8,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import current_theme, ink_on
+from torch_geometric_tactile.visualization.style import SMALL, current_theme, ink_on, plain_text
 from torch_geometric_tactile.visualization.taxel_map import (
     checked_edges,
     checked_values,
@@ -23,16 +23,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _TIE = 1e-6  # relative difference below which two extents count as equal
+PAD_GAP = 0.3  # between pads, of the largest extent of one
 
 
 def layout_plane(layout: TaxelLayout) -> Tensor:
-    r"""Projects the taxels onto the plane that faces the viewer of the pad.
+    r"""Projects the taxels onto the plane that faces the viewer of the pad, and pads on several
+    links side by side in the order of their links, as the viewer shows them.
 
-    The plane is orthogonal to the mean normal, which points at the viewer; without normals (or
-    where they cancel) it holds the two main axes of the positions. The first axis, to the right, is
-    the direction of largest extent (variance) in the plane, with its largest component positive;
-    the second axis points up. If the extents agree, the axes of the link
-    frame decide. The origin is that of the link frame.
+    The plane of a pad is that of :func:`facing_axes`. The origin is that of the link frame; of
+    several links, the lower left corner of the first pad is at the left.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -47,46 +46,82 @@ def layout_plane(layout: TaxelLayout) -> Tensor:
                 [2., 0.],
                 [4., 0.]])
     """
-    axes = facing_axes(layout.pos, layout.normal)
-    plane: Tensor = (layout.pos.double() @ axes[:2].T * 1e3).float()
+    plane = layout.pos.new_zeros(layout.num_taxels, 2)
+    pads = pads_side_by_side(layout)
+    for mine, axes, shift in pads:
+        places = layout.pos[mine].double() @ axes.T + (shift if len(pads) > 1 else 0.0)
+        plane[mine] = (1e3 * places[:, :2]).to(plane.dtype)
     return plane
 
 
+def pads_side_by_side(layout: TaxelLayout) -> list[tuple[Tensor, Tensor, Tensor]]:
+    r"""Returns the taxels of each link :math:`(M)`, the axes of :func:`facing_axes`
+    :math:`(3, 3)`, and the shift in metres :math:`(3)` along them that sets the pads side by side.
+
+    Args:
+        layout (TaxelLayout): The layout.
+    """
+    assert layout.link is not None
+    pads = []
+    for link in layout.link.unique():
+        mine = (layout.link == link).nonzero().view(-1)
+        axes = facing_axes(layout.pos[mine], None if layout.normal is None else layout.normal[mine])
+        places = layout.pos[mine].double() @ axes.T
+        pads.append((mine, axes, places.amin(dim=0), places.amax(dim=0)))
+    gap = PAD_GAP * max(float((high - low).max()) for *_, low, high in pads)
+    found, edge = [], 0.0
+    for mine, axes, low, high in pads:
+        shift = -(low + high) / 2
+        shift[0] = edge - low[0]
+        found.append((mine, axes, shift))
+        edge += float(high[0] - low[0]) + gap
+    return found
+
+
 def facing_axes(pos: Tensor, normal: Tensor | None) -> Tensor:
-    r"""Returns the axes of :func:`layout_plane` and the one towards the viewer.
+    r"""Returns the axes from which a pad is seen: to the right, up and towards the viewer.
+
+    The mean normal points at the viewer; without normals (or where they cancel) it is the direction
+    of least extent. Of the frame of the link, the axis closest to it is left out, and the others
+    are to the right and up, such that the view is never mirrored: :math:`x` and :math:`y` seen from
+    :math:`+z`, :math:`x` and :math:`z` from :math:`-y`.
 
     Args:
         pos (torch.Tensor): Places of the taxels in metres :math:`(N, 3)`.
         normal (torch.Tensor, optional): Their outward normals :math:`(N, 3)`.
 
     Shapes:
-        - **output:** unit axes to the right, up and towards the viewer as rows :math:`(3, 3)`, in
-          double
+        - **output:** unit axes as rows of a rotation :math:`(3, 3)`, in double
     """
-    points = pos.double() - pos.double().mean(dim=0)
-    toward = points.new_zeros(3) if normal is None else normal.double().mean(dim=0)
-    if float(toward.norm()) > 1e-3:
-        toward = toward / toward.norm()
-        first = _main_axis(points, toward)
-        second = torch.linalg.cross(toward, first)
-    else:
-        first = _main_axis(points, torch.zeros_like(toward))
-        second = _main_axis(points, first)
-        toward = torch.linalg.cross(first, second)
-    return torch.stack([first, second, toward])
+    toward = pos.new_zeros(3).double() if normal is None else normal.double().mean(dim=0)
+    if float(toward.norm()) <= 1e-3:
+        toward = _least_axis(pos.double() - pos.double().mean(dim=0))
+    toward = toward / toward.norm()
+    right = toward.new_zeros(3)
+    right[_shown(toward)[0]] = 1.0
+    right = right - (right @ toward) * toward
+    right = right / right.norm()
+    return torch.stack([right, torch.linalg.cross(toward, right), toward])
 
 
-def _main_axis(points: Tensor, excluded: Tensor) -> Tensor:
-    allowed = torch.eye(3, dtype=points.dtype) - torch.outer(excluded, excluded)
-    points = points @ allowed
+def _shown(toward: Tensor) -> tuple[int, int]:
+    # The numbers of the frame's axes to the right and up.
+    out = 2 - _largest(toward.flip(0))  # z where components are equal
+    first, second = (out + 1) % 3, (out + 2) % 3
+    return (first, second) if float(toward[out]) > 0 else (second, first)
+
+
+def _largest(vector: Tensor) -> int:
+    return int(vector.abs().div(_TIE).round().argmax())
+
+
+def _least_axis(points: Tensor) -> Tensor:
     value, vector = torch.linalg.eigh(points.T @ points)
-    widest = vector[:, value >= value[-1] * (1 - _TIE)]
-    # Each column is a frame axis projected onto the directions of largest extent. The longest is
-    # taken: unlike an eigenvector it has a sign, and stays the same where extents are equal.
-    candidates = allowed @ widest @ widest.T
-    longest = candidates.norm(dim=0).div(_TIE).round().argmax()
-    axis = candidates[:, longest]
-    return axis / axis.norm()
+    least = vector[:, value <= value[0] + _TIE * value[-1]]
+    # Of the frame's axes projected onto the directions of least extent, the longest: unlike an
+    # eigenvector it has a sign, and stays the same where extents are equal.
+    candidates = (least @ least.T).flip(1)
+    return candidates[:, _largest(candidates.norm(dim=0))]
 
 
 def plot_layout(
@@ -103,6 +138,9 @@ def plot_layout(
 ) -> "Figure":
     r"""Draws the taxels of a layout as circles, seen from the side of the pad that is touched.
 
+    The picture is not mirrored, and its axes are named by those of the link's frame. Pads on
+    several links are drawn side by side, below the names of the links.
+
     Args:
         layout (TaxelLayout): The layout.
         values (torch.Tensor, optional): What colours the taxels; a missing value (NaN) stays white
@@ -114,7 +152,7 @@ def plot_layout(
         cmap (str): Name of matplotlib's colour map.
         label (str, optional): Label of the colour bar. No colour bar if :obj:`None`.
         title (str, optional): Title of the picture.
-        numbers (bool): Whether to number the taxels, from 1 as on the data sheets.
+        numbers (bool): Whether to number the taxels, from 0 as in the readings.
 
     Shapes:
         - **values:** one per taxel :math:`(N,)`
@@ -162,7 +200,29 @@ def plot_layout(
         _draw_numbers(ax, plane, diameter, colors)
     shown = None if values is None else scale
     finish_map(ax, _corners(plane, diameter), 5, title, shown, label)
+    _name_axes(ax, layout, plane, diameter)
     return ax.figure.figure
+
+
+def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) -> None:
+    pads = pads_side_by_side(layout)
+    shown = {_shown(axes[2]) for _, axes, _ in pads}
+    if len(shown) == 1:  # pads may be seen from different sides
+        first, second = shown.pop()
+        ax.set_xlabel(f"{'xyz'[first]} (mm)", fontsize=SMALL)
+        ax.set_ylabel(f"{'xyz'[second]} (mm)", fontsize=SMALL)
+    if len(pads) == 1:
+        return
+    assert layout.link is not None
+    for mine, _, _ in pads:
+        low, high = plane[mine].amin(dim=0), plane[mine].amax(dim=0)
+        name = plain_text(layout.link_names[int(layout.link[mine[0]])])
+        text = ax.text(float(low[0] + high[0]) / 2, float(high[1]) + diameter, name, fontsize=SMALL)
+        text.set(ha="center", va="bottom", color=current_theme().ink)
+    corners = _corners(plane, diameter)
+    ax.set_ylim(
+        top=corners[1][1] + 0.07 * (corners[1][0] - corners[0][0])
+    )  # for the name of the highest pad
 
 
 def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
@@ -206,7 +266,7 @@ def _draw_numbers(
     from matplotlib.transforms import Affine2D
 
     # Paths in millimetres, not text in points: they fit into their circles at every figure size.
-    paths = [TextPath((0, 0), str(i + 1), size=1.0) for i in range(len(plane))]
+    paths = [TextPath((0, 0), str(i), size=1.0) for i in range(len(plane))]
     boxes = [path.get_extents() for path in paths]
     size = diameter * min(0.45 / boxes[0].height, 0.75 / max(box.width for box in boxes))
     middle = (boxes[0].y0 + boxes[0].y1) / 2
