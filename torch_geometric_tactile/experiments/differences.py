@@ -131,11 +131,11 @@ def run_difference(
         return None
     sizes = [pair[first]["num_test"] / pair[first]["num_train"] for pair in pairs]
     is_given = all(p.protocol.by == "given" for p in run.plan.protocols if p.name == protocol)
-    ours, theirs = (
+    one, other = (
         [Judgement.from_dict(pair[name]["predictions"]) for pair in pairs]
         for name in (first, second)
     )
-    return paired_difference(ours, theirs, metric, 0.0 if is_given else statistics.fmean(sizes))
+    return paired_difference(one, other, metric, 0.0 if is_given else statistics.fmean(sizes))
 
 
 def _clustered(
