@@ -3,7 +3,13 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import add_workers, few, options_named, positive, rest
+from torch_geometric_tactile.commands.arguments import (
+    add_workers,
+    few,
+    options_named,
+    positive,
+    rest,
+)
 
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
