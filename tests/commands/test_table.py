@@ -63,16 +63,16 @@ def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path
     [
         (
             ["--only", "mt_*"],
-            "'only' must fit the name of an experiment of p2-table2: x_tac, x_pos",
+            "'--only' must fit the name of an experiment of p2-table2: x_tac, x_pos",
         ),
-        (["--phases", "fly"], "'phases' must be some of ['hover', 'hold']"),
+        (["--phases", "fly"], "'--phases' must be some of ['hover', 'hold']"),
         (
             ["--tare", "fly"],
-            "'tare' must be seconds, or a phase of the recordings: ['hover', 'hold']",
+            "'--tare' must be seconds, or a phase of the recordings: ['hover', 'hold']",
         ),
-        (["--protocols", "object"], "'protocols' must be some of ['by trial', 'by frame']"),
+        (["--protocols", "object"], "'--protocols' must be some of ['by trial', 'by frame']"),
         (["--root", "nowhere"], "simulate some: tactile simulate --out 'nowhere'"),
-        (["--scheduler", "tcp://a:1"], "'scheduler' must come with the backend dask or ray"),
+        (["--scheduler", "tcp://a:1"], "'--scheduler' must come with the backend dask or ray"),
     ],
 )
 def test_wrong_arguments_are_explained(command, capsys, flags, message):

@@ -186,7 +186,7 @@ def samples_npz(folder: Path) -> None:
     x[1, 0, 1] = np.nan
     names = np.array(["mug", "cup é", "mug"] * 2)
     columns = {"trial": np.arange(6) // 2, "joint": draw.normal(size=(6, 2)), "time": TIME}
-    np.savez(folder / "a.npz", x=x, y=names, session=names, **columns)
+    np.savez(folder / "a.npz", x=x, y=names, session=names, set=names, **columns)
     taxels = {"pos": grid(2, 3, 0.01).pos.numpy(), "edge_index": np.array([[0, 1], [1, 0]])}
     np.savez_compressed(folder / "b.npz", x=x.reshape(6, 6, 2), y=np.arange(6) % 2, **taxels)
 

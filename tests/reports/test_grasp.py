@@ -148,4 +148,4 @@ def test_demo_says_whether_edges_help(report):
 
 def test_demo_refuses_one_fold(tmp_path, capsys):
     assert main(["demo", "--generated", "--folds", "1", "--out", str(tmp_path)]) == 1
-    assert "'folds' must be at least 2 (got 1)" in capsys.readouterr().err
+    assert "'--folds' must be at least 2 (got 1)" in capsys.readouterr().err

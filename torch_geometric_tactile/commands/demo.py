@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 
-from torch_geometric_tactile.commands.arguments import few, positive
+from torch_geometric_tactile.commands.arguments import few, options_named, positive
 
 HELP = "Train and compare grasp stability models on real grasps, and write a report"
 EXTRAS = "train,viz"
@@ -70,6 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
+    with options_named(arguments):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     import time
     from pathlib import Path
 

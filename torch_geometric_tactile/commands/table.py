@@ -3,7 +3,13 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import add_workers, few, positive, rest
+from torch_geometric_tactile.commands.arguments import (
+    add_workers,
+    few,
+    options_named,
+    positive,
+    rest,
+)
 
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
@@ -177,6 +183,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(_listed(arguments.name))
         return 0
+    with options_named(arguments, name="NAME"):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands.progress import progress
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan

@@ -148,6 +148,7 @@ def _facts(comparison: Comparison) -> list[str]:
     plan = comparison.run.plan
     (protocol,) = plan.protocols
     facts = plan.facts
+    splits = "1 split" if comparison.num_splits == 1 else f"{comparison.num_splits} splits"
     held = f" of {facts.num_frames} frames" if facts.num_frames else ""
     held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
     held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
@@ -157,7 +158,7 @@ def _facts(comparison: Comparison) -> list[str]:
     more.append(_SIMULATED if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
-        f"{comparison.num_splits} splits. Mean ± standard deviation over the splits. Settings were "
+        f"{splits}. Mean ± standard deviation over the splits. Settings were "
         "chosen on a part of each training part; each test part was used once.",
         *filter(None, more),
     ]
