@@ -33,9 +33,8 @@ def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator
     for i in range(count + 3):
         frames = center + (1 + i) / 2 * scale * draw.standard_normal(size)
         angles = draw.uniform(-0.3, 0.9, joints)
-        if i == count:  # hardly touched; all but a few taxels tie
+        if i == count:  # hardly touched
             frames = center + 1e-1 * scale * draw.standard_normal(size)
-            frames[:, 8:] = center[:, 8:]
             angles = np.zeros(joints)
         elif i == count + 1:
             frames[:, :1] = np.nan
