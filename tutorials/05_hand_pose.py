@@ -107,8 +107,8 @@ plot_hand(layout, **shown, edge_label="change of length in mm", azimuth=70)
 # %% [markdown]
 # ## The models
 #
-# * **`PosedTaxelNet`** takes the 48 taxels with the largest pressure as points in the frame of the
-#   palm: position, normal, force. It has no edges. That is the way of using the pose that worked
+# * **`PosedTaxelNet`** takes the 48 touched taxels with the largest pressure as points in the frame
+#   of the palm: position, normal, force. It has no edges. That is the way of using the pose that worked
 #   best in [our study](../docs/results/hand_study.md).
 # * **`PosedTaxelNet`, open hand** is the same network with the same weights to train, but with the
 #   taxels where they are on an open hand. The difference between the two is what the pose is
@@ -245,8 +245,8 @@ for scores, unit in ((error, "mm"), (right, "points")):
 #
 # **Shape: nothing to be seen here.** The difference between the posed and the open hand is within
 # the noise, and a fully connected network and a forest are level with both. In the full study (600
-# trials, longer training) the pose adds 1.1 ± 0.9 points, and `PosedTaxelNet` is 4.0 ± 0.9 points
-# above this FNN (1.5 ± 0.9 if the FNN is trained with taxel dropout).
+# trials, longer training) the pose adds 0.1 ± 0.9 points, and `PosedTaxelNet` is 2.5 ± 1.0 points
+# above this FNN (0.9 ± 0.9 if the FNN is trained with taxel dropout).
 
 # %%
 for other in (OPEN, FNN, FOREST):
@@ -264,8 +264,8 @@ assert abs(mean) < 3 * se + 2
 # | trials, frames | 320, 640 | 600, 2,397 |
 # | training | 12 epochs | 51 epochs |
 # | splits | 3 of 5 folds by trial | 5 folds by trial, 3 of unseen placements, the largest size |
-# | width, posed and open hand | see above | 4.80 and 6.70 mm |
-# | shape, posed and open hand | see above | 90.7 and 89.6 % |
+# | width, posed and open hand | see above | 4.86 and 6.71 mm |
+# | shape, posed and open hand | see above | 90.2 and 90.1 % |
 #
 # The 12 epochs were fitted to the time limit of this page with the test scores in view: with 30, the
 # widths were the same, and the open hand was 4 points above the posed one for the shape.

@@ -193,8 +193,8 @@ assert max(abs(one) for one in sign) < 0.5, "its sign is not that of a twin"
 
 # %% [markdown]
 # **Where** a map is strong says nothing here: it follows the pressure, for the trained network as
-# for its twins. The network takes the 48 taxels with the largest pressure, so no other taxel can
-# get any evidence. **For what** the evidence speaks, its sign, has nothing in common with a twin:
+# for its twins. The network takes the 48 touched taxels with the largest pressure, so no other
+# taxel can get any evidence. **For what** the evidence speaks, its sign, has nothing in common with a twin:
 # only that part can have been learnt. It is still no proof that the evidence is right.
 
 # %% [markdown]
