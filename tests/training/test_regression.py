@@ -104,8 +104,8 @@ def test_shapes_must_fit(prediction, y):
     ],
 )
 def test_numbers_are_written(numbered, joint_model, tmp_path, targets, names, header):
-    data = TactileDataModule(numbered(targets), numbered(targets, names=names), val=0.0)
-    data.dataset._names = data.test_dataset._names
+    parts = (numbered(targets, names=names) for _ in range(2))
+    data = TactileDataModule(*parts, val=0.0)
     module = TactileModule(joint_model(targets), task="regression")
     trainer(tmp_path, max_epochs=1).fit(module, data)
     predictor = Predictor.from_dataset(module.model, data.test_dataset, task="regression")
