@@ -35,6 +35,13 @@ def refuse(*args, **kwargs):
     raise Reached(args)
 
 
+def known_module(name, package=None):
+    """As `importlib.import_module`, for modules that were imported before any case."""
+    if package is not None or name not in sys.modules:
+        raise Reached(name)
+    return sys.modules[name]
+
+
 def load(path):
     for read in (TactileModule.load_from_checkpoint, Predictor.from_checkpoint):
         with contextlib.suppress(ValueError, OSError):
@@ -52,8 +59,8 @@ def poisoned(tmp_path, monkeypatch):
         (tmp_path / "b.ckpt").write_bytes(mutated_torch(path.read_bytes(), random.Random(-seed))[0])
         load(tmp_path / "b.ckpt")
     assert isinstance(TactileModule.load_from_checkpoint(path), TactileModule)
+    monkeypatch.setattr(importlib, "import_module", known_module)
     for owner, name in (
-        (importlib, "import_module"),
         (jsonargparse.ArgumentParser, "instantiate_classes"),
         (jsonargparse.ArgumentParser, "parse_object"),
         (lightning.pytorch.cli, "instantiate_module"),
@@ -68,6 +75,8 @@ def poisoned(tmp_path, monkeypatch):
 def test_the_poison_works(poisoned):
     with pytest.raises(Reached):
         import antigravity  # noqa: F401
+    with pytest.raises(Reached):
+        importlib.import_module("antigravity")
     with pytest.raises(Reached):
         yaml.safe_load("a: 1")
     with pytest.raises(Reached):
