@@ -154,7 +154,7 @@ def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | 
         if cls is None or not f"{cls.__module__}.".startswith(f"{path.partition('.')[0]}."):
             raise ValueError(f"it names '{path}', which is not built by name")
         folder = arguments.get("root")
-        if root is None and folder is not None and not _is_inside(folder):
+        if folder is not None and str(folder) != str(root) and not _is_inside(folder):
             raise ValueError(
                 f"'root' must lie in the working directory (got '{folder}'), since processed files "
                 "are written there: give '--root'"
@@ -180,4 +180,5 @@ def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | 
 
 
 def _is_inside(folder: Any) -> bool:
-    return Path(str(folder)).resolve().is_relative_to(Path.cwd().resolve())
+    # PyG expands the home folder as well.
+    return Path(str(folder)).expanduser().resolve().is_relative_to(Path.cwd().resolve())
