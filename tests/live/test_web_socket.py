@@ -145,8 +145,9 @@ def test_connection_that_breaks_the_protocol_ends():
         connection.close_socket()
 
     with served(break_it) as url:
-        client = opened(url)
+        client = WebSocket(url)
         with pytest.raises(EOFError, match=r"breaks the protocol|closed"):
+            client.open(LONG)  # raises by itself if both come with one read
             client.receive(LONG)
         client.close()
 
@@ -156,8 +157,9 @@ def test_message_that_is_too_large_ends_it():
         connection.send(b"0" * ((1 << 24) + 1))
 
     with served(send) as url:
-        client = opened(url)
+        client = WebSocket(url)
         with pytest.raises(EOFError, match="breaks the protocol"):
+            client.open(LONG)  # as above
             client.receive(LONG)
         client.close()
 
