@@ -32,7 +32,7 @@ from torch.nn.functional import cross_entropy, max_pool2d
 
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.nn.models.training_recipe import training_recipe
+from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 
 _TAXEL_NETS: dict[str, dict[str, Any]] = {

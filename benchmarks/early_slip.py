@@ -24,9 +24,9 @@ from sklearn.linear_model import Ridge
 from sklearn.metrics import roc_auc_score
 from torch import Tensor, nn
 
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows, split_frames
 from torch_geometric_tactile.datasets import BiGS
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_hdf5
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import GraspLSTM, TemporalTaxelNet

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 from early_slip import PROTOCOLS, WITHIN
 
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.experiments.early_slip import (
     SlipScores,
     alarm_threshold,
     lead_times,
     slip_summary,
 )
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.visualization import AlarmCurves, plot_early_slip, save_figure
 
 FALSE_ALARMS = 0.02

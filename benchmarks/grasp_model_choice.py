@@ -26,10 +26,10 @@ from tqdm import tqdm
 from torch_geometric_tactile.baselines import GraspSVM
 from torch_geometric_tactile.data import splits
 from torch_geometric_tactile.datasets import BioTacSP
-from torch_geometric_tactile.experiments.run import fit_classifier
+from torch_geometric_tactile.experiments._run import fit_classifier
 from torch_geometric_tactile.training import TactileDataModule, classification_metrics
+from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.training.config import load_config
-from torch_geometric_tactile.training.predictions import collect_predictions
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore
 
 MODEL = ("model", "model", "init_args")

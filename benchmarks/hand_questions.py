@@ -27,13 +27,13 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.experiments.building import build
-from torch_geometric_tactile.experiments.fitting import Clock, fit_classifier, warm_up
+from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._fitting import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.sensors import allegro_uskin
+from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.training.config import load_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics
-from torch_geometric_tactile.training.predictions import collect_predictions
 
 _TOUCH = ("squeeze", "lift", "hold")
 _P1, _P2 = (Protocol("trial", val=0.1, test=part, stratify="group") for part in (0.2, 0.3))

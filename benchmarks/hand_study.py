@@ -36,8 +36,8 @@ from hand_study_data import (
 )
 from hand_study_models import make
 
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.transforms import TaxelPose
 
 DEAD = (15, 30, 45, 60)  # percent

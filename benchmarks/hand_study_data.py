@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import Protocol, StaticData
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, stock_layout
 from torch_geometric_tactile.sim import SkinModel

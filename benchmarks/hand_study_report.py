@@ -25,7 +25,7 @@ from hand_study_numbers import (
 from hand_study_pictures import draw
 
 import torch_geometric_tactile
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile._files import atomic_path
 
 MARK = "<!-- below: written by benchmarks/hand_study_report.py -->\n"
 TITLES = {

@@ -31,7 +31,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, Windows
-from torch_geometric_tactile.data.processed_file import save_static
+from torch_geometric_tactile.data._processed_file import save_static
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.sensors import biotac

@@ -29,7 +29,7 @@ from throughput_report import describe_machine
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.nn import BMFCNN, MSCNN, TaxelNet
 from torch_geometric_tactile.sensors import letter_array
 

@@ -26,8 +26,8 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 import torch_geometric_tactile
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.transforms import ZScore
 
 _TOUCH = ("squeeze", "lift", "hold")

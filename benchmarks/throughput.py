@@ -34,8 +34,8 @@ from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import Compose
 
 import torch_geometric_tactile
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileGCN
 from torch_geometric_tactile.transforms import ZScore, fit_transform

@@ -16,12 +16,12 @@ from torch import nn
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.experiments.run import fit_classifier
+from torch_geometric_tactile.experiments._run import fit_classifier
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileGCN
 from torch_geometric_tactile.training import TactileDataModule, classification_metrics
+from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.training.config import expand_template
-from torch_geometric_tactile.training.predictions import collect_predictions
 from torch_geometric_tactile.transforms import ZScore
 
 WAYS = {

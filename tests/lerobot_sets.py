@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import lerobot_features, lerobot_steps, write_lerobot
+from torch_geometric_tactile.io import _lerobot_features as lerobot_features
+from torch_geometric_tactile.io import _lerobot_steps as lerobot_steps
+from torch_geometric_tactile.io import write_lerobot
 
 
 def write_without_touch(recordings: Sequence[Recording], root: Path, fps: int) -> None:

@@ -5,7 +5,7 @@ import zipfile
 import pytest
 import torch
 
-from torch_geometric_tactile.files import check_zip
+from torch_geometric_tactile._files import check_zip
 
 
 def test_file_of_torch(tmp_path):

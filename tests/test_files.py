@@ -5,8 +5,8 @@ import tempfile
 
 import pytest
 
-from torch_geometric_tactile import files
-from torch_geometric_tactile.files import (
+from torch_geometric_tactile import _files as files
+from torch_geometric_tactile._files import (
     atomic_path,
     file_sha256,
     new_scratch_folder,

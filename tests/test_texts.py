@@ -1,6 +1,6 @@
 import pytest
 
-from torch_geometric_tactile.texts import markdown_text, parse_json, printable
+from torch_geometric_tactile._texts import markdown_text, parse_json, printable
 
 
 @pytest.mark.parametrize(

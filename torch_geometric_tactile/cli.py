@@ -13,8 +13,8 @@ from types import ModuleType
 from typing import Any
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.commands import VERBS
-from torch_geometric_tactile.texts import printable
 
 _EXAMPLES = """\
 examples:

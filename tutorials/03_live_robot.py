@@ -80,7 +80,7 @@ print(f"accuracy on the new object: {metrics['test/accuracy']:.3f}")
 # without complaint, and wrongly.
 
 # %%
-from torch_geometric_tactile.predictor.export_onnx import export_onnx
+from torch_geometric_tactile.predictor._export_onnx import export_onnx
 
 predictor = Predictor.from_dataset(classifier.model, dataset, module.transform)
 predictor.save(folder / "glove.predictor")

@@ -99,7 +99,7 @@ for row, experiments in ROWS.items():
 from torch.nn.functional import cross_entropy
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments._judgement import Judgement
 from torch_geometric_tactile.nn import MTGCN, TactileFNN, TactileGCN
 from torch_geometric_tactile.transforms import ZScore
 

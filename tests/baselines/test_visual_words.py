@@ -14,9 +14,9 @@ import cv2
 from mahotas.features import surf
 
 from torch_geometric_tactile.baselines import SIFTSVM, SURFSVM
-from torch_geometric_tactile.baselines.visual_words import enlarged
+from torch_geometric_tactile.baselines._visual_words import enlarged
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.experiments.estimators import (
+from torch_geometric_tactile.experiments._estimators import (
     class_scores,
     estimator_input,
     num_numbers,
@@ -187,7 +187,7 @@ def test_numbers_of_threads_are_left_alone(model):
 
 @MODELS
 def test_more_descriptors_than_needed_are_left_out_of_the_words(model, monkeypatch):
-    module = "torch_geometric_tactile.baselines.visual_words"
+    module = "torch_geometric_tactile.baselines._visual_words"
     monkeypatch.setattr(f"{module}._BLOCK", 16)
     monkeypatch.setattr(f"{module}._MOST_DESCRIPTORS", 60)
     few = model(num_words=20, random_state=0, **WIDE[model.__name__]).fit(X, Y)

@@ -19,7 +19,8 @@ from moving import motions
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import compare
-from torch_geometric_tactile.experiments import compared_models, estimate
+from torch_geometric_tactile.experiments import _compared_models as compared_models
+from torch_geometric_tactile.experiments import _estimate as estimate
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]

@@ -11,7 +11,7 @@ from torch_geometric_tactile.data import Recording, StaticData, Windows
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.predictor.preparation import Preparation
+from torch_geometric_tactile.predictor._preparation import Preparation
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, Tare
 

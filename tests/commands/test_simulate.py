@@ -19,8 +19,10 @@ from torch_geometric_tactile.sim import (
     GraspPlan,
     paper8,
     plan_grasp,
-    trial_files,
     twenty,
+)
+from torch_geometric_tactile.sim import (
+    _trial_files as trial_files,
 )
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]
@@ -149,7 +151,7 @@ def test_preview_is_drawn_and_named(quick, capsys):
 def test_preview_of_a_finished_run_takes_the_first_trial_that_is_there(quick, capsys, monkeypatch):
     pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
     from torch_geometric_tactile.io import read_recording
-    from torch_geometric_tactile.reports import simulation
+    from torch_geometric_tactile.reports import _simulation as simulation
 
     out, run = quick
     assert run() == 0

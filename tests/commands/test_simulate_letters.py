@@ -39,7 +39,7 @@ def test_seed_decides(tmp_path, capsys):
 
 
 def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
-    from torch_geometric_tactile.reports import simulated_letters
+    from torch_geometric_tactile.reports import _simulated_letters as simulated_letters
 
     asked = []
     monkeypatch.setattr(
@@ -52,7 +52,7 @@ def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_tells_what_is_kept(tmp_path, capsys, monkeypatch):
-    from torch_geometric_tactile.reports import simulated_letters
+    from torch_geometric_tactile.reports import _simulated_letters as simulated_letters
     from torch_geometric_tactile.sim import simulate_letters
 
     def stopped(*args, layout):

@@ -3,7 +3,7 @@ import logging
 
 import pytest
 
-from torch_geometric_tactile.commands.status_line import StatusLine
+from torch_geometric_tactile.commands._status_line import StatusLine
 
 
 class Terminal(io.StringIO):

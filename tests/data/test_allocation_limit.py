@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from torch_geometric_tactile.data import allocation_limit
-from torch_geometric_tactile.data.allocation_limit import AllocationLimit
+from torch_geometric_tactile.data import _allocation_limit as allocation_limit
+from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,8 @@ import torch
 from torch_geometric import EdgeIndex
 from torch_geometric.data import Batch, Data
 
-from torch_geometric_tactile.data import StaticData, block_diagonal
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.data import _block_diagonal as block_diagonal
 
 EDGES = torch.tensor([[0, 1, 2], [1, 2, 0]])
 SAMPLES, NODES = 4, 3

@@ -11,7 +11,7 @@ import torch
 from torch_geometric.transforms import BaseTransform, Compose, Distance
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.processed_file import read_processed
+from torch_geometric_tactile.data._processed_file import read_processed
 from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import CommonMode, KNNGraph

@@ -14,7 +14,7 @@ import torch_geometric.transforms as T
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data.fingerprint import (
+from torch_geometric_tactile.data._fingerprint import (
     changes,
     constructor_arguments,
     describe,
@@ -197,7 +197,7 @@ def test_what_a_copy_leaves_out_does_not_count():
 def test_description_in_another_run():
     # Hashes of texts, and so the order of sets, differ from run to run.
     code = (
-        "from torch_geometric_tactile.data.fingerprint import describe\n"
+        "from torch_geometric_tactile.data._fingerprint import describe\n"
         "def keep(data):\n"
         "    return data.name in {'cup', 'box', 'can', 'jar'}\n"
         "class Plain:\n"

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data.levels import KNOWN_ATTRIBUTES, Schema
+from torch_geometric_tactile.data._levels import KNOWN_ATTRIBUTES, Schema
 
 NODES, EDGES = 4, 5
 EDGE_INDEX = torch.tensor([[0, 1, 2, 3, 0], [1, 2, 3, 0, 2]])

@@ -4,14 +4,14 @@ import sys
 import pytest
 import torch
 
-from torch_geometric_tactile.data.mapped_file import load_mapped
-from torch_geometric_tactile.data.torch_file import read_torch_file
+from torch_geometric_tactile.data._mapped_file import load_mapped
+from torch_geometric_tactile.data._torch_file import read_torch_file
 
 _SIZE = 2**28  # bytes of the file, half of them more than the process may have
 
 _LIMITED = """
 import resource, sys, torch
-from torch_geometric_tactile.data.torch_file import read_torch_file
+from torch_geometric_tactile.data._torch_file import read_torch_file
 
 with open("/proc/self/status") as file:
     used = next(int(line.split()[1]) for line in file if line.startswith("VmData")) * 1024

@@ -8,7 +8,7 @@ import torch
 from torch_geometric.transforms import RandomJitter
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data.processed_file import (
+from torch_geometric_tactile.data._processed_file import (
     OtherFormatError,
     load_static,
     read_processed,

@@ -10,7 +10,7 @@ from torch_geometric.data import Dataset
 
 from torch_geometric_tactile import datasets
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.data.processed_dataset import ProcessedDataset
+from torch_geometric_tactile.data._processed_dataset import ProcessedDataset
 from torch_geometric_tactile.datasets import RecordingFrames
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.sensors import TaxelLayout

@@ -7,8 +7,8 @@ import pytest
 import torch
 from hostile_pickle import Touch
 
-from torch_geometric_tactile.data import torch_file
-from torch_geometric_tactile.data.torch_file import check_once, mark_path, read_torch_file
+from torch_geometric_tactile.data import _torch_file as torch_file
+from torch_geometric_tactile.data._torch_file import check_once, mark_path, read_torch_file
 
 
 @pytest.fixture

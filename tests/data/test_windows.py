@@ -183,7 +183,7 @@ def test_transforms_of_windows():
 
 
 def test_pre_transform_gets_a_few_windows_at_a_time(monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.data.frame_view._BYTES", 200)
+    monkeypatch.setattr("torch_geometric_tactile.data._frame_view._BYTES", 200)
     sizes = []
 
     def seen(data):

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import small_models
 
 from torch_geometric_tactile import datasets, nn, transforms
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.nn import conv, pool
 from torch_geometric_tactile.sensors import layout_sectors, letter_array
 

@@ -23,8 +23,8 @@ def trained(monkeypatch):
 def of_grasps(grasps):
     """An experiment on the small folder of grasps: ``of_grasps(model="p2_table2/ii_tac")``."""
     from torch_geometric_tactile.data import Protocol
-    from torch_geometric_tactile.experiments.data_source import DataSource
-    from torch_geometric_tactile.experiments.experiment import Experiment
+    from torch_geometric_tactile.experiments._data_source import DataSource
+    from torch_geometric_tactile.experiments._experiment import Experiment
     from torch_geometric_tactile.training.config import load_config
 
     def make(model="p2_table2/ii_tac", task="object", selection=None, **changes):

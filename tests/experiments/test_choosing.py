@@ -12,13 +12,13 @@ from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
-from torch_geometric_tactile.experiments import choosing
-from torch_geometric_tactile.experiments.choice import Choice
-from torch_geometric_tactile.experiments.choosing import TargetScale
-from torch_geometric_tactile.experiments.experiment import Experiment
-from torch_geometric_tactile.experiments.judgement import Judgement
-from torch_geometric_tactile.experiments.run import run_experiment
-from torch_geometric_tactile.experiments.worker import run_here
+from torch_geometric_tactile.experiments import _choosing as choosing
+from torch_geometric_tactile.experiments._choice import Choice
+from torch_geometric_tactile.experiments._choosing import TargetScale
+from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments._worker import run_here
 
 FOREST = {
     "class_path": "torch_geometric_tactile.baselines.flat_forest",

@@ -3,8 +3,8 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments.draws import Draws
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._judgement import Judgement
 
 
 def judged(right):

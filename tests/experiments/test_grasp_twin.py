@@ -3,7 +3,7 @@ import torch
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments.grasp_twin import TaxelNetWithoutEdges
+from torch_geometric_tactile.experiments._grasp_twin import TaxelNetWithoutEdges
 from torch_geometric_tactile.nn import TaxelNet
 
 

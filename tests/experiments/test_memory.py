@@ -6,8 +6,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import torch
 
-from torch_geometric_tactile.experiments import memory
-from torch_geometric_tactile.experiments.memory import PeakMemory
+from torch_geometric_tactile.experiments import _memory as memory
+from torch_geometric_tactile.experiments._memory import PeakMemory
 
 MB = 2**18  # float32
 

@@ -10,9 +10,9 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.experiments.building import check_arguments
-from torch_geometric_tactile.experiments.draws import Draws
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments._building import check_arguments
+from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._judgement import Judgement
 from torch_geometric_tactile.experiments.tables import cell_config, load_table
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.nn.models import MSCNN, TactileFNN, TaxelNet

@@ -5,7 +5,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from dataclasses import replace
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 

@@ -7,10 +7,10 @@ import torch
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import FakeTactileDataset
-from torch_geometric_tactile.experiments.data_source import DataSource
-from torch_geometric_tactile.experiments.experiment import Experiment
-from torch_geometric_tactile.experiments.judgement import Judgement
-from torch_geometric_tactile.experiments.run import run_experiment
+from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments._run import run_experiment
 from torch_geometric_tactile.training import TactileClassifier
 from torch_geometric_tactile.training.config import load_config
 
@@ -111,7 +111,7 @@ def test_training_part_without_a_class_keeps_the_places_of_the_others():
         def predict_proba(self, x):
             return np.array([[0.9, 0.1], [0.2, 0.8], [0.5, 0.5]])
 
-    from torch_geometric_tactile.experiments.estimators import class_scores
+    from torch_geometric_tactile.experiments._estimators import class_scores
 
     assert class_scores(Estimator(), x, 3).tolist() == [
         [0.9, 0.1, 0.1],

@@ -6,8 +6,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands.table import TABLES
-from torch_geometric_tactile.experiments.building import check_arguments
-from torch_geometric_tactile.experiments.numbers import table_numbers
+from torch_geometric_tactile.experiments._building import check_arguments
+from torch_geometric_tactile.experiments._numbers import table_numbers
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import cell_config, load_table, table_names

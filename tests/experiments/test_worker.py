@@ -2,8 +2,8 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments import worker
-from torch_geometric_tactile.experiments.worker import close_process, run_in_process, run_safely
+from torch_geometric_tactile.experiments import _worker as worker
+from torch_geometric_tactile.experiments._worker import close_process, run_in_process, run_safely
 
 
 def test_process_measures_is_used_again_and_says_what_failed(of_grasps):

@@ -91,7 +91,7 @@ def predictor(folder: Path) -> None:
 
 
 def processed(folder: Path) -> None:
-    from torch_geometric_tactile.data.processed_file import save_static
+    from torch_geometric_tactile.data._processed_file import save_static
 
     data, names = SmallDataset().read()
     save_static(data, names, folder / "a.pt", {"class": "Small"}, ["a.txt=1"])
@@ -149,7 +149,7 @@ def table(folder: Path) -> None:
 
 
 def run_store(folder: Path) -> None:
-    from torch_geometric_tactile.experiments.run_store import RunStore
+    from torch_geometric_tactile.experiments._run_store import RunStore
 
     experiment = readers.experiment()
     RunStore(folder).write(

@@ -245,7 +245,7 @@ def urdf(path: Path) -> Any:
 
 def predictor(path: Path) -> Any:
     """What it answers, what it is, and its weights."""
-    from torch_geometric_tactile.reports.run_data import open_predictor
+    from torch_geometric_tactile.reports._run_data import open_predictor
 
     found = open_predictor(path)
     joint = torch.tensor([[0.1, -0.2, 0.3]])
@@ -269,7 +269,7 @@ def checkpoint(path: Path) -> Any:
 
 
 def processed(path: Path) -> Any:
-    from torch_geometric_tactile.data.processed_file import read_processed
+    from torch_geometric_tactile.data._processed_file import read_processed
 
     found = read_processed(path)
     return {
@@ -289,8 +289,8 @@ def hub(path: Path) -> Any:
 
 
 def config(path: Path) -> Any:
+    from torch_geometric_tactile.training._given_arguments import read_config
     from torch_geometric_tactile.training.config import load_config
-    from torch_geometric_tactile.training.given_arguments import read_config
 
     assert isinstance(load_config(str(path)), dict)
     return plain(read_config(path))
@@ -298,7 +298,7 @@ def config(path: Path) -> Any:
 
 def run_data(path: Path) -> Any:
     """The data of the configuration that a received checkpoint has beside it."""
-    from torch_geometric_tactile.reports.run_data import load_data
+    from torch_geometric_tactile.reports._run_data import load_data
 
     data = load_data(path.parent / "checkpoints" / "a.ckpt")
     return {name: plain(data.part(name).column("y")) for name in ("train", "val", "test")}
@@ -311,7 +311,7 @@ def table(path: Path) -> Any:
 
 
 def run_store(path: Path) -> Any:
-    from torch_geometric_tactile.experiments.run_store import RunStore
+    from torch_geometric_tactile.experiments._run_store import RunStore
 
     return plain(RunStore(path.parent).read(experiment()))
 
@@ -319,8 +319,8 @@ def run_store(path: Path) -> Any:
 @functools.cache
 def experiment() -> Any:
     from torch_geometric_tactile.data import Protocol
-    from torch_geometric_tactile.experiments.data_source import DataSource
-    from torch_geometric_tactile.experiments.experiment import Experiment
+    from torch_geometric_tactile.experiments._data_source import DataSource
+    from torch_geometric_tactile.experiments._experiment import Experiment
 
     source = DataSource("torch_geometric_tactile.datasets.FakeTactileDataset", {"num_samples": 8})
     model = {"class_path": "sklearn.linear_model.LogisticRegression"}

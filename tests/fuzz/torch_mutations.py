@@ -77,7 +77,7 @@ HARMFUL: tuple[dict[str, Any], ...] = (
         },
     },
     {"class_path": "torch_geometric_tactile.io.write_npz", "init_args": {"path": MARKER}},
-    {"class_path": "torch_geometric_tactile.files.atomic_path", "init_args": {"path": MARKER}},
+    {"class_path": "torch_geometric_tactile._files.atomic_path", "init_args": {"path": MARKER}},
     {"class_path": "torch.jit.load", "init_args": {"f": MARKER}},
     {"class_path": "no.such.Class", "init_args": {}},
     {"class_path": "torch.nn", "init_args": {}},

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io.array_order import StoredArray, arranged, parsed_order
+from torch_geometric_tactile.io._array_order import StoredArray, arranged, parsed_order
 
 AXES = ("frame", "electrode", "finger")
 SIZES = {"frame": 4, "electrode": 5, "finger": 3}

@@ -1,6 +1,6 @@
 import pytest
 
-from torch_geometric_tactile.io.csv_table import safe_cell, shown
+from torch_geometric_tactile.io._csv_table import safe_cell, shown
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bigs_files import write_npz
 
-from torch_geometric_tactile.io.field_file import read_fields
+from torch_geometric_tactile.io._field_file import read_fields
 
 h5py = pytest.importorskip("h5py", reason="needs the extra 'io'")
 

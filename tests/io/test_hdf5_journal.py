@@ -6,7 +6,8 @@ import pytest
 pytest.importorskip("h5py", reason="needs the extra 'io'")
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import append_hdf5, hdf5_journal, read_hdf5, write_hdf5
+from torch_geometric_tactile.io import _hdf5_journal as hdf5_journal
+from torch_geometric_tactile.io import append_hdf5, read_hdf5, write_hdf5
 
 
 def frames(start, stop):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.io.lerobot_steps import frames_of_steps, frames_since, regular_steps
+from torch_geometric_tactile.io._lerobot_steps import frames_of_steps, frames_since, regular_steps
 
 
 @pytest.mark.parametrize(

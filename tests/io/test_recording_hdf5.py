@@ -15,7 +15,7 @@ import h5py
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import append_hdf5, read_hdf5, write_hdf5
-from torch_geometric_tactile.io.recording_schema import recording_to_arrays, recording_to_texts
+from torch_geometric_tactile.io._recording_schema import recording_to_arrays, recording_to_texts
 
 APPEND_FOREVER = """
 import itertools, sys

@@ -3,7 +3,7 @@ import pytest
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import read_recording, read_wide_csv, write_wide_csv
-from torch_geometric_tactile.io.wide_csv_header import wide_csv_header
+from torch_geometric_tactile.io._wide_csv_header import wide_csv_header
 
 # Two taxels of three axes and two joints: the value of a column tells which one it is.
 VALUES = {

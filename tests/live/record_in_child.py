@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from live.numbered import NumberedSource
 
 from torch_geometric_tactile.live import Recorder, Stream
-from torch_geometric_tactile.live.recorder_files import McapFile
+from torch_geometric_tactile.live._recorder_files import McapFile
 
 
 def main():

@@ -249,7 +249,7 @@ def test_points_of_another_layout_do_not_end_a_recording(tmp_path, caplog):
 
 
 def test_flat_layout_and_one_channel():
-    from torch_geometric_tactile.live.posed_points import PosedPoints
+    from torch_geometric_tactile.live._posed_points import PosedPoints
 
     points = PosedPoints(grid(1, 2, pitch=0.01))
     tactile = np.array([[3.0], [np.nan]], dtype=np.float32)

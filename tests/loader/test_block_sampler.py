@@ -11,7 +11,7 @@ from torch_geometric_tactile.loader import (
     StaticLoader,
     static_loader,
 )
-from torch_geometric_tactile.loader.memory_limit import exceeds_memory, memory_limit
+from torch_geometric_tactile.loader._memory_limit import exceeds_memory, memory_limit
 from torch_geometric_tactile.sensors import grid
 
 

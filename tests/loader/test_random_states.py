@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.loader.random_states import (
+from torch_geometric_tactile.loader._random_states import (
     RandomStates,
     kept_rng,
     mixed,

@@ -2,7 +2,7 @@ import pytest
 import torch
 from small_models import EDGE_INDEX, NUM_EDGES, assert_close, samples
 
-from torch_geometric_tactile.nn.conv.static_adjacency import StaticAdjacency, dense_norm
+from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, dense_norm
 from torch_geometric_tactile.nn.functional import pooled_gcn
 
 

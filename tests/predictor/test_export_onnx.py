@@ -19,7 +19,7 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile import Predictor, nn
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, Trials, Windows
-from torch_geometric_tactile.experiments.compared_models import MODELS as COMPARED
+from torch_geometric_tactile.experiments._compared_models import MODELS as COMPARED
 from torch_geometric_tactile.nn.models import (
     BMFCNN,
     MSCNN,
@@ -35,9 +35,10 @@ from torch_geometric_tactile.nn.models import (
     TaxelNet,
     TemporalTaxelNet,
 )
-from torch_geometric_tactile.predictor import classes, onnx_check
-from torch_geometric_tactile.predictor import export_onnx as export_module
-from torch_geometric_tactile.predictor.export_onnx import export_onnx
+from torch_geometric_tactile.predictor import _export_onnx as export_module
+from torch_geometric_tactile.predictor import _onnx_check as onnx_check
+from torch_geometric_tactile.predictor import classes
+from torch_geometric_tactile.predictor._export_onnx import export_onnx
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 
 HAND = HandKinematics(

@@ -15,7 +15,7 @@ from torch_geometric_tactile.data import (
     apply_transform,
 )
 from torch_geometric_tactile.nn import TactileGCN, TaxelNet
-from torch_geometric_tactile.predictor import settling
+from torch_geometric_tactile.predictor import _settling as settling
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 from torch_geometric_tactile.transforms import (
     FillMissing,

@@ -14,7 +14,7 @@ from torch_geometric_tactile.data import (
 )
 from torch_geometric_tactile.nn.models import GraspGCN, TemporalTaxelNet
 from torch_geometric_tactile.predictor import Predictor, content
-from torch_geometric_tactile.predictor.window_cut import WindowCut
+from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.transforms import (
     CommonMode,

@@ -10,8 +10,8 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.nn.models import MTGCN
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.reports import analysis_sections
-from torch_geometric_tactile.reports.analysis import analyze
+from torch_geometric_tactile.reports import _analysis_sections as analysis_sections
+from torch_geometric_tactile.reports._analysis import analyze
 from torch_geometric_tactile.sensors import TaxelLayout
 
 NODE = torch.arange(16)

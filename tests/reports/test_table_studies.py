@@ -10,12 +10,12 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments.data_source import DataSource
+from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments.plan import make_plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun, run_plan
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
-from torch_geometric_tactile.reports.table import markdown, write_table
-from torch_geometric_tactile.reports.table_studies import study_lines, study_pictures
+from torch_geometric_tactile.reports._table import markdown, write_table
+from torch_geometric_tactile.reports._table_studies import study_lines, study_pictures
 
 _STUDIES = "torch_geometric_tactile.experiments."
 _LOOKS = [

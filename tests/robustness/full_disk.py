@@ -110,7 +110,7 @@ def torch_writers() -> Iterator[Writer]:
     """Yields the writers of samples, weights and predictors."""
     from torch_geometric_tactile import Predictor
     from torch_geometric_tactile.data import StaticData
-    from torch_geometric_tactile.data.processed_file import load_static, save_static
+    from torch_geometric_tactile.data._processed_file import load_static, save_static
     from torch_geometric_tactile.nn import TactileFNN
     from torch_geometric_tactile.sensors import grid
 
@@ -152,7 +152,7 @@ def torch_writers() -> Iterator[Writer]:
         pass
     else:
         from torch_geometric_tactile.live import OnnxModel
-        from torch_geometric_tactile.predictor.export_onnx import export_onnx
+        from torch_geometric_tactile.predictor._export_onnx import export_onnx
 
         yield Writer(
             "graph",
@@ -208,9 +208,9 @@ def text_writers() -> Iterator[Writer]:
     )
     try:
         from torch_geometric_tactile.data import Protocol
-        from torch_geometric_tactile.experiments.data_source import DataSource
-        from torch_geometric_tactile.experiments.experiment import Experiment
-        from torch_geometric_tactile.experiments.run_store import RunStore
+        from torch_geometric_tactile.experiments._data_source import DataSource
+        from torch_geometric_tactile.experiments._experiment import Experiment
+        from torch_geometric_tactile.experiments._run_store import RunStore
         from torch_geometric_tactile.reports.html import write_report
         from torch_geometric_tactile.visualization.figure import new_figure, save_figure
     except ImportError:

@@ -147,7 +147,7 @@ def run_store(folder):
 
 
 def mcap_lock(folder):
-    from torch_geometric_tactile.io.mcap_output import McapOutput
+    from torch_geometric_tactile.io._mcap_output import McapOutput
 
     first = McapOutput(folder / "a.mcap", True, True)
     try:
@@ -177,7 +177,7 @@ def ports(folder):
 
 
 def memory(folder):
-    from torch_geometric_tactile.experiments import memory as peak
+    from torch_geometric_tactile.experiments import _memory as peak
 
     assert isinstance(peak._highest(), float)
 

@@ -70,7 +70,7 @@ def numbers(recording) -> list[float]:
 
 def processing() -> Job:
     """Reads recordings and writes a processed file."""
-    from torch_geometric_tactile.data.processed_file import load_static
+    from torch_geometric_tactile.data._processed_file import load_static
     from torch_geometric_tactile.datasets import RecordingFrames
     from torch_geometric_tactile.io import write_npz
     from torch_geometric_tactile.sensors import grid
@@ -132,7 +132,7 @@ def convert_mcap() -> Job:
 def grasps() -> Job:
     """Brings in grasps of the BiGS data set by the command line, and processes them."""
     from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.data.processed_file import load_static
+    from torch_geometric_tactile.data._processed_file import load_static
     from torch_geometric_tactile.datasets import BiGS
     from torch_geometric_tactile.io import read_npz
 
@@ -191,9 +191,9 @@ def append() -> Job:
 def store() -> Job:
     """Writes the results of the runs of a table."""
     from torch_geometric_tactile.data import Protocol
-    from torch_geometric_tactile.experiments.data_source import DataSource
-    from torch_geometric_tactile.experiments.experiment import Experiment
-    from torch_geometric_tactile.experiments.run_store import RunStore
+    from torch_geometric_tactile.experiments._data_source import DataSource
+    from torch_geometric_tactile.experiments._experiment import Experiment
+    from torch_geometric_tactile.experiments._run_store import RunStore
 
     source = DataSource("a.B", {}, fingerprint="d")
     runs = [
@@ -334,7 +334,7 @@ def export() -> Job:
 def demo() -> Job:
     """Runs the whole demo: generated data, one seed, one epoch."""
     from torch_geometric_tactile.commands import demo as verb
-    from torch_geometric_tactile.experiments import grasp_table
+    from torch_geometric_tactile.experiments import _grasp_table as grasp_table
 
     grasp_table._GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
     given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]

@@ -9,8 +9,8 @@ import pickle
 import pytest
 import torch
 
+from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
-from torch_geometric_tactile.texts import read_json
 
 TAXEL = {"pos": [0, 0, 0], "normal": [0, 0, 1], "link": "a", "cell": [0, 0]}
 TILE = {"kind": "planar", "rows": [2, 2], "pitch": 2}

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, grid
-from torch_geometric_tactile.sim.pressure_field import CELL, field_sampling
+from torch_geometric_tactile.sim._pressure_field import CELL, field_sampling
 
 
 def readings(layout, sensel, lengths, parts, pressure):

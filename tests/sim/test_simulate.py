@@ -14,7 +14,7 @@ pytest.importorskip("h5py", reason="needs the extra 'sim'")
 
 import joblib
 
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import stock_layout
 from torch_geometric_tactile.sim import (
@@ -31,8 +31,10 @@ from torch_geometric_tactile.sim import (
     paper8,
     plan_grasp,
     simulate,
-    trial_files,
     twenty,
+)
+from torch_geometric_tactile.sim import (
+    _trial_files as trial_files,
 )
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]

@@ -19,7 +19,9 @@ from torch_geometric_tactile.sim import (
     draw_grasp,
     simulate_bigs,
     slip_onset,
-    trial_files,
+)
+from torch_geometric_tactile.sim import (
+    _trial_files as trial_files,
 )
 
 GRASPS = 8

@@ -1,6 +1,6 @@
 import numpy as np
 
-from torch_geometric_tactile.sim.wam_arm import _LINKS, _POSTURE, _link, arm_joints
+from torch_geometric_tactile.sim._wam_arm import _LINKS, _POSTURE, _link, arm_joints
 
 
 def hand_of(joints):

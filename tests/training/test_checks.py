@@ -22,7 +22,7 @@ from torch_geometric_tactile.nn import (
 )
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
-from torch_geometric_tactile.training.checks import check_data, check_labels
+from torch_geometric_tactile.training._checks import check_data, check_labels
 
 
 class Linear(torch.nn.Module):

@@ -21,9 +21,9 @@ from torch_geometric_tactile.training import (
     TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training.bare_model import fitted_names
-from torch_geometric_tactile.training.finite import BatchCheck, model_inputs
-from torch_geometric_tactile.training.predictions import collect_predictions
+from torch_geometric_tactile.training._bare_model import fitted_names
+from torch_geometric_tactile.training._finite import BatchCheck, model_inputs
+from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.transforms import DropTaxels, FillMissing, ZScore
 
 SPLIT = Split(torch.arange(36), torch.arange(36, 48), torch.arange(48, 60))
@@ -127,8 +127,8 @@ def test_only_samples_with_missing_numbers_are_read_twice(labelled, monkeypatch)
 
 
 def test_of_a_large_part_some_samples_are_looked_at(labelled, monkeypatch):
-    monkeypatch.setattr("torch_geometric_tactile.training.finite._LOOKED_AT", 100)
-    monkeypatch.setattr("torch_geometric_tactile.training.finite._SPREAD", 3)
+    monkeypatch.setattr("torch_geometric_tactile.training._finite._LOOKED_AT", 100)
+    monkeypatch.setattr("torch_geometric_tactile.training._finite._SPREAD", 3)
     model = Net()
     with pytest.raises(ValueError, match=r"of the train part .*in 1 sample: 35 of trial 5"):
         trainer().fit(TactileModule(model), holed(labelled, [1, 35]))

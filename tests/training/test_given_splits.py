@@ -11,7 +11,7 @@ import yaml
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.io import write_recording
-from torch_geometric_tactile.training.lightning_cli import TactileCLI
+from torch_geometric_tactile.training._lightning_cli import TactileCLI
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from torch_geometric_tactile import datasets, training
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Trials, Windows
 from torch_geometric_tactile.nn.models import GraspGCN, TactileFNN
-from torch_geometric_tactile.reports import run_data
-from torch_geometric_tactile.reports.run_data import load_data
+from torch_geometric_tactile.reports import _run_data as run_data
+from torch_geometric_tactile.reports._run_data import load_data
 from torch_geometric_tactile.training import (
     AtomicCheckpointIO,
     TactileDataModule,

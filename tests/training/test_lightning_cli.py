@@ -10,9 +10,9 @@ import yaml
 from fake_configs import fake_config
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.training.fit_summary import fit_summary
-from torch_geometric_tactile.training.given_arguments import GivenArguments
-from torch_geometric_tactile.training.lightning_cli import TactileCLI
+from torch_geometric_tactile.training._fit_summary import fit_summary
+from torch_geometric_tactile.training._given_arguments import GivenArguments
+from torch_geometric_tactile.training._lightning_cli import TactileCLI
 
 CONFIG = fake_config("TactileGCN", 60, val=0.2, split="group")
 

@@ -10,7 +10,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from sklearn.utils.class_weight import compute_class_weight
 
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
-from torch_geometric_tactile.training.losses import balanced_weights, task_loss
+from torch_geometric_tactile.training._losses import balanced_weights, task_loss
 
 LOGITS = torch.tensor([[0.0, math.log(3)], [0.0, 0.0], [math.log(3), 0.0]])
 Y = torch.tensor([1, 1, 0])

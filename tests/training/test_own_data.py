@@ -13,7 +13,7 @@ import yaml
 
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 from torch_geometric_tactile.training import TactileModule
-from torch_geometric_tactile.training.given_arguments import own_modules
+from torch_geometric_tactile.training._given_arguments import own_modules
 
 MODULE = """
 import torch

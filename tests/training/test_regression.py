@@ -10,7 +10,7 @@ import torch
 from sklearn.metrics import mean_absolute_error, r2_score, root_mean_squared_error
 
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.reports.predictions import write_samples
+from torch_geometric_tactile.reports._predictions import write_samples
 from torch_geometric_tactile.training import (
     TactileDataModule,
     TactileModule,

@@ -16,7 +16,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 from training_fixtures import LabelledDataset
 
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
-from torch_geometric_tactile.training.lightning_cli import TactileCLI
+from torch_geometric_tactile.training._lightning_cli import TactileCLI
 from torch_geometric_tactile.transforms import DropTaxels, ZScore
 
 EPOCHS, BATCHES = 3, 4

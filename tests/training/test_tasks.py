@@ -10,7 +10,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 
 from torch_geometric_tactile.predictor import Predictor
-from torch_geometric_tactile.reports.predictions import write_samples
+from torch_geometric_tactile.reports._predictions import write_samples
 from torch_geometric_tactile.training import (
     TactileClassifier,
     TactileDataModule,

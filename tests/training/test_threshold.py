@@ -11,12 +11,12 @@ from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn.models import GraspGCN
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
-from torch_geometric_tactile.training.metrics import classification_metrics
-from torch_geometric_tactile.training.threshold import (
+from torch_geometric_tactile.training._threshold import (
     THRESHOLD_METRICS,
     BestThreshold,
     choose_threshold,
 )
+from torch_geometric_tactile.training.metrics import classification_metrics
 from torch_geometric_tactile.transforms import KNNGraph
 
 _SCORES = {

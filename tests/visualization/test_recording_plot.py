@@ -4,7 +4,7 @@ import pytest
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.reports.recording import describe_recording
+from torch_geometric_tactile.reports._recording import describe_recording
 from torch_geometric_tactile.visualization import plot_recording, save_figure
 
 NAN = float("nan")

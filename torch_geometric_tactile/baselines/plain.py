@@ -12,11 +12,11 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings, readings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 Task = Literal["multiclass", "regression"]
 Weight = Literal["balanced"] | None

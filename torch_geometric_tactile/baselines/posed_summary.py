@@ -7,10 +7,10 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines.flat_readings import readings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
-from torch_geometric_tactile.typing import PathLike
 
 _PRESSED = 0.05  # of the strongest reading
 _STRONGEST = 99.9  # percent

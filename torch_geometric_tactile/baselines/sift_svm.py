@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from torch_geometric_tactile.baselines.visual_words import VisualWordsSVM
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 _NONE = np.empty((0, 128), dtype=np.float32)
 

@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from torch_geometric_tactile.baselines.visual_words import VisualWordsSVM
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 _MARGIN = 16  # scales around a point, without which mahotas leaves it out
 _WINDOW = 20  # scales across the square that a descriptor describes

@@ -2,7 +2,7 @@ r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 
 import argparse
 
-from torch_geometric_tactile.commands.arguments import not_negative, positive
+from torch_geometric_tactile.commands._arguments import not_negative, positive
 
 HELP = "Show what a model has learnt: errors, embeddings, attribution"
 EXTRAS = "train,viz"
@@ -64,8 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.reports import analysis
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.reports import _analysis as analysis
 
     page = analysis.main(
         arguments.model,

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands.arguments import add_workers, few, options_named, positive
+from torch_geometric_tactile.commands._arguments import add_workers, few, options_named, positive
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.experiments.compared_windows import FrameCut
+    from torch_geometric_tactile.experiments._compared_windows import FrameCut
+    from torch_geometric_tactile.experiments._experiment import Experiment
     from torch_geometric_tactile.experiments.comparison import Comparison
-    from torch_geometric_tactile.experiments.experiment import Experiment
     from torch_geometric_tactile.experiments.plan import Plan
 
 # The names in `experiments`, which is too heavy to import for them.
@@ -213,15 +213,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.commands.progress import progress
-    from torch_geometric_tactile.experiments.compared_data import data_source
+    from torch_geometric_tactile.commands._progress import progress
+    from torch_geometric_tactile.experiments._compared_data import data_source
     from torch_geometric_tactile.experiments.comparison import (
         ComparisonSettings,
         comparison_plan,
         summarize,
     )
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
-    from torch_geometric_tactile.reports.compare import write_comparison
+    from torch_geometric_tactile.reports._compare import write_comparison
     from torch_geometric_tactile.visualization.figure import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
@@ -269,7 +269,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
-    from torch_geometric_tactile.experiments.compared_windows import FrameCut
+    from torch_geometric_tactile.experiments._compared_windows import FrameCut
 
     given = {name: getattr(arguments, name) for name in ("window", "hop", "horizon", "trials")}
     return None if set(given.values()) == {None} else FrameCut(**given)
@@ -278,8 +278,8 @@ def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
 def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     from tabulate import tabulate
 
-    from torch_geometric_tactile.experiments.advice import advice, to_dict
-    from torch_geometric_tactile.reports.compare import comparison_rows
+    from torch_geometric_tactile.experiments._advice import advice, to_dict
+    from torch_geometric_tactile.reports._compare import comparison_rows
 
     if as_json:
         print(json.dumps(to_dict(comparison), indent=1), flush=True)
@@ -294,7 +294,7 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
 
 
 def _quick_first(plan: "Plan", arguments: argparse.Namespace) -> "Plan":
-    from torch_geometric_tactile.experiments.estimate import estimate_seconds
+    from torch_geometric_tactile.experiments._estimate import estimate_seconds
 
     seconds = estimate_seconds(plan, arguments.out)
     _tell(_intention(plan, arguments, seconds), arguments.json)
@@ -304,10 +304,10 @@ def _quick_first(plan: "Plan", arguments: argparse.Namespace) -> "Plan":
 
 def _tell_row(plan: "Plan", experiment: "Experiment", arguments: argparse.Namespace) -> None:
     # The score of a model, as soon as it has been tested on every split.
-    from torch_geometric_tactile.experiments.advice import NAMES, shown_number
+    from torch_geometric_tactile.experiments._advice import NAMES, shown_number
+    from torch_geometric_tactile.experiments._run_store import RunStore
     from torch_geometric_tactile.experiments.comparison import summarize
     from torch_geometric_tactile.experiments.run_plan import PlanRun
-    from torch_geometric_tactile.experiments.run_store import RunStore
 
     store = RunStore(Path(arguments.out) / "runs")
     runs = [(e, store.read(e)) for e in plan.experiments if e.name == experiment.name]
@@ -357,7 +357,7 @@ def _tell(text: str, as_json: bool) -> None:
 
 
 def _plain(text: str) -> str:
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
 
     return printable(text)
 

@@ -3,9 +3,9 @@ r"""``tactile convert``: a recording in another format, or recordings as a data 
 import argparse
 from pathlib import Path
 
-from torch_geometric_tactile.commands import convert_lerobot
-from torch_geometric_tactile.commands.arguments import READABLE
-from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands import _convert_lerobot as convert_lerobot
+from torch_geometric_tactile.commands._arguments import READABLE
+from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
 HELP = "Convert a recording to another format"
@@ -31,7 +31,7 @@ examples:
   tactile convert bigs grasps/*.h5 bigs/         grasps of the BiGS data set
 """
 # Words in place of IN that select another parser, with its module.
-KINDS = {"bigs": "convert_bigs"}
+KINDS = {"bigs": "_convert_bigs"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

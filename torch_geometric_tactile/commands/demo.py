@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 
-from torch_geometric_tactile.commands.arguments import few, options_named, positive
+from torch_geometric_tactile.commands._arguments import few, options_named, positive
 
 HELP = "Train and compare grasp stability models on real grasps, and write a report"
 EXTRAS = "train,viz"
@@ -78,13 +78,13 @@ def _run(arguments: argparse.Namespace) -> int:
     import time
     from pathlib import Path
 
-    from torch_geometric_tactile.commands.progress import progress
-    from torch_geometric_tactile.experiments.grasp_table import grasp_table
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.commands._progress import progress
+    from torch_geometric_tactile.experiments._grasp_table import grasp_table
+    from torch_geometric_tactile.experiments._run import run_experiment
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
-    from torch_geometric_tactile.experiments.run import run_experiment
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
-    from torch_geometric_tactile.reports import grasp
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile.reports import _grasp as grasp
     from torch_geometric_tactile.visualization.figure import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     Args:
         parser (argparse.ArgumentParser): The parser of the verb.
     """
-    from torch_geometric_tactile.commands.arguments import few
+    from torch_geometric_tactile.commands._arguments import few
 
     parser.add_argument(
         "predictor",
@@ -64,10 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
     """
     if not arguments.model.endswith(".onnx"):
         raise ValueError(f"'FILE.onnx' must end in .onnx (got '{arguments.model}')")
+    from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live.onnx_judge import OnnxModel
-    from torch_geometric_tactile.predictor.export_onnx import export_onnx, require_export
-    from torch_geometric_tactile.reports import run_data
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile.predictor._export_onnx import export_onnx, require_export
+    from torch_geometric_tactile.reports import _run_data as run_data
 
     require_export()
     predictor = run_data.open_predictor(arguments.predictor, arguments.config)

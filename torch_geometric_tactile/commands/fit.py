@@ -1,6 +1,6 @@
 r"""``tactile fit``, whose arguments Lightning reads."""
 
-from torch_geometric_tactile.commands.lightning import lightning_verb
+from torch_geometric_tactile.commands._lightning import lightning_verb
 
 HELP = "Train a model from a configuration"
 DESCRIPTION = """\

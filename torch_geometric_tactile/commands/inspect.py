@@ -3,8 +3,8 @@ r"""``tactile inspect``: a recording as text and as a picture."""
 import argparse
 from pathlib import PurePath
 
-from torch_geometric_tactile.commands.arguments import READABLE
-from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._arguments import READABLE
+from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 HELP = "Summarise and plot a recording"
 DESCRIPTION = """\
@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.reports.recording import describe_file, draw_recording
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.reports._recording import describe_file, draw_recording
 
     recording, facts = describe_file(arguments.file, **reading_options(arguments))
     print(facts, flush=True)

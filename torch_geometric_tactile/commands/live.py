@@ -5,7 +5,7 @@ import webbrowser
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands.arguments import SOURCE, port, seconds
+from torch_geometric_tactile.commands._arguments import SOURCE, port, seconds
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Judge, LiveSession, Status
@@ -99,10 +99,10 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.commands.keys import keys_heeded
+    from torch_geometric_tactile._interrupts import ends_heeded
+    from torch_geometric_tactile.commands._keys import keys_heeded
+    from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.commands.record import mark
-    from torch_geometric_tactile.commands.status_line import StatusLine
-    from torch_geometric_tactile.interrupts import ends_heeded
 
     if arguments.label is not None and arguments.record is None:
         raise ValueError("'--label' must come with '--record FILE' (got no file)")

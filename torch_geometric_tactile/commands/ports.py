@@ -32,8 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from dataclasses import asdict
 
+    from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live import list_ports
-    from torch_geometric_tactile.texts import printable
 
     ports = list_ports()
     if arguments.json:

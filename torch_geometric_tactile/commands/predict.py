@@ -3,8 +3,8 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import seconds
-from torch_geometric_tactile.commands.reading import add_reading_options, reading_options
+from torch_geometric_tactile.commands._arguments import seconds
+from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
@@ -88,8 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.reports import predictions, run_data
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.reports import _predictions as predictions
+    from torch_geometric_tactile.reports import _run_data as run_data
 
     if arguments.recordings and arguments.root is not None:
         raise ValueError(

@@ -3,10 +3,10 @@ r"""``tactile record``: what a source sends, into a file."""
 import argparse
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands.arguments import SOURCE, seconds
+from torch_geometric_tactile.commands._arguments import SOURCE, seconds
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live import Recorder
 
 _SHOWN_EVERY = 0.1
@@ -64,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.interrupts import ends_heeded
+    from torch_geometric_tactile._interrupts import ends_heeded
+    from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live import Recorder, Stream, TaxelMap, open_source
-    from torch_geometric_tactile.texts import printable
 
     taxel_map = None if arguments.map is None else TaxelMap.load(arguments.map)
     stream = Stream(open_source(arguments.source), taxel_map=taxel_map)
@@ -100,8 +100,8 @@ def _wait(recorder: "Recorder", seconds: float | None) -> None:
     import threading
     import time
 
-    from torch_geometric_tactile.commands.keys import keys_heeded
-    from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.commands._keys import keys_heeded
+    from torch_geometric_tactile.commands._status_line import StatusLine
 
     stream, over, line = recorder.stream, threading.Event(), StatusLine()
     keys = {"m": lambda: mark(recorder, line), "q": over.set}

@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     Args:
         arguments (argparse.Namespace): The arguments.
     """
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
 
     if arguments.repair is not None:
         from torch_geometric_tactile.io import repair_mcap
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> str:
-    from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live import ReplaySource, Stream
 
     stream = Stream(ReplaySource(arguments.file, arguments.speed, arguments.loop))
@@ -102,7 +102,7 @@ def _play(arguments: argparse.Namespace) -> str:
 
 
 def _serve(arguments: argparse.Namespace) -> str:
-    from torch_geometric_tactile.commands.status_line import StatusLine
+    from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live import ReplayServer
 
     server = ReplayServer(arguments.file, arguments.serve, arguments.speed, arguments.loop)

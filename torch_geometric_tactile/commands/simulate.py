@@ -3,7 +3,7 @@ r"""``tactile simulate``: grasps of a simulated hand, and presses of letters."""
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import few, not_negative, trial_seconds
+from torch_geometric_tactile.commands._arguments import few, not_negative, trial_seconds
 
 # The names in `sim`, which is too heavy to import for them.
 _OBJECT_SETS = ("paper8", "control8", "twenty", "shapes")
@@ -200,8 +200,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.objects in _NUMBERS:
         _check_left_out(arguments)
         return _run_bigs(arguments) if arguments.objects == _BIGS else _run_letters(arguments)
-    from torch_geometric_tactile.reports import simulation
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.reports import _simulation as simulation
 
     if arguments.preview:
         simulation.check_preview()
@@ -237,9 +237,9 @@ def _check_left_out(arguments: argparse.Namespace) -> None:
 
 
 def _run_bigs(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.reports import simulated_bigs
-    from torch_geometric_tactile.reports.simulation import check_preview
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.reports import _simulated_bigs as simulated_bigs
+    from torch_geometric_tactile.reports._simulation import check_preview
 
     if arguments.preview:
         check_preview()
@@ -253,9 +253,9 @@ def _run_bigs(arguments: argparse.Namespace) -> int:
 
 
 def _run_letters(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.reports import simulated_letters
-    from torch_geometric_tactile.reports.simulation import check_preview
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.reports import _simulated_letters as simulated_letters
+    from torch_geometric_tactile.reports._simulation import check_preview
 
     if arguments.preview:
         check_preview()

@@ -3,7 +3,7 @@ r"""``tactile table``: the models of a table of the papers, beside its published
 import argparse
 import sys
 
-from torch_geometric_tactile.commands.arguments import (
+from torch_geometric_tactile.commands._arguments import (
     add_workers,
     few,
     options_named,
@@ -188,12 +188,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.commands.progress import progress
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.commands._progress import progress
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
     from torch_geometric_tactile.experiments.tables import load_table
-    from torch_geometric_tactile.reports.table import write_table
-    from torch_geometric_tactile.texts import printable
+    from torch_geometric_tactile.reports._table import write_table
     from torch_geometric_tactile.visualization.figure import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
@@ -243,8 +243,8 @@ def _run(arguments: argparse.Namespace) -> int:
 def _listed(name: str) -> str:
     from tabulate import tabulate
 
+    from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.tables import load_table
-    from torch_geometric_tactile.texts import printable
 
     table = load_table(name)
     keys = [key for key in _HEADERS if any(key in cell.published for cell in table.cells)]

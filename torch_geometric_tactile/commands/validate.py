@@ -1,6 +1,6 @@
 r"""``tactile validate``, whose arguments Lightning reads."""
 
-from torch_geometric_tactile.commands.lightning import lightning_verb
+from torch_geometric_tactile.commands._lightning import lightning_verb
 
 HELP = "Compute the metrics of a checkpoint on the validation part"
 DESCRIPTION = """\

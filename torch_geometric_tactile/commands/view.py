@@ -5,7 +5,7 @@ import re
 import time
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands.arguments import SOURCE, port
+from torch_geometric_tactile.commands._arguments import SOURCE, port
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live import Source, Stream, Viewer
@@ -85,7 +85,7 @@ def _show(stream: "Stream", viewer: "Viewer") -> None:
 
 def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
     # From the beginning, whenever a page is opened.
-    from torch_geometric_tactile.live.viewer_rest import ViewerRest
+    from torch_geometric_tactile.live._viewer_rest import ViewerRest
 
     rest = ViewerRest()
     for frame in stream:

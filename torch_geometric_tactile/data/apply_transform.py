@@ -10,9 +10,9 @@ from torch import Tensor
 from torch_geometric import transforms as T
 from torch_geometric.data import Data
 
-from torch_geometric_tactile.data.levels import Schema
+from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data._levels import Schema
 from torch_geometric_tactile.data.static_data import StaticData
-from torch_geometric_tactile.typing import Transform
 
 _EDGES = ("edge_index", "edge_attr", "edge_weight")
 

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data.sample_classes import Classes, Samples, column, label_classes
+from torch_geometric_tactile.data._sample_classes import Classes, Samples, column, label_classes
+from torch_geometric_tactile.data._unit_draws import Folds, Fractions
 from torch_geometric_tactile.data.static_dataset import StaticDataset
-from torch_geometric_tactile.data.unit_draws import Folds, Fractions
 
 #: What a split keeps together.
 Unit = Literal["frame", "trial", "group", "session", "placement", "size"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from torch_geometric_tactile.data.recording_arrays import (
+from torch_geometric_tactile.data._recording_arrays import (
     check_frames,
     check_utf8,
     checked_numbers,

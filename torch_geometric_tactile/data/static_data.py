@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
-from torch_geometric_tactile.data.block_diagonal import to_batch
-from torch_geometric_tactile.data.leveled_data import LeveledData
-from torch_geometric_tactile.data.levels import Schema
-from torch_geometric_tactile.data.stacking import stack_samples
+from torch_geometric_tactile.data._block_diagonal import to_batch
+from torch_geometric_tactile.data._leveled_data import LeveledData
+from torch_geometric_tactile.data._levels import Schema
+from torch_geometric_tactile.data._stacking import stack_samples
 
 _Index = Tensor | slice | Sequence[int] | np.ndarray
 
@@ -52,7 +52,7 @@ class StaticData(LeveledData):
 
     Node and edge attributes have a leading sample dimension :math:`(S, N, \ldots)`, or are shared
     by all samples :math:`(N, \ldots)`. For known attributes (see
-    :obj:`torch_geometric_tactile.data.levels.KNOWN_ATTRIBUTES`), the number of dimensions tells
+    :obj:`torch_geometric_tactile.data._levels.KNOWN_ATTRIBUTES`), the number of dimensions tells
     which; for declared ones, the declaration does. Neither a part of a name nor a size that
     happens to agree has a meaning. Attributes are checked when they are set.
 

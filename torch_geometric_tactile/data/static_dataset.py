@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
+from torch_geometric_tactile.data._from_arrays import FromArrays
+from torch_geometric_tactile.data._processed_dataset import ProcessedDataset
 from torch_geometric_tactile.data.apply_transform import apply_transform, returned, unwritten
-from torch_geometric_tactile.data.from_arrays import FromArrays
-from torch_geometric_tactile.data.processed_dataset import ProcessedDataset
 from torch_geometric_tactile.data.static_data import StaticData, flat_index
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 
 class StaticDataset(FromArrays, ProcessedDataset):

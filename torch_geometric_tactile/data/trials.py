@@ -3,10 +3,10 @@ r"""Whole trials as samples."""
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._trial_runs import TrialRuns
 from torch_geometric_tactile.data.static_dataset import StaticDataset
-from torch_geometric_tactile.data.trial_runs import TrialRuns
-from torch_geometric_tactile.typing import Transform
 
 _RAGGED = ("error", "pad", "crop_start", "crop_end")
 

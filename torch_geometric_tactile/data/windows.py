@@ -6,10 +6,10 @@ from typing import Any, Literal
 
 import torch
 
-from torch_geometric_tactile.data.frame_view import FrameView
+from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.data._trial_runs import TrialRuns
 from torch_geometric_tactile.data.static_dataset import StaticDataset
-from torch_geometric_tactile.data.trial_runs import TrialRuns
-from torch_geometric_tactile.typing import Transform
 
 _LABELS = ("last", "trial", "ahead")
 _logger = logging.getLogger(__name__)

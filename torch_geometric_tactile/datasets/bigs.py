@@ -4,19 +4,19 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
-from torch_geometric_tactile.datasets.frame_reader import opened_files
-from torch_geometric_tactile.datasets.grasp_reader import (
+from torch_geometric_tactile.datasets._frame_reader import opened_files
+from torch_geometric_tactile.datasets._grasp_reader import (
     OUTCOMES,
     SIGNALS,
     GraspReader,
     session_names,
 )
+from torch_geometric_tactile.datasets._trial_folder import TrialFolder
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.datasets.trial_folder import TrialFolder
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
 from torch_geometric_tactile.sensors import biotac
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _SUFFIXES = (".h5", ".hdf5", ".npz")
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"

@@ -8,14 +8,14 @@ from typing import Literal
 import numpy as np
 import torch
 
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.file_state import file_state
-from torch_geometric_tactile.datasets.downloads import download_files, verify_file
+from torch_geometric_tactile.data._file_state import file_state
+from torch_geometric_tactile.datasets._downloads import download_files, verify_file
 from torch_geometric_tactile.datasets.root import default_root
-from torch_geometric_tactile.files import atomic_path
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 Palm = Literal["down", "side", "45"]
 _PALMS = ("down", "side", "45")
@@ -158,7 +158,7 @@ class BioTacSP(StaticDataset):
 
     def raw_state(self) -> list[str]:
         r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        :func:`~torch_geometric_tactile.data._file_state.file_state`.
         """
         return [f"{Path(path).name}={file_state(path)}" for path in self.raw_paths]
 

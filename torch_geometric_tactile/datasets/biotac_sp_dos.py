@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.file_state import file_state
+from torch_geometric_tactile.data._file_state import file_state
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.io import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 #: The names of the directions by those of their folders, in the order of their numbers.
 DIRECTIONS = {
@@ -148,7 +148,7 @@ class BioTacSPDoS(StaticDataset):
 
     def raw_state(self) -> list[str]:
         r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        :func:`~torch_geometric_tactile.data._file_state.file_state`.
         """
         folder = Path(self.raw_dir)
         return [f"{name}={file_state(folder / name)}" for name in self.raw_file_names]

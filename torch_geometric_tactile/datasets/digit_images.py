@@ -9,14 +9,14 @@ from sklearn.datasets import load_digits
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data.file_state import file_state
-from torch_geometric_tactile.datasets.downloads import download_files, verify_file
-from torch_geometric_tactile.datasets.image_dataset import ImageDataset
+from torch_geometric_tactile.data._file_state import file_state
+from torch_geometric_tactile.datasets._downloads import download_files, verify_file
+from torch_geometric_tactile.datasets._image_dataset import ImageDataset
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.io.idx_file import read_idx
 from torch_geometric_tactile.sensors import letter_array
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _SOURCES = ("sklearn", "mnist")
 _SIZE = 32
@@ -164,7 +164,7 @@ class DigitImages(ImageDataset):
 
     def raw_state(self) -> list[str]:
         r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        :func:`~torch_geometric_tactile.data._file_state.file_state`.
         """
         return [f"{Path(path).name}={file_state(path)}" for path in self.raw_paths]
 

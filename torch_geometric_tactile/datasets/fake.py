@@ -5,10 +5,10 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._typing import Filter, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
 from torch_geometric_tactile.sim import simulate_grasps
-from torch_geometric_tactile.typing import Filter, Transform
 
 _SESSIONS = ("palm_down", "palm_side", "palm_45")
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.file_state import file_state
+from torch_geometric_tactile.data._file_state import file_state
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.io import read_icub_grasp_txt
 from torch_geometric_tactile.sensors import icub_hand
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _NAME = re.compile(r"(?P<object>.+)_(?P<trial>[0-9]{1,9})\.txt", re.ASCII)
 _UNRELIABLE = "full_coke"
@@ -173,7 +173,7 @@ class ICubGrasp(StaticDataset):
 
     def raw_state(self) -> list[str]:
         r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        :func:`~torch_geometric_tactile.data._file_state.file_state`.
         """
         return [
             f"{file.path.name}={file_state(file.path)}" for file in _trial_files(Path(self.raw_dir))

@@ -11,10 +11,11 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, apply_transform
-from torch_geometric_tactile.data.file_state import file_state
-from torch_geometric_tactile.datasets.image_dataset import ImageDataset, has_image
-from torch_geometric_tactile.datasets.letter_files import (
+from torch_geometric_tactile.data._file_state import file_state
+from torch_geometric_tactile.datasets._image_dataset import ImageDataset, has_image
+from torch_geometric_tactile.datasets._letter_files import (
     LAYOUT,
     SIMULATION,
     Presses,
@@ -25,7 +26,7 @@ from torch_geometric_tactile.datasets.letter_files import (
     letter_folder,
     read_presses,
 )
-from torch_geometric_tactile.datasets.letter_summary import LetterSummary
+from torch_geometric_tactile.datasets._letter_summary import LetterSummary
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 from torch_geometric_tactile.transforms import (
@@ -34,7 +35,6 @@ from torch_geometric_tactile.transforms import (
     RandomMirror,
     RandomShift,
 )
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 Inversion = Literal["grey", "mirror"]
 _CONTENT = "content=2"  # to be raised when the processed file gets other columns
@@ -192,7 +192,7 @@ class LetterShape(ImageDataset):
 
     def raw_state(self) -> list[str]:
         r"""Returns the files of all letters with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data.file_state.file_state`.
+        :func:`~torch_geometric_tactile.data._file_state.file_state`.
         """
         folder = Path(self.raw_dir)
         also = [name for name in (LAYOUT, SIMULATION) if (folder / name).is_file()]

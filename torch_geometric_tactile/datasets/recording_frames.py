@@ -8,22 +8,22 @@ from typing import Any, Literal
 
 import numpy as np
 
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
-from torch_geometric_tactile.datasets.chosen_frames import check_choice
-from torch_geometric_tactile.datasets.frame_labels import frame_labels
-from torch_geometric_tactile.datasets.frame_reader import (
+from torch_geometric_tactile.datasets._chosen_frames import check_choice
+from torch_geometric_tactile.datasets._frame_labels import frame_labels
+from torch_geometric_tactile.datasets._frame_reader import (
     FrameReader,
     opened_files,
     opened_recordings,
 )
-from torch_geometric_tactile.datasets.object_labels import ObjectLabels
-from torch_geometric_tactile.datasets.selected_frames import PARTS
-from torch_geometric_tactile.datasets.trial import checked_pattern
-from torch_geometric_tactile.datasets.trial_folder import TrialFolder
+from torch_geometric_tactile.datasets._object_labels import ObjectLabels
+from torch_geometric_tactile.datasets._selected_frames import PARTS
+from torch_geometric_tactile.datasets._trial import checked_pattern
+from torch_geometric_tactile.datasets._trial_folder import TrialFolder
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
-from torch_geometric_tactile.typing import Filter, PathLike, Transform
 
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 # Arguments, also of subclasses, that choose from the processed frames.

@@ -7,12 +7,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.arrays import static_data_from_arrays
+from torch_geometric_tactile.data._arrays import static_data_from_arrays
 from torch_geometric_tactile.io.samples_npz import read_samples_npz
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.sensors import grid as planar_grid
-from torch_geometric_tactile.typing import PathLike, Transform
 
 _PITCH = 0.005
 _PARTS = {"train": 0, "val": 1, "validation": 1, "test": 2, "0": 0, "1": 1, "2": 2}

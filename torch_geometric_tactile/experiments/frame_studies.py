@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.experiments.estimators import estimator_input
+from torch_geometric_tactile.experiments._estimators import estimator_input
 from torch_geometric_tactile.experiments.studies import Study, Trained
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.experiments.estimators import estimator_input
+from torch_geometric_tactile.experiments._estimators import estimator_input
 from torch_geometric_tactile.experiments.studies import Study, Trained
 
 _BATCH = 256

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from torch_geometric_tactile.experiments.data_source import DataFacts, DataSource
-from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile.experiments._data_source import DataFacts, DataSource
+from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.tables import (
     Cell,
     Table,

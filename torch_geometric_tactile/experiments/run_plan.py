@@ -12,12 +12,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile.experiments.experiment import Experiment
+from torch_geometric_tactile._parallel import Backend, check_backend, kept_memory, run_parallel
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments._run_store import RunStore
+from torch_geometric_tactile.experiments._worker import close_process, run_safely
 from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.experiments.run_store import RunStore
-from torch_geometric_tactile.experiments.worker import close_process, run_safely
-from torch_geometric_tactile.parallel import Backend, check_backend, kept_memory, run_parallel
-from torch_geometric_tactile.typing import PathLike
 
 # Called with each run that ended, how many ended so far, and how many are to be run.
 OnProgress = Callable[[Experiment, int, int], None]

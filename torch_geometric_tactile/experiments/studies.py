@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.experiments.building import build
+from torch_geometric_tactile.experiments._building import build
 from torch_geometric_tactile.sensors import TaxelLayout
 
 if TYPE_CHECKING:

@@ -12,18 +12,18 @@ from typing import Any
 
 import yaml
 
+from torch_geometric_tactile._typing import ThresholdMetric
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments.choice import Choice
-from torch_geometric_tactile.experiments.data_source import DataSource
-from torch_geometric_tactile.experiments.draws import Draws
+from torch_geometric_tactile.experiments._choice import Choice
+from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
 from torch_geometric_tactile.training.config import (
     TEMPLATES,
     expand_template,
     load_config,
     read_yaml,
 )
-from torch_geometric_tactile.training.threshold import THRESHOLD_METRICS
-from torch_geometric_tactile.typing import ThresholdMetric
 
 _SHOWS = ("accuracy", "memory")
 _PUBLISHED = ("accuracy", "spread", "variance", "f1", "auc", "memory", "milliseconds")
@@ -52,10 +52,10 @@ class Cell:
             :obj:`f1` of class 1 in percent, :obj:`auc`, :obj:`memory` in MB, and the
             :obj:`milliseconds` of a frame, where it does.
         threshold (str, optional): As of
-            :class:`~torch_geometric_tactile.experiments.experiment.Experiment`.
+            :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
         layers (dict): The accuracy in percent of single layers that the paper prints.
         studies (list of dict): What else is looked at in the model of the first seed and fold, as
-            of :class:`~torch_geometric_tactile.experiments.experiment.Experiment`.
+            of :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
     """
 
     row: str

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from torch_geometric_tactile.io.array_order import StoredArray, parsed_order
+from torch_geometric_tactile.io._array_order import StoredArray, parsed_order
 
 NUM_ELECTRODES = 19
 FINGERS = ("left", "middle", "right")

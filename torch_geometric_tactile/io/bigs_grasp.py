@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.bigs_fields import BiGSFields
+from torch_geometric_tactile.io._bigs_fields import BiGSFields
 from torch_geometric_tactile.io.bigs_format import BiGSFormat
-from torch_geometric_tactile.typing import PathLike
 
 OUTCOMES = ("failure", "success")
 _FULL_TURN = 2 * math.pi * (1 + 1e-6)

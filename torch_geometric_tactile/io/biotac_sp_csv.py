@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.io.csv_header import refuse_twice
-from torch_geometric_tactile.io.csv_table import check_width, csv_rows, is_number, shown
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._csv_header import refuse_twice
+from torch_geometric_tactile.io._csv_table import check_width, csv_rows, is_number, shown
 
 FINGERS = ("ff", "mf", "th")
 NUM_ELECTRODES = 24

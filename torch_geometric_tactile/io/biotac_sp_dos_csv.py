@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._csv_header import refuse_twice
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, shown
 from torch_geometric_tactile.io.biotac_sp_csv import FINGERS, NUM_ELECTRODES
-from torch_geometric_tactile.io.csv_header import refuse_twice
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, shown
-from torch_geometric_tactile.typing import PathLike
 
 _RATE = 100.0  # frames per second
 _COLUMNS = tuple(f"{finger}_e{i}" for finger in FINGERS for i in range(1, NUM_ELECTRODES + 1))

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.io.csv_table import is_number, shown
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._csv_table import is_number, shown
 
 ICUB_FINGERS = ("thumb", "index", "middle", "ring", "little")
 NUM_ENCODERS = 9

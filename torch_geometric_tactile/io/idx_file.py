@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
 
 _GZIP = b"\x1f\x8b"
 _MOST_BYTES = 2**27

@@ -23,8 +23,9 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.lerobot_features import (
+from torch_geometric_tactile.io._lerobot_features import (
     INDICES,
     STATE,
     STATE_FRAMES,
@@ -34,17 +35,16 @@ from torch_geometric_tactile.io.lerobot_features import (
     schema_metadata,
     touch_features,
 )
-from torch_geometric_tactile.io.lerobot_files import (
+from torch_geometric_tactile.io._lerobot_files import (
     README,
     check_new_folder,
     write_table,
     write_text,
 )
-from torch_geometric_tactile.io.lerobot_own import PATH as OWN_PATH
-from torch_geometric_tactile.io.lerobot_own import own_content, task_of_label
-from torch_geometric_tactile.io.lerobot_stats import Stats, feature_stats, joined_stats, stats_json
-from torch_geometric_tactile.io.lerobot_steps import frames_since, regular_steps, touch_columns
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.io._lerobot_own import PATH as OWN_PATH
+from torch_geometric_tactile.io._lerobot_own import own_content, task_of_label
+from torch_geometric_tactile.io._lerobot_stats import Stats, feature_stats, joined_stats, stats_json
+from torch_geometric_tactile.io._lerobot_steps import frames_since, regular_steps, touch_columns
 
 CODEBASE_VERSION = "v3.0"
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.lerobot_features import (
+from torch_geometric_tactile.io._lerobot_features import (
     STATE,
     TACTILE,
     require_pyarrow,
     shape_of_names,
 )
-from torch_geometric_tactile.io.lerobot_files import read_numbers
-from torch_geometric_tactile.io.lerobot_own import OwnContent, read_own
-from torch_geometric_tactile.io.lerobot_rows import (
+from torch_geometric_tactile.io._lerobot_files import read_numbers
+from torch_geometric_tactile.io._lerobot_own import OwnContent, read_own
+from torch_geometric_tactile.io._lerobot_rows import (
     data_files,
     episodes_of,
     in_order,
@@ -27,8 +29,6 @@ from torch_geometric_tactile.io.lerobot_rows import (
     row_values,
     step_times,
 )
-from torch_geometric_tactile.texts import printable
-from torch_geometric_tactile.typing import PathLike
 
 _INDICES = ("frame_index", "episode_index", "task_index")
 

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.lerobot_dataset import check_alike
-from torch_geometric_tactile.io.lerobot_features import (
+from torch_geometric_tactile.io._lerobot_features import (
     column,
     require_pyarrow,
     schema_metadata,
     touch_features,
 )
-from torch_geometric_tactile.io.lerobot_files import (
+from torch_geometric_tactile.io._lerobot_files import (
     README,
     check_new_folder,
     read_numbers,
@@ -27,9 +27,9 @@ from torch_geometric_tactile.io.lerobot_files import (
     write_table,
     write_text,
 )
-from torch_geometric_tactile.io.lerobot_own import PATH as OWN_PATH
-from torch_geometric_tactile.io.lerobot_own import own_content, read_object
-from torch_geometric_tactile.io.lerobot_rows import (
+from torch_geometric_tactile.io._lerobot_own import PATH as OWN_PATH
+from torch_geometric_tactile.io._lerobot_own import own_content, read_object
+from torch_geometric_tactile.io._lerobot_rows import (
     data_files,
     episodes_of,
     in_order,
@@ -38,9 +38,9 @@ from torch_geometric_tactile.io.lerobot_rows import (
     read_tasks,
     step_times,
 )
-from torch_geometric_tactile.io.lerobot_stats import Stats, feature_stats, joined_stats
-from torch_geometric_tactile.io.lerobot_steps import frames_since, touch_columns
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.io._lerobot_stats import Stats, feature_stats, joined_stats
+from torch_geometric_tactile.io._lerobot_steps import frames_since, touch_columns
+from torch_geometric_tactile.io.lerobot_dataset import check_alike
 
 
 def add_to_lerobot(

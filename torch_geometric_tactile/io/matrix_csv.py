@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
 
 
 def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io.matrix_csv import read_matrix_csv
 from torch_geometric_tactile.io.matrix_mat import read_matrix_mat
 from torch_geometric_tactile.io.matrix_npy import read_matrix_npy
 from torch_geometric_tactile.io.matrix_png import read_matrix_png
-from torch_geometric_tactile.typing import PathLike
 
 _READERS: dict[str, Callable[..., np.ndarray]] = {
     ".csv": read_matrix_csv,

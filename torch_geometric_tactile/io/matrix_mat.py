@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.io.csv_table import shown
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._csv_table import shown
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _START = 128  # bytes of the file's header

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.io.npz_arrays import UNREADABLE, read_array_header
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._npz_arrays import UNREADABLE, read_array_header
 
 
 def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:

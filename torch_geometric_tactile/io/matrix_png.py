@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LARGEST = 2**22  # bytes, with whatever a camera or program writes beside a small image

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._texts import parse_json, printable
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.mcap_content import Channel, Message, Metadata, Record, Schema
-from torch_geometric_tactile.io.mcap_frames import FrameRows
-from torch_geometric_tactile.io.mcap_records import Scan, count_messages, summary_records
-from torch_geometric_tactile.io.mcap_schemas import EVENT, FRAME, check_schema, decode
+from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata, Record, Schema
+from torch_geometric_tactile.io._mcap_frames import FrameRows
+from torch_geometric_tactile.io._mcap_records import Scan, count_messages, summary_records
+from torch_geometric_tactile.io._mcap_schemas import EVENT, FRAME, check_schema, decode
+from torch_geometric_tactile.io._recording_schema import checked_file, recording_from_fields
 from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, VERSION, texts_checksum
-from torch_geometric_tactile.io.recording_schema import checked_file, recording_from_fields
-from torch_geometric_tactile.texts import parse_json, printable
-from torch_geometric_tactile.typing import PathLike
 
 _log = logging.getLogger(__name__)
 _MOST_TOLD = 5

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io.mcap_content import Channel, Message, Metadata, Record, Schema
-from torch_geometric_tactile.io.mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import parse_json
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata, Record, Schema
+from torch_geometric_tactile.io._mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile.io._mcap_records import Scan, summary_records
+from torch_geometric_tactile.io._mcap_schemas import TOPICS, schema_of
+from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.mcap_reader import told
-from torch_geometric_tactile.io.mcap_records import Scan, summary_records
-from torch_geometric_tactile.io.mcap_schemas import TOPICS, schema_of
 from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, texts_checksum
-from torch_geometric_tactile.io.recording_schema import checked_file
-from torch_geometric_tactile.texts import parse_json
-from torch_geometric_tactile.typing import PathLike
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.csv_header import (
+from torch_geometric_tactile.io._csv_header import (
     TIME_UNITS,
     cell_to_seconds,
     is_clock,
@@ -18,10 +19,9 @@ from torch_geometric_tactile.io.csv_header import (
     refuse_twice,
     warn_of_unit,
 )
-from torch_geometric_tactile.io.csv_header import time_unit as time_unit_of
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, is_number, shown
-from torch_geometric_tactile.io.recording_schema import checked_file
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.io._csv_header import time_unit as time_unit_of
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, is_number, shown
+from torch_geometric_tactile.io._recording_schema import checked_file
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _MISSING = ("na", "n/a", "<na>", "null", "none")

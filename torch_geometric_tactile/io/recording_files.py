@@ -6,19 +6,19 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.csv_table import csv_rows
+from torch_geometric_tactile.io._csv_table import csv_rows
+from torch_geometric_tactile.io._mcap_records import MAGIC
+from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.mcap_reader import read_mcap
-from torch_geometric_tactile.io.mcap_records import MAGIC
 from torch_geometric_tactile.io.named_csv import read_named_csv
 from torch_geometric_tactile.io.recording_hdf5 import read_hdf5, write_hdf5
 from torch_geometric_tactile.io.recording_mcap import write_mcap
 from torch_geometric_tactile.io.recording_npz import read_npz, write_npz
-from torch_geometric_tactile.io.recording_schema import checked_file
 from torch_geometric_tactile.io.wide_csv import has_own_names, read_wide_csv, write_wide_csv
 from torch_geometric_tactile.io.xela_log_csv import is_xela_log, read_xela_log_csv
 from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
-from torch_geometric_tactile.typing import PathLike
 
 _READERS: dict[str, Callable[..., Recording]] = {
     "HDF5": read_hdf5,

@@ -1,7 +1,7 @@
 r"""Recordings as HDF5 files, which may grow frame by frame. Needs the extra ``io`` when a function
 is called.
 
-Names as in :mod:`~torch_geometric_tactile.io.recording_schema`: arrays are data sets whose first
+Names as in :mod:`~torch_geometric_tactile.io._recording_schema`: arrays are data sets whose first
 dimension is resizable, and ``privileged`` and ``extra`` are groups; ``format``, ``version``,
 ``num_frames``, ``label``, ``meta`` and ``checksum`` (the CRC-32 of these five and of the names,
 types and shapes of the arrays) are attributes of the file; ``checksums`` is the CRC-32 of each
@@ -26,16 +26,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import atomic_path, remove_leftovers, share
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path, remove_leftovers, share
-from torch_geometric_tactile.io.hdf5_arrays import (
+from torch_geometric_tactile.io._hdf5_arrays import (
     as_stored,
     as_texts,
     create_dataset,
     read_rows,
     with_room,
 )
-from torch_geometric_tactile.io.hdf5_checks import (
+from torch_geometric_tactile.io._hdf5_checks import (
     check_format,
     check_sizes,
     checked_dataset,
@@ -44,20 +45,19 @@ from torch_geometric_tactile.io.hdf5_checks import (
     integer_attribute,
     text_attribute,
 )
-from torch_geometric_tactile.io.hdf5_checksums import (
+from torch_geometric_tactile.io._hdf5_checksums import (
     FRAMES,
     check_frames,
     frame_checksums,
     head_checksum,
 )
-from torch_geometric_tactile.io.hdf5_file import CHECKSUMMED, opened, require_h5py
-from torch_geometric_tactile.io.recording_schema import (
+from torch_geometric_tactile.io._hdf5_file import CHECKSUMMED, opened, require_h5py
+from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
     recording_from_fields,
     recording_to_arrays,
     recording_to_texts,
 )
-from torch_geometric_tactile.typing import PathLike
 
 VERSION = 2
 _READABLE = (1, 2)

@@ -2,7 +2,7 @@ r"""Recordings as MCAP files, which viewers of robot data open and which survive
 
 Topics are :obj:`tactile.Frame`, :obj:`tactile.Prediction`, :obj:`tactile.Health`,
 :obj:`tactile.Event` and :obj:`foxglove.PointCloud`
-(:mod:`~torch_geometric_tactile.io.mcap_schemas`). Label, metadata, name of the layout and the
+(:mod:`~torch_geometric_tactile.io._mcap_schemas`). Label, metadata, name of the layout and the
 clocks are in a metadata record at the beginning, so that a cut file has them.
 
 The times of messages are nanoseconds since 1970. The :obj:`time` of a frame is that of the
@@ -19,11 +19,12 @@ from typing import Any, Self
 
 import numpy as np
 
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io.mcap_output import McapOutput, require_mcap
-from torch_geometric_tactile.io.mcap_schemas import (
+from torch_geometric_tactile.io._mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile.io._mcap_schemas import (
     EVENT,
     FLOAT32,
     FRAME,
@@ -34,7 +35,6 @@ from torch_geometric_tactile.io.mcap_schemas import (
     encode,
     schema_of,
 )
-from torch_geometric_tactile.typing import PathLike
 
 METADATA_NAME = "torch_geometric_tactile"
 VERSION = 1

@@ -1,5 +1,4 @@
-r"""Recordings as npz files, which need numpy only. Names as in
-:mod:`~torch_geometric_tactile.io.recording_schema`; texts are arrays without dimensions. Nothing is
+r"""Recordings as npz files, which need numpy only; texts are arrays without dimensions. Nothing is
 pickled.
 """
 
@@ -8,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io.csv_table import shown
-from torch_geometric_tactile.io.npz_arrays import opened_npz
-from torch_geometric_tactile.io.recording_schema import (
+from torch_geometric_tactile.io._csv_table import shown
+from torch_geometric_tactile.io._npz_arrays import opened_npz
+from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
     GROUPS,
     VERSION,
@@ -22,7 +22,6 @@ from torch_geometric_tactile.io.recording_schema import (
     recording_to_arrays,
     recording_to_texts,
 )
-from torch_geometric_tactile.typing import PathLike
 
 _TEXTS = ("format", "version", "arrays", "label", "meta")
 

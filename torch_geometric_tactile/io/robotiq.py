@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.header_decoder import NONE, WAIT, HeaderDecoder
+from torch_geometric_tactile.io._header_decoder import NONE, WAIT, HeaderDecoder
 
 _HEADER = b"\x9a"
 _HEAD = 4  # header, check byte, command, length

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.io.csv_table import shown
-from torch_geometric_tactile.io.npz_arrays import opened_npz
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._csv_table import shown
+from torch_geometric_tactile.io._npz_arrays import opened_npz
 
 #: The arrays of a file, and the names by which each is found.
 SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {

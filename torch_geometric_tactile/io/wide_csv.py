@@ -8,25 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io.csv_header import (
+from torch_geometric_tactile.io._csv_header import (
     cell_to_seconds,
     has_names,
     refuse_counted,
     refuse_index,
     warn_of_unit,
 )
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows
-from torch_geometric_tactile.io.recording_schema import checked_file
-from torch_geometric_tactile.io.wide_csv_header import (
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
+from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._wide_csv_header import (
     WideColumns,
     columns_by_name,
     columns_by_place,
     is_wide_name,
     wide_csv_header,
 )
-from torch_geometric_tactile.typing import PathLike
 
 _log = logging.getLogger(__name__)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io.csv_table import csv_numbers, csv_rows, shown
-from torch_geometric_tactile.io.recording_schema import checked_file
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, shown
+from torch_geometric_tactile.io._recording_schema import checked_file
 
 _SEND_TIME, _NUMBER = "send time", "message number"
 _CLOCKS = {"receive time", _SEND_TIME, _NUMBER}

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.io.csv_table import shown
-from torch_geometric_tactile.io.recording_schema import checked_file
+from torch_geometric_tactile.io._csv_table import shown
+from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.xela_message import (
     XELA_VERSION,
     XelaFrame,
@@ -23,7 +24,6 @@ from torch_geometric_tactile.io.xela_message import (
     parse_xela_message,
     sensor_keys,
 )
-from torch_geometric_tactile.typing import PathLike
 
 _log = logging.getLogger(__name__)
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._predictor_judge import PredictorModel
 from torch_geometric_tactile.live.onnx_judge import OnnxModel
-from torch_geometric_tactile.live.predictor_judge import PredictorModel
 from torch_geometric_tactile.live.rest import Rest
 from torch_geometric_tactile.live.subscription import StreamEnded, Subscription
-from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.predictor import Predictor

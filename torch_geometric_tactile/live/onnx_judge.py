@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile.live.session_statistics import cut_windows, session_statistics
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.live._session_statistics import cut_windows, session_statistics
 
 _KEY = "torch_geometric_tactile"
 _FORMAT = 1

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, unquote
 
+from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.live.source import Source
-from torch_geometric_tactile.texts import printable
 
 _TRUE = ("1", "true", "yes")
 _FALSE = ("0", "false", "no")

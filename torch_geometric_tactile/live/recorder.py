@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.live.recorder_files import RecordingFile, new_file, require_format
+from torch_geometric_tactile.live._recorder_files import RecordingFile, new_file, require_format
 from torch_geometric_tactile.live.subscription import StreamEnded
-from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.live.posed_points import PosedPoints
+    from torch_geometric_tactile.live._posed_points import PosedPoints
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -247,7 +247,7 @@ class Recorder:
         self._early = []
 
     def _open_points(self, meta: dict[str, Any]) -> None:
-        from torch_geometric_tactile.live.posed_points import PosedPoints
+        from torch_geometric_tactile.live._posed_points import PosedPoints
 
         assert self.layout is not None
         self._points = PosedPoints(self.layout, meta)

@@ -8,10 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.io.xela_message import XELA_VERSION
-from torch_geometric_tactile.live.web_server import WebServer
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.live._web_server import WebServer
 
 _HIGHEST = 0xFFFF
 _MOST_LATE = 2.0  # seconds after which a client that is too slow goes on with the present

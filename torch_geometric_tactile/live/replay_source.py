@@ -7,10 +7,10 @@ from itertools import count
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.live.source import Source, SourceEnded
-from torch_geometric_tactile.typing import PathLike
 
 _CHUNK = 64  # frames of one read, if there are no times to keep
 

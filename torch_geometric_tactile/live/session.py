@@ -7,20 +7,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._latencies import Latencies
+from torch_geometric_tactile.live._outputs import Outputs
+from torch_geometric_tactile.live._rested_judge import RestedJudge
 from torch_geometric_tactile.live.callback import Callback
 from torch_geometric_tactile.live.judge import Judge, Judgement
-from torch_geometric_tactile.live.latencies import Latencies
-from torch_geometric_tactile.live.outputs import Outputs
 from torch_geometric_tactile.live.recorder import Recorder
 from torch_geometric_tactile.live.rest import Rest
-from torch_geometric_tactile.live.rested_judge import RestedJudge
 from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status
 from torch_geometric_tactile.live.stream import Stream
 from torch_geometric_tactile.live.subscription import Policy, Subscription
 from torch_geometric_tactile.live.taxel_map import TaxelMap
-from torch_geometric_tactile.typing import PathLike
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.viewer import Viewer

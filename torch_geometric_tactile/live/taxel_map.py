@@ -8,9 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.texts import printable, read_json
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import printable, read_json
+from torch_geometric_tactile._typing import PathLike
 
 _KEYS = ("index", "num_taxels", "layout", "source")
 

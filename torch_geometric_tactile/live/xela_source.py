@@ -5,8 +5,8 @@ import time
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.xela_message import XelaFrame
 from torch_geometric_tactile.io.xela_reader import XelaReader
+from torch_geometric_tactile.live._web_socket import WebSocket
 from torch_geometric_tactile.live.source import Source
-from torch_geometric_tactile.live.web_socket import WebSocket
 
 _OPEN = 5.0  # seconds to connect
 _FIRST = 1.0  # seconds that opening waits for the first message, which tells the sensors

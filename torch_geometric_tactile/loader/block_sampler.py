@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, DistributedSampler, RandomSampler
 
-from torch_geometric_tactile.loader.random_states import mixed
+from torch_geometric_tactile.loader._random_states import mixed
 
 
 class BlockSampler(RandomSampler):

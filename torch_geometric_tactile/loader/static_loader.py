@@ -12,12 +12,12 @@ from torch.utils.data import DataLoader, Dataset
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.apply_transform import stack_like
-from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
+from torch_geometric_tactile.loader._keyed_batches import CutBatches, EpochOrder
+from torch_geometric_tactile.loader._memory_limit import exceeds_memory
+from torch_geometric_tactile.loader._random_states import kept_rng
 from torch_geometric_tactile.loader.block_sampler import BlockSampler
-from torch_geometric_tactile.loader.keyed_batches import CutBatches, EpochOrder
-from torch_geometric_tactile.loader.memory_limit import exceeds_memory
-from torch_geometric_tactile.loader.random_states import kept_rng
 
 _logger = logging.getLogger(__name__)
 

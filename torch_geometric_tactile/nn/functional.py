@@ -16,8 +16,8 @@ from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv
-from torch_geometric_tactile.nn.conv.plain import is_hooked
-from torch_geometric_tactile.nn.conv.static_adjacency import MAX_DENSE_NODES, StaticAdjacency
+from torch_geometric_tactile.nn.conv._plain import is_hooked
+from torch_geometric_tactile.nn.conv._static_adjacency import MAX_DENSE_NODES, StaticAdjacency
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 # The widest activation of a block of this size stays in a processor's second-level cache.

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 
-from torch_geometric_tactile.data.allocation_limit import AllocationLimit
+from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 from torch_geometric_tactile.predictor.classes import (
     describe_own,
     flat,

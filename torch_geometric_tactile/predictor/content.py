@@ -11,15 +11,15 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data.torch_file import read_torch_file
+from torch_geometric_tactile.data._torch_file import read_torch_file
+from torch_geometric_tactile.predictor._describer import Describer
+from torch_geometric_tactile.predictor._preparation import Preparation
+from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
+from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.builder import Builder, MissingOwnError, load_weights
-from torch_geometric_tactile.predictor.describer import Describer
-from torch_geometric_tactile.predictor.preparation import Preparation
-from torch_geometric_tactile.predictor.tensor_file import read_tensors, write_tensors
-from torch_geometric_tactile.predictor.window_cut import WindowCut
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike, Transform
 
 TASKS = ("multiclass", "multilabel", "regression")
 # Since 2, a file has a checksum; since 3, a threshold and windows of frames.

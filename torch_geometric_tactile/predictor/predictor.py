@@ -10,16 +10,16 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticDataset
 from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor._preparation import ArrayLike, Preparation, shared_by_frames
+from torch_geometric_tactile.predictor._trained_model import Task, TrainedModel
+from torch_geometric_tactile.predictor._windowed_model import WindowedModel, check_size
 from torch_geometric_tactile.predictor.content import Content
-from torch_geometric_tactile.predictor.preparation import ArrayLike, Preparation, shared_by_frames
-from torch_geometric_tactile.predictor.trained_model import Task, TrainedModel
-from torch_geometric_tactile.predictor.windowed_model import WindowedModel, check_size
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import Tare
-from torch_geometric_tactile.typing import PathLike, Transform
 
 
 class Predictor(WindowedModel):

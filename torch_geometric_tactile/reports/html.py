@@ -6,9 +6,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.texts import printable
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.visualization.figure import DPI, INSTALL
 
 _PNG = b"\x89PNG\r\n\x1a\n"

@@ -3,7 +3,7 @@ r"""Planar arrays of taxels."""
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.content_checks import MOST_TAXELS
+from torch_geometric_tactile.sensors._content_checks import MOST_TAXELS
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _STRAIGHT = ((0, 1), (1, 0))

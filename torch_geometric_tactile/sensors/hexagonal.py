@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.content_checks import MOST_TAXELS
+from torch_geometric_tactile.sensors._content_checks import MOST_TAXELS
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.content_checks import LARGEST, need_text
+from torch_geometric_tactile.sensors._content_checks import LARGEST, need_text
 
 _MOST_JOINTS = 1000
 

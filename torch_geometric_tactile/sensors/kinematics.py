@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.content_checks import need_text, only_keys, shown
-from torch_geometric_tactile.sensors.joints import Joint, link_tree
-from torch_geometric_tactile.sensors.layout import TaxelLayout
-from torch_geometric_tactile.sensors.pose_tables import (
+from torch_geometric_tactile._texts import read_json
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.sensors._content_checks import need_text, only_keys, shown
+from torch_geometric_tactile.sensors._pose_tables import (
     few_tables,
     link_tables,
     pose_few,
@@ -20,10 +20,10 @@ from torch_geometric_tactile.sensors.pose_tables import (
     pose_tables,
     tree_levels,
 )
+from torch_geometric_tactile.sensors._urdf import read_urdf
+from torch_geometric_tactile.sensors.joints import Joint, link_tree
+from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_path
-from torch_geometric_tactile.sensors.urdf import read_urdf
-from torch_geometric_tactile.texts import read_json
-from torch_geometric_tactile.typing import PathLike
 
 _KEYS = ("name", "source", "joints", "bodies")
 _FEW = 4  # frames up to which the number of operations costs more than the work in them

@@ -9,18 +9,18 @@ from typing import Any, Literal, Self
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_whole_tensor
-from torch_geometric_tactile.sensors.content_checks import need_text, need_texts
-from torch_geometric_tactile.sensors.layout_content import (
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import read_json
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.sensors._content_checks import need_text, need_texts
+from torch_geometric_tactile.sensors._layout_content import (
     INDEX_KEYS,
     layout_arguments,
     layout_to_content,
 )
-from torch_geometric_tactile.sensors.layout_join import join_arguments
-from torch_geometric_tactile.sensors.taxel_axes import taxel_axes
-from torch_geometric_tactile.texts import read_json
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile.sensors._layout_join import join_arguments
+from torch_geometric_tactile.sensors._taxel_axes import taxel_axes
+from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_whole_tensor
 
 _SEGMENTATIONS = ("digit", "patch")
 _MOST_CELLS = 1 << 14  # rows, and columns, of an image map

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile.sensors.content_checks import (
+from torch_geometric_tactile.sensors._content_checks import (
     are_whole,
     is_named,
     is_whole,
@@ -14,7 +14,7 @@ from torch_geometric_tactile.sensors.content_checks import (
     only_keys,
     shown,
 )
-from torch_geometric_tactile.sensors.patch import Edge, Patch
+from torch_geometric_tactile.sensors._patch import Edge, Patch
 
 _MOST_TAXELS = 100_000  # that a description stands for: a few bytes could stand for any number
 _MOST_PAIRS = 1_000_000  # of taxels in joins

@@ -6,8 +6,8 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors.layout import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 _KINDS = ("chains", "layouts")
 

@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.sim.bigs_contacts import ContactLog
+from torch_geometric_tactile.sim._bigs_contacts import ContactLog
+from torch_geometric_tactile.sim._bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim.bigs_plan import (
     CONTROL_RATE,
     FRAME_RATE,
@@ -12,7 +13,6 @@ from torch_geometric_tactile.sim.bigs_plan import (
     BigsGrasp,
     hand_motion,
 )
-from torch_geometric_tactile.sim.bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim.grasp import import_mujoco
 
 #: The phases of a simulated grasp with three fingertips, in order.

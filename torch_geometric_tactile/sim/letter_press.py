@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
+from torch_geometric_tactile.sim._pressure_field import CELL, FieldSampling, field_sampling
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
-from torch_geometric_tactile.sim.pressure_field import CELL, FieldSampling, field_sampling
 
 _PAIRS = ("size", "pressure", "repeatability")
 _POSITIVE = ("stroke", "sensel", "full_scale")

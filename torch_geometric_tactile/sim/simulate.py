@@ -13,9 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
+from torch_geometric_tactile.sim._presets import PRESETS, Preset, TrialReport
+from torch_geometric_tactile.sim._trial_files import (
+    end_without,
+    kept_meta,
+    require_simulator,
+    run_trials,
+    write_summary,
+)
 from torch_geometric_tactile.sim.grasp import (
     GraspPlan,
     GraspResult,
@@ -25,18 +34,9 @@ from torch_geometric_tactile.sim.grasp import (
 from torch_geometric_tactile.sim.hand_model import ContactParameters
 from torch_geometric_tactile.sim.object_sets import object_set
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
-from torch_geometric_tactile.sim.presets import PRESETS, Preset, TrialReport
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import GraspSpread
 from torch_geometric_tactile.sim.squeeze import plan_squeeze
-from torch_geometric_tactile.sim.trial_files import (
-    end_without,
-    kept_meta,
-    require_simulator,
-    run_trials,
-    write_summary,
-)
-from torch_geometric_tactile.typing import PathLike
 
 _ENCODER_NOISE = 0.0015  # rad
 _SHORTEST = 1.0  # s

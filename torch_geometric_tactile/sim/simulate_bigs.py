@@ -11,9 +11,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.sim._bigs_scene import FINGERS
+from torch_geometric_tactile.sim._trial_files import (
+    end_without,
+    kept_meta,
+    require_simulator,
+    run_trials,
+    write_summary,
+)
+from torch_geometric_tactile.sim._wam_arm import arm_joints
 from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
 from torch_geometric_tactile.sim.bigs_plan import (
     BIGS_ORDER,
@@ -24,19 +34,9 @@ from torch_geometric_tactile.sim.bigs_plan import (
     BigsGrasp,
     draw_grasp,
 )
-from torch_geometric_tactile.sim.bigs_scene import FINGERS
 from torch_geometric_tactile.sim.bigs_slip import slip_onset
 from torch_geometric_tactile.sim.biotac_model import BioTacModel, SessionOffsets
 from torch_geometric_tactile.sim.biotac_vibration import vibration
-from torch_geometric_tactile.sim.trial_files import (
-    end_without,
-    kept_meta,
-    require_simulator,
-    run_trials,
-    write_summary,
-)
-from torch_geometric_tactile.sim.wam_arm import arm_joints
-from torch_geometric_tactile.typing import PathLike
 
 #: Number of grasps that :func:`simulate_bigs` writes if none is given.
 BIGS_GRASPS = 2000

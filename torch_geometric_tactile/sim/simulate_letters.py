@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from torch_geometric_tactile.files import atomic_path
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import read_json
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
+from torch_geometric_tactile.sim._trial_files import SUMMARY, end_without, run_trials, write_summary
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
 from torch_geometric_tactile.sim.letter_press import LetterPress
-from torch_geometric_tactile.sim.trial_files import SUMMARY, end_without, run_trials, write_summary
-from torch_geometric_tactile.texts import read_json
-from torch_geometric_tactile.typing import PathLike
 
 #: Number of presses of each letter that :func:`simulate_letters` writes if none is given.
 LETTER_PRESSES = 500

@@ -9,12 +9,12 @@ import lightning as L
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 
-from torch_geometric_tactile.data.allocation_limit import AllocationLimit
-from torch_geometric_tactile.data.torch_file import read_torch_file, write_torch_file
-from torch_geometric_tactile.files import check_zip
+from torch_geometric_tactile._files import check_zip
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data._allocation_limit import AllocationLimit
+from torch_geometric_tactile.data._torch_file import read_torch_file, write_torch_file
 from torch_geometric_tactile.predictor import build_model
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 _MODEL = ("model", "num_classes", "task")  # settings that a model is another one by
 _logger = logging.getLogger(__name__)

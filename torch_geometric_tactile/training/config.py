@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from torch_geometric_tactile.files import new_scratch_folder
+from torch_geometric_tactile._files import new_scratch_folder
 
 _MAX_BYTES = 2**21
 _MAX_VALUES = 100_000

@@ -10,11 +10,11 @@ from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
+from torch_geometric_tactile.data._batches import check_names
 from torch_geometric_tactile.data.apply_transform import flat
-from torch_geometric_tactile.data.batches import check_names
 from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
-from torch_geometric_tactile.loader.memory_limit import exceeds_memory
-from torch_geometric_tactile.loader.random_states import kept_rng
+from torch_geometric_tactile.loader._memory_limit import exceeds_memory
+from torch_geometric_tactile.loader._random_states import kept_rng
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts, fitted_parts
 

@@ -42,7 +42,7 @@ from torchmetrics.classification import (
     MultilabelStatScores,
 )
 
-from torch_geometric_tactile.training.auroc import MacroAUROC, macro_auroc
+from torch_geometric_tactile.training._auroc import MacroAUROC, macro_auroc
 
 Task = Literal["multiclass", "multilabel", "regression"]
 TASKS: tuple[Task, ...] = ("multiclass", "multilabel", "regression")

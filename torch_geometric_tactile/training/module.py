@@ -10,17 +10,17 @@ from torch import Tensor, nn
 from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
-from torch_geometric_tactile.training.checks import (
+from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile.training._checks import (
     EDGE_SOURCE,
     check_data,
     check_has_threshold,
     num_outputs,
     train_weights,
 )
-from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.deciding_module import DecidingModule
-from torch_geometric_tactile.training.finite import BatchCheck
-from torch_geometric_tactile.training.losses import (
+from torch_geometric_tactile.training._deciding_module import DecidingModule
+from torch_geometric_tactile.training._finite import BatchCheck
+from torch_geometric_tactile.training._losses import (
     ClassWeights,
     RegressionLoss,
     check_loss,
@@ -28,6 +28,8 @@ from torch_geometric_tactile.training.losses import (
     numbers_like,
     task_loss,
 )
+from torch_geometric_tactile.training._threshold import check_threshold
+from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import (
     Task,
     check_task,
@@ -38,8 +40,6 @@ from torch_geometric_tactile.training.metrics import (
     update_metrics,
 )
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
-from torch_geometric_tactile.training.threshold import check_threshold
-from torch_geometric_tactile.typing import ThresholdMetric
 
 # What gives a sample the attributes that models ask for.
 _SOURCES = {
@@ -86,7 +86,7 @@ class TactileModule(DecidingModule):
         class_weights (sequence of float or str, optional): Weight of each class in the training
             loss, or of the samples that have each label; :obj:`"balanced"` computes them from the
             training part (see
-            :func:`~torch_geometric_tactile.training.losses.balanced_weights`).
+            :func:`~torch_geometric_tactile.training._losses.balanced_weights`).
         label_smoothing (float): What part of the target is spread over all classes in the training
             loss. Neither this nor the weights change the losses of validation and test, which stay
             comparable.

@@ -12,7 +12,7 @@ from jsonargparse.typing import register_type
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
-from torch_geometric_tactile.training.checks import check_labels, num_outputs
+from torch_geometric_tactile.training._checks import check_labels, num_outputs
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.metrics import Task, check_task
 

@@ -3,8 +3,8 @@ r"""Taxels on a two-dimensional map, and where a step on it leads."""
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
-from torch_geometric_tactile.typing import PathLike
 
 
 def require_map(transform: object, layout: TaxelLayout | PathLike) -> tuple[TaxelLayout, Tensor]:

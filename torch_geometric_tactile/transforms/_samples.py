@@ -12,7 +12,7 @@ from torch_geometric.data import Dataset as PyGDataset
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
-from torch_geometric_tactile.data.batches import check_joinable, static_batch, static_parts
+from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 
 _BYTES = 2**22  # of the attributes of the samples that are transformed at a time
 

@@ -8,12 +8,12 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._random import check_deviation, normal
 from torch_geometric_tactile.transforms._segments import Segments
 from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
-from torch_geometric_tactile.typing import PathLike
 
 
 class SegmentDraws(BaseTransform):

@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, check_segment
 from torch_geometric_tactile.transforms._attributes import check_num_taxels
-from torch_geometric_tactile.typing import PathLike
 
 
 def segment_numbers(

@@ -9,10 +9,10 @@ from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._segments import Segments
-from torch_geometric_tactile.typing import PathLike
 
 
 @functional_transform("common_mode")

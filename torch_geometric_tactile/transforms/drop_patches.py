@@ -7,10 +7,10 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels
 from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
-from torch_geometric_tactile.typing import PathLike
 
 
 @functional_transform("drop_patches")

@@ -8,12 +8,12 @@ from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
 from torch_geometric_tactile.transforms._random import check_probability, uniform
 from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
-from torch_geometric_tactile.typing import PathLike
 
 _ALONG = ("columns", "rows")
 

@@ -7,9 +7,9 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, layout_sectors
 from torch_geometric_tactile.transforms._attributes import check_num_taxels
-from torch_geometric_tactile.typing import PathLike
 
 # What belonged to other edges.
 _OF_EDGES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")

@@ -5,8 +5,8 @@ from typing import Any
 
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data import StaticRule
-from torch_geometric_tactile.typing import Transform
 
 _TOPOLOGY = ("pos", "normal", "edge_index", "edge_attr", "edge_weight")
 

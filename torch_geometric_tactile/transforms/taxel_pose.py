@@ -5,10 +5,10 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, as_layout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
-from torch_geometric_tactile.typing import PathLike
 
 
 @functional_transform("taxel_pose")

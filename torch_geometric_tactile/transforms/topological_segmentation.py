@@ -10,11 +10,11 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
 from torch_geometric_tactile.transforms._segments import segment_numbers
-from torch_geometric_tactile.typing import PathLike
 
 _SET_HERE = ("segment_batch", "edge_is_within")
 

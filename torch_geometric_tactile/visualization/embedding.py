@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.visualization._segment_colors import digit_color, segment_colors
 from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.hand import plot_hand
-from torch_geometric_tactile.visualization.segment_colors import digit_color, segment_colors
 from torch_geometric_tactile.visualization.style import (
     MARKERS,
     current_theme,

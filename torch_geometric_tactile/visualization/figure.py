@@ -3,8 +3,8 @@ r"""Figures without pyplot: no global state, no display, safe in threads."""
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.files import atomic_path
-from torch_geometric_tactile.typing import PathLike
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.visualization.style import current_theme
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def new_figure(width: float, height: float) -> "Figure":
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-        from torch_geometric_tactile.visualization.shown_figure import ShownFigure
+        from torch_geometric_tactile.visualization._shown_figure import ShownFigure
     except ImportError as error:
         raise ImportError(f"pictures need matplotlib: {INSTALL}") from error
     ground = current_theme().ground

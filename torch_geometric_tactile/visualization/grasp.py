@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.visualization._taxel_map import value_scale
 from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.layout import figure_size, layout_plane, plot_layout
 from torch_geometric_tactile.visualization.style import (
@@ -15,7 +16,6 @@ from torch_geometric_tactile.visualization.style import (
     current_theme,
     plain_text,
 )
-from torch_geometric_tactile.visualization.taxel_map import value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,11 +7,9 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.hand_edges import draw_edge_values, draw_edges
-from torch_geometric_tactile.visualization.segment_colors import segment_colors
-from torch_geometric_tactile.visualization.style import TEXT, current_theme, plain_text
-from torch_geometric_tactile.visualization.taxel_map import (
+from torch_geometric_tactile.visualization._hand_edges import draw_edge_values, draw_edges
+from torch_geometric_tactile.visualization._segment_colors import segment_colors
+from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,
     draw_color_bar,
@@ -20,6 +18,8 @@ from torch_geometric_tactile.visualization.taxel_map import (
     value_colors,
     value_scale,
 )
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import TEXT, current_theme, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,9 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import SMALL, current_theme, ink_on, plain_text
-from torch_geometric_tactile.visualization.taxel_map import (
+from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,
     draw_taxels,
@@ -17,6 +15,8 @@ from torch_geometric_tactile.visualization.taxel_map import (
     value_colors,
     value_scale,
 )
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.style import SMALL, current_theme, ink_on, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

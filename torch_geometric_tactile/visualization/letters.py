@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
+from torch_geometric_tactile.visualization._taxel_map import draw_taxels, value_colors, value_scale
 from torch_geometric_tactile.visualization.figure import new_figure
 from torch_geometric_tactile.visualization.style import (
     MOST_WIDTH,
@@ -17,7 +18,6 @@ from torch_geometric_tactile.visualization.style import (
     title_axes,
     title_figure,
 )
-from torch_geometric_tactile.visualization.taxel_map import draw_taxels, value_colors, value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

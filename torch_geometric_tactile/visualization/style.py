@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from torch_geometric_tactile.texts import printable
+from torch_geometric_tactile._texts import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

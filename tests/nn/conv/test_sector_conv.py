@@ -10,7 +10,8 @@ from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
 from torch_geometric.nn import RGCNConv
 
 from torch_geometric_tactile.nn import SectorConv
-from torch_geometric_tactile.nn.conv import sector_conv, sector_product
+from torch_geometric_tactile.nn.conv import _sector_product as sector_product
+from torch_geometric_tactile.nn.conv import sector_conv
 from torch_geometric_tactile.sensors import biotac_sp, grid, layout_sectors, sector_edges
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,

@@ -9,8 +9,9 @@ from torch_geometric.nn import GCNConv
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.utils import to_dense_adj
 
-from torch_geometric_tactile.nn.conv import StaticGCNConv, static_adjacency
-from torch_geometric_tactile.nn.conv.static_adjacency import (
+from torch_geometric_tactile.nn.conv import StaticGCNConv
+from torch_geometric_tactile.nn.conv import _static_adjacency as static_adjacency
+from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     GCNNorm,
     StaticAdjacency,

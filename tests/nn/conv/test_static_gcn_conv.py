@@ -9,7 +9,8 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.explain.algorithm.utils import clear_masks, set_masks
 from torch_geometric.nn import GCNConv
 
-from torch_geometric_tactile.nn.conv import StaticGCNConv, static_adjacency, static_gcn_conv
+from torch_geometric_tactile.nn.conv import StaticGCNConv, static_gcn_conv
+from torch_geometric_tactile.nn.conv import _static_adjacency as static_adjacency
 from torch_geometric_tactile.testing import (
     assert_permutation_equivariant,
     assert_static_equals_batched,

@@ -19,7 +19,7 @@ from small_models import (
     small_model,
 )
 
-from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache
+from torch_geometric_tactile.nn.conv._static_adjacency import AdjacencyCache
 from torch_geometric_tactile.nn.models import GCNThread, SegmentedThread, TactileGCN
 from torch_geometric_tactile.testing import assert_static_equals_batched
 

@@ -8,8 +8,8 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import PosedTaxelNet
+from torch_geometric_tactile.nn.models._taxels import seen_taxels
 from torch_geometric_tactile.nn.models.posed_taxel_net import _strongest
-from torch_geometric_tactile.nn.models.taxels import seen_taxels
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, grid
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 

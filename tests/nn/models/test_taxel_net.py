@@ -6,13 +6,13 @@ from small_models import samples
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.nn.models.taxel_levels import (
+from torch_geometric_tactile.nn.models._taxel_levels import (
     ReadingNorm,
     TaxelNorm,
     pitch,
     pooled_layouts,
 )
-from torch_geometric_tactile.nn.models.taxels import seen_taxels
+from torch_geometric_tactile.nn.models._taxels import seen_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin, biotac_sp, grid
 from torch_geometric_tactile.testing import assert_static_equals_batched
 

@@ -1,6 +1,6 @@
 import pytest
 
-from torch_geometric_tactile.nn.models.training_recipe import training_recipe
+from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from torch_geometric.nn.inits import glorot, reset
 from torch_geometric.typing import Adj
 from torch_geometric.utils import is_torch_sparse_tensor, softmax
 
-from torch_geometric_tactile.nn.conv.edge_checks import EdgeCheck, check_edge_form
+from torch_geometric_tactile.nn.conv._edge_checks import EdgeCheck, check_edge_form
 
 
 class EdgeMessageEncoder(MessagePassing):

@@ -9,15 +9,15 @@ from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj
 
-from torch_geometric_tactile.nn.conv.edge_checks import (
+from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_form,
     check_edge_index,
     check_sizes,
     check_tensor,
     is_traced,
 )
-from torch_geometric_tactile.nn.conv.plain import sums_messages
-from torch_geometric_tactile.nn.conv.sector_product import (
+from torch_geometric_tactile.nn.conv._plain import sums_messages
+from torch_geometric_tactile.nn.conv._sector_product import (
     SectorCache,
     check_edge_sector,
     may_run_fast,

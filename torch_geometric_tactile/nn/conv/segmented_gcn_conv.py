@@ -11,7 +11,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj, OptTensor
 
-from torch_geometric_tactile.nn.conv.edge_checks import (
+from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_form,
     check_edge_index,
@@ -20,7 +20,7 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
     check_tensor,
     is_traced,
 )
-from torch_geometric_tactile.nn.conv.plain import is_hooked, sums_messages
+from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
 
 
 class SegmentedGCNConv(MessagePassing):

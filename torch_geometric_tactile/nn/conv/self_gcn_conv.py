@@ -8,14 +8,14 @@ from torch_geometric.nn.dense.linear import Linear
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import scatter
 
-from torch_geometric_tactile.nn.conv.edge_checks import (
+from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_index,
     check_edge_weight,
     check_sizes,
     check_tensor,
 )
-from torch_geometric_tactile.nn.conv.plain import sums_messages
+from torch_geometric_tactile.nn.conv._plain import sums_messages
 from torch_geometric_tactile.nn.conv.static_gcn_conv import StaticGCNConv
 
 

@@ -10,7 +10,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
 
-from torch_geometric_tactile.nn.conv.edge_checks import (
+from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_edge_form,
     check_edge_index,
@@ -18,13 +18,13 @@ from torch_geometric_tactile.nn.conv.edge_checks import (
     is_traced,
     sorted_form,
 )
-from torch_geometric_tactile.nn.conv.plain import (
+from torch_geometric_tactile.nn.conv._plain import (
     MESSAGE_METHODS,
     is_hooked,
     is_plain_linear,
     sums_messages,
 )
-from torch_geometric_tactile.nn.conv.static_adjacency import (
+from torch_geometric_tactile.nn.conv._static_adjacency import (
     GCN_NORM,
     MAX_DENSE_NODES,
     AdjacencyCache,

@@ -9,13 +9,13 @@ from torch.nn import functional as F
 from torch.nn.init import xavier_uniform_, zeros_
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.conv.plain import is_hooked
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.taxel_image import TaxelImage
-from torch_geometric_tactile.nn.models.taxels import load_layout, stacked_readings
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn.conv._plain import is_hooked
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
+from torch_geometric_tactile.nn.models._taxels import load_layout, stacked_readings
 from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature, signed_root
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
-from torch_geometric_tactile.typing import PathLike
 
 Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
 _STRIPS = 7  # of the products, in an export; with more of them, cutting takes longer

@@ -6,7 +6,7 @@ from torch import Tensor
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
-from torch_geometric_tactile.nn.conv.static_adjacency import AdjacencyCache
+from torch_geometric_tactile.nn.conv._static_adjacency import AdjacencyCache
 from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
 from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
 

@@ -8,8 +8,8 @@ from torch.nn import Linear, Module, Parameter
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.taxels import LayoutLike, count_taxels, stacked_readings
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, stacked_readings
 
 
 class LSTMCells(Module):

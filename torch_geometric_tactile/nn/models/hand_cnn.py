@@ -6,13 +6,13 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
 from torch_geometric_tactile.nn.models.tactile_model import (
     TactileModel,
     check_no_edges,
     side_by_side,
 )
-from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
 from torch_geometric_tactile.sensors import TaxelLayout
 

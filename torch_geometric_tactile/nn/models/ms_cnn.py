@@ -8,13 +8,13 @@ from torch.nn import ModuleList
 from torch.nn.init import trunc_normal_, zeros_
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._hand_maps import input_maps, joined_maps
+from torch_geometric_tactile.nn.models._map_conv import SD, MapStage
+from torch_geometric_tactile.nn.models._ms_cnn_patterns import PATTERNS
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.hand_cnn import checked_map
-from torch_geometric_tactile.nn.models.hand_maps import input_maps, joined_maps
-from torch_geometric_tactile.nn.models.map_conv import SD, MapStage
-from torch_geometric_tactile.nn.models.ms_cnn_patterns import PATTERNS
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
-from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
 
 # Features of a cell after each convolution, and of the fully connected layer.
 _WIDTHS = {3: (14, 28, 56), 1: (5, 9, 18)}
@@ -29,7 +29,7 @@ class MSCNN(TactileModel):
     then the joint angles join, and two fully connected layers follow.
 
     What a map is at each convolution is the :obj:`pattern`, a row of
-    :obj:`~torch_geometric_tactile.nn.models.ms_cnn_patterns.PATTERNS`:
+    :obj:`~torch_geometric_tactile.nn.models._ms_cnn_patterns.PATTERNS`:
 
     * I: the whole hand, with zeros above the thumb;
     * II: patches, then the hand; III: patches twice, then the hand;

@@ -8,9 +8,9 @@ from torch import Tensor
 from torch.nn import Module, ModuleDict
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
-from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
 from torch_geometric_tactile.sensors import check_edges
 

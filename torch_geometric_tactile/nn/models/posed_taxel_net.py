@@ -9,16 +9,16 @@ from torch.nn import Dropout, Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.taxel_levels import ReadingNorm, TaxelNorm
-from torch_geometric_tactile.nn.models.taxels import (
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxel_levels import ReadingNorm, TaxelNorm
+from torch_geometric_tactile.nn.models._taxels import (
     check_taxel_dropout,
     load_layout,
     seen_taxels,
     stacked_readings,
 )
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 # Width of what places a taxel, by attribute.
 _PLACES = {"pos": (3,), "normal": (3,), "tangent": (2, 3)}

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
-from torch_geometric_tactile.nn.conv.static_adjacency import (
+from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     adjacency_blocks,
     dense_norm,

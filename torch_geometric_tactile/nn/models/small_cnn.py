@@ -8,9 +8,9 @@ from torch.nn import functional as F
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.taxel_image import TaxelImage
-from torch_geometric_tactile.nn.models.taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 
 _MOST_HALVINGS = 8
 

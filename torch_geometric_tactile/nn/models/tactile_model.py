@@ -14,9 +14,9 @@ from torch_geometric_tactile.nn.conv import (
     EdgeFeatureEncoder,
     EdgeMessageEncoder,
 )
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
-from torch_geometric_tactile.nn.models.taxels import LayoutLike, count_taxels
 from torch_geometric_tactile.nn.models.thread import Thread
 
 # The inputs by name: which attribute of the data they are, and how many features of a taxel.

@@ -9,10 +9,10 @@ from torch.nn import Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.byte_dropout import ByteDropout
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.tactile_model import with_joints
-from torch_geometric_tactile.nn.models.taxel_levels import (
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn.models._byte_dropout import ByteDropout
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
     ConvName,
     ReadingNorm,
@@ -21,14 +21,14 @@ from torch_geometric_tactile.nn.models.taxel_levels import (
     level_widths,
     pooled_layouts,
 )
-from torch_geometric_tactile.nn.models.taxels import (
+from torch_geometric_tactile.nn.models._taxels import (
     check_taxel_dropout,
     load_layout,
     seen_taxels,
     stacked_readings,
 )
+from torch_geometric_tactile.nn.models.tactile_model import with_joints
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 _DIRECT = 128
 # Added to the variance of each taxel, where that of a channel is one: the noise of a taxel that is

@@ -9,9 +9,10 @@ from torch.nn import Module, ModuleList
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn.models.hub import TactileHubMixin
-from torch_geometric_tactile.nn.models.taxel_levels import (
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
     ConvName,
     ReadingNorm,
@@ -19,20 +20,19 @@ from torch_geometric_tactile.nn.models.taxel_levels import (
     level_widths,
     pooled_layouts,
 )
-from torch_geometric_tactile.nn.models.taxels import (
+from torch_geometric_tactile.nn.models._taxels import (
     check_taxel_dropout,
     load_layout,
     seen_taxels,
     stacked_readings,
 )
-from torch_geometric_tactile.nn.models.temporal_blocks import (
+from torch_geometric_tactile.nn.models._temporal_blocks import (
     FrameFilters,
     FrameHead,
     TemporalBlock,
     in_frames,
 )
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.typing import PathLike
 
 # The past frames that each convolution over time has seen.
 TemporalState = tuple[Tensor, ...]

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, taxel_clusters
-from torch_geometric_tactile.typing import PathLike
 
 
 class TaxelPool(torch.nn.Module):

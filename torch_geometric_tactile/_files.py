@@ -1,0 +1,295 @@
+r"""Files that are either complete or absent."""
+
+import hashlib
+import itertools
+import os
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from torch_geometric_tactile._typing import PathLike
+
+try:
+    import fcntl
+except ImportError:  # Windows: leftovers of a kill stay, as nothing tells whose they are
+    fcntl = None  # type: ignore[assignment]
+
+_LONGEST = 100  # bytes of the target's name in that of a temporary; eCryptfs allows 143 in all
+_SLOTS = 16  # writers of one target at once whose leftovers are found
+_SCRATCH = "torch_geometric_tactile_"
+_OWNER = ".owner"
+
+
+@contextmanager
+def atomic_path(path: PathLike) -> Iterator[Path]:
+    r"""Yields a temporary path beside :obj:`path` that becomes :obj:`path` when the block succeeds.
+
+    A reader never sees half a file: on an error or a kill, :obj:`path` keeps its old content. What
+    a kill left behind is removed by the next write to the same :obj:`path`; the temporary of a
+    writer that is alive is never touched. The block may truncate the temporary and write to it, but
+    must not replace it by another file or lock it (h5py: ``locking=False``).
+
+    Args:
+        path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
+
+    Raises:
+        OSError: If the disk is full, the folder cannot be written to, or :obj:`path` is a folder,
+            pipe or device; it names :obj:`path`.
+
+    Examples:
+        >>> import tempfile
+        >>> target = Path(tempfile.mkdtemp()) / "a.txt"
+        >>> with atomic_path(target) as tmp:
+        ...     _ = tmp.write_text("whole")
+        >>> target.read_text()
+        'whole'
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists() and not path.is_file():  # renaming a file over a device would replace it
+        raise FileExistsError(f"'{path}' must be a file (got a folder, pipe or device)")
+    remove_leftovers(path)
+    temporary, handle = _new_temporary(path)
+    try:
+        with _errors_about(path, temporary):
+            yield temporary
+            share(temporary)
+            with temporary.open("rb+") as written:  # Windows flushes no file opened for reading
+                os.fsync(written.fileno())
+            os.replace(temporary, path)
+    finally:
+        # Under its name there may already be the temporary of another writer.
+        if fcntl is None or _is_at(handle, temporary):
+            temporary.unlink(missing_ok=True)
+        _release(handle)
+
+
+def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
+    r"""Locks an open file, and returns the function that releases it. A file system without locks
+    holds nothing. On Windows, writers hold a second file :obj:`PATH.lock`, and readers nothing.
+
+    Args:
+        handle (int): The open file.
+        path (str or PathLike): Its path.
+        exclusive (bool): Whether to write it: nobody else may then read or write it.
+
+    Raises:
+        BlockingIOError: If another process writes it.
+    """
+    if fcntl is not None:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH))
+        except BlockingIOError as error:
+            raise is_held(path) from error
+        except OSError:  # a file system without locks
+            pass
+    elif exclusive:
+        from filelock import FileLock, Timeout
+
+        lock = FileLock(f"{path}.lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            raise is_held(path) from error
+        return lock.release
+    return _nothing  # closing the file releases it
+
+
+def is_held(path: PathLike) -> BlockingIOError:
+    r"""Returns the error of a file that another process writes.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    return BlockingIOError(
+        f"'{path}' is locked by another process that writes it: close it there first"
+    )
+
+
+def _nothing() -> None:
+    return
+
+
+def remove_leftovers(path: PathLike) -> None:
+    r"""Removes what killed writers left of their temporaries of a file, and none of a writer that
+    is alive.
+
+    Args:
+        path (str or PathLike): The file that they were to become.
+    """
+    start = _start(Path(path))
+    for slot in range(_SLOTS):
+        name = f"{start}{slot}.tmp"
+        if not os.path.lexists(name):
+            continue
+        temporary = Path(name)
+        with _abandoned(temporary) as abandoned:
+            if abandoned:
+                with suppress(OSError):  # someone else's folder
+                    temporary.unlink()
+
+
+def new_scratch_folder() -> Path:
+    r"""Returns a new temporary folder that is held until this process ends, and removes those of
+    processes that were killed. The caller removes it at the end.
+    """
+    for owner in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*/{_OWNER}"):
+        with _abandoned(owner) as abandoned:
+            if abandoned:
+                shutil.rmtree(owner.parent, ignore_errors=True)
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_SCRATCH))
+        if _create(folder / _OWNER) is not None:
+            return folder
+
+
+def _start(path: Path) -> str:
+    # What the paths of all temporaries of a file begin with.
+    name = path.name
+    if len(os.fsencode(name)) > _LONGEST:
+        code = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+        # Cut between characters, since some file systems take whole ones only.
+        name = os.fsencode(name)[:_LONGEST].decode("utf-8", "ignore") + f"~{code}"
+    return str(path.with_name(f".{name}."))
+
+
+def _new_temporary(path: Path) -> tuple[Path, int]:
+    start = _start(path)
+    for slot in itertools.count():
+        temporary = Path(f"{start}{slot}.tmp")
+        with _errors_about(path, temporary):
+            handle = _create(temporary)
+        if handle is not None:
+            return temporary, handle
+    raise AssertionError("unreachable")
+
+
+def _create(path: Path) -> int | None:
+    # A new file that is locked, or None where there is one, or someone took it for a leftover
+    # between its creation and its lock.
+    try:
+        handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+    except FileExistsError:
+        return None
+    if fcntl is None:
+        os.close(handle)  # Windows renames no open file
+        return -1
+    # Shared, so that HDF5 readers, which lock as well, open the file as soon as it has its name.
+    _lock(handle, exclusive=False)
+    if _is_at(handle, path):
+        return handle
+    os.close(handle)
+    return None
+
+
+def _lock(handle: int, exclusive: bool) -> bool:
+    if fcntl is None:
+        return False
+    try:
+        # A new temporary waits for a cleaner, which holds it for a moment only.
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB if exclusive else fcntl.LOCK_SH)
+    except OSError:  # held by its writer, or a file system without locks
+        return False
+    return True
+
+
+def _release(handle: int) -> None:
+    if fcntl is not None:
+        # Closing is not enough: a process that was forked meanwhile shares the lock.
+        with suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_UN)
+        os.close(handle)
+
+
+@contextmanager
+def _abandoned(path: Path) -> Iterator[bool]:
+    try:
+        handle = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+    except OSError:  # none there, or another user's
+        yield False
+        return
+    try:
+        yield _lock(handle, exclusive=True) and _is_at(handle, path)
+    finally:
+        os.close(handle)
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.lstat())
+    except FileNotFoundError:
+        return False
+
+
+@contextmanager
+def _errors_about(path: Path, temporary: Path) -> Iterator[None]:
+    # Errors of the disk name the file that was asked for, not its temporary or none.
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or str(error.filename) not in ("None", str(temporary)):
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+
+
+def share(path: PathLike) -> None:
+    r"""Gives a file that was made as a private temporary one the rights that new files have.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    umask = os.umask(0)
+    os.umask(umask)
+    Path(path).chmod(0o666 & ~umask)
+
+
+def file_sha256(path: PathLike) -> str:
+    r"""Returns the SHA-256 of a file as a hexadecimal string.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_zip(path: PathLike) -> None:
+    r"""Compares every entry of a zip file with its checksum. The entries must be stored without
+    compression, as PyTorch stores them, such that no more is read than the file holds.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is no whole zip file, or an entry is damaged or compressed.
+    """
+    problem = ""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for entry in archive.infolist():
+                # PyTorch reads a file that is marked as a folder (0x10) as zeros.
+                if entry.compress_type != zipfile.ZIP_STORED or entry.external_attr & 0x10:
+                    problem = f"its part {entry.filename!r} is no stored file"
+            damaged = None if problem else archive.testzip()
+            if damaged is not None:
+                problem = f"its part {damaged!r} differs from its checksum"
+    except FileNotFoundError:
+        raise
+    except (
+        zipfile.BadZipFile,
+        EOFError,
+        NotImplementedError,
+        OSError,
+        OverflowError,
+        RuntimeError,
+        ValueError,
+    ) as error:
+        problem = str(error)
+    if problem:
+        raise ValueError(
+            f"'{path}' is damaged or truncated ({problem}): copy or write it again"
+        ) from None

@@ -1,0 +1,116 @@
+r"""Text and JSON of others: shown as it is without harm, read without surprises."""
+
+import json
+import math
+import stat
+import unicodedata
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile._typing import PathLike
+
+_LARGEST_JSON = 1 << 27  # bytes; a layout of half a million taxels has less
+_MARKDOWN = str.maketrans({char: f"\\{char}" for char in "\\|<>`[]"})
+
+
+def printable(text: object) -> str:
+    r"""Returns text on one line, with everything escaped that a terminal would obey: control
+    characters, line breaks, marks that turn the direction of writing, and what is no character.
+
+    Args:
+        text (object): The text, or what has one.
+
+    Examples:
+        >>> print(printable("a cup\n\x1b[2J\u202e"))
+        a cup\n\x1b[2J\u202e
+    """
+    text = str(text)
+    if text.isprintable():
+        return text
+    return "".join(char if _is_harmless(char) else _escaped(char) for char in text)
+
+
+def _is_harmless(char: str) -> bool:
+    return char.isprintable() or unicodedata.category(char) == "Zs"  # any kind of space
+
+
+def _escaped(char: str) -> str:
+    return char.encode("unicode_escape").decode("ascii")
+
+
+def markdown_text(text: object) -> str:
+    r"""Returns text as Markdown that shows it and is nothing else: no markup, link or new cell.
+
+    Args:
+        text (object): The text, or what has one.
+
+    Examples:
+        >>> print(markdown_text("<b>|[a]|"))
+        \<b\>\|\[a\]\|
+    """
+    return printable(text).translate(_MARKDOWN)
+
+
+def read_json(path: PathLike) -> Any:
+    r"""Reads a JSON file that somebody else may have written. Everything in it counts once: a key
+    that an object has twice, and numbers that are none (:obj:`NaN`) or too large, are refused.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Raises:
+        OSError: If there is no such file, or it cannot be read.
+        ValueError: If the file is no regular one, too large, or no such JSON; the message does not
+            name the file.
+    """
+    path = Path(path)
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError("it must be a regular file (got a folder, pipe or device)")
+    if found.st_size > _LARGEST_JSON:
+        raise ValueError(f"it must not exceed {_LARGEST_JSON} bytes (got {found.st_size})")
+    return parse_json(path.read_text(encoding="utf-8"))
+
+
+def parse_json(text: str) -> Any:
+    r"""Returns the value of a JSON text, as :func:`read_json` reads it.
+
+    Args:
+        text (str): The text.
+
+    Raises:
+        ValueError: If it is no JSON, an object has a key twice, a number is none or too large, or
+            it is nested too deeply.
+
+    Examples:
+        >>> parse_json('{"rate": 100}')
+        {'rate': 100}
+    """
+    try:
+        return json.loads(
+            text, object_pairs_hook=_object, parse_constant=_constant, parse_float=_float
+        )
+    except RecursionError:
+        raise ValueError("it must not be nested this deeply") from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    out = dict(pairs)
+    if len(out) < len(pairs):
+        seen: set[str] = set()
+        for key, _ in pairs:
+            if key in seen:
+                raise ValueError(f"an object must have each key once (got {key!r} twice)")
+            seen.add(key)
+    return out
+
+
+def _constant(name: str) -> float:
+    raise ValueError(f"numbers must be finite (got {name})")
+
+
+def _float(text: str) -> float:
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"numbers must be finite (got {text[:40]})")
+    return number

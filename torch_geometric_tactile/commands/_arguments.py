@@ -1,0 +1,162 @@
+r"""Types of arguments that several verbs share."""
+
+import argparse
+import math
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from torch_geometric_tactile._parallel import BACKENDS
+
+_MOST = 1_000_000
+
+READABLE = ".h5, .hdf5, .npz, .mcap, .csv, .json, .jsonl, .ndjson or .txt"
+SOURCE = """\
+SOURCE is one of:
+  serial:/dev/ttyACM0?protocol=anyskin   a serial port; 'tactile ports' lists them
+  ws://HOST:5000                         XELA's server
+  grasp.h5                               a recording, replayed at its own speed
+  sim:                                   the simulated hand (extra 'sim')
+"""
+
+
+def _whole(least: int, most: int, too_small: str) -> Callable[[str], int]:
+    def whole(text: str) -> int:
+        try:
+            number = int(text) if text.isascii() and "_" not in text else None
+        except ValueError:
+            number = None
+        if number is None:
+            raise argparse.ArgumentTypeError(f"must be a whole number (got {text[:40]!r})")
+        if number < least:
+            raise argparse.ArgumentTypeError(f"{too_small} (got {number})")
+        if number > most:
+            raise argparse.ArgumentTypeError(f"must be at most {most} (got {text[:40]})")
+        return number
+
+    return whole
+
+
+#: Reads an integer from one to a million.
+positive = _whole(1, _MOST, "must be at least 1")
+
+#: Reads a number of runs, processes or samples that each cost memory: from one to ten thousand.
+few = _whole(1, 10_000, "must be at least 1")
+
+#: Reads a seed: an integer from zero to the largest that all our dependencies accept.
+not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
+
+
+def seconds(text: str) -> float:
+    r"""Reads a duration in seconds: a positive number.
+
+    Args:
+        text (str): The argument.
+    """
+    number = _plain_number(text)
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(
+            f"must be a positive number of seconds (got {text[:40]!r})"
+        )
+    return number
+
+
+def trial_seconds(text: str) -> float:
+    r"""Reads the length of a simulated trial in seconds, from one second to an hour.
+
+    Args:
+        text (str): The argument.
+    """
+    number = _plain_number(text)
+    if not 1 <= number <= 3600:
+        raise argparse.ArgumentTypeError(
+            f"must be a number of seconds from 1 to 3600 (got {text[:40]!r})"
+        )
+    return number
+
+
+def port(text: str) -> int:
+    r"""Reads the number of a network port, from 0 (any free one) to 65535.
+
+    Args:
+        text (str): The argument.
+    """
+    if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text[:40]!r})")
+    return int(text)
+
+
+def _plain_number(text: str) -> float:
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
+def rest(text: str) -> str | float | None:
+    r"""Reads which frames of a trial are recorded at rest: the name of a phase, a number of seconds
+    at the start of the trial, or :obj:`"none"`.
+
+    Args:
+        text (str): The argument.
+    """
+    if text == "none":
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    if not 0 < number <= 3600:
+        raise argparse.ArgumentTypeError(
+            f"must be a phase, 'none', or seconds above 0 and up to 3600 (got {text[:40]!r})"
+        )
+    return number
+
+
+@contextmanager
+def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
+    r"""Names the options of a verb in the messages of errors, where these name the arguments of
+    Python functions that they become.
+
+    Args:
+        arguments (argparse.Namespace): The arguments of the verb.
+        **more (str): Options by the names of arguments that have other names.
+    """
+    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
+    try:
+        yield
+    except ValueError as error:
+        pattern = rf"(?<!got )'({'|'.join(options)})'"
+        text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
+        raise ValueError(text) from error
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the options for processes, threads and machines.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    workers = parser.add_argument_group("processes and machines")
+    workers.add_argument(
+        "--jobs", metavar="N", type=few, default=1, help="runs in parallel (default: 1)"
+    )
+    workers.add_argument(
+        "--threads", metavar="N", type=few, default=1, help="threads per run (default: 1)"
+    )
+    workers.add_argument(
+        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
+    )
+    workers.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="loky",
+        help="how runs are distributed: processes on this machine (loky, the default), or Dask or "
+        "Ray for several machines (extras 'dask' and 'ray')",
+    )
+    workers.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="address of a running Dask or Ray cluster (default: start one here with --jobs "
+        "processes)",
+    )

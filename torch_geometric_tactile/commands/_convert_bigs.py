@@ -1,0 +1,211 @@
+r"""``tactile convert bigs``: grasps of the BiGS data set, from the files of their holder."""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile._texts import printable
+
+_SUFFIXES = (".h5", ".hdf5", ".npz")
+_UNTIMED = (
+    "tactile: warning: {} grasps have no pick-up time, and BiGS can only read them whole "
+    "(until=None): give --field pickup_time=NAME or --ends-after-pickup SECONDS"
+)
+HELP = "Convert grasps of the BiGS data set for datasets.BiGS"
+DESCRIPTION = """\
+Converts grasps of the BiGS data set, one HDF5 or npz file per grasp, to the form that
+datasets.BiGS reads: 19 electrodes on each of three BioTac fingertips (left, middle, right)
+and any other signals. The original data is not public and its format is not known, so you
+give names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
+
+Every file is tried. Converted files are kept, and the exit status is 1 if any file failed.
+"""
+EXAMPLES = """\
+Fields: electrodes, time, pressure, pac, robot_joint, finger_joint, object_pose, phase and
+slip; single values: success, object, trial, session and pickup_time. Only electrodes,
+success and object are required. Without --field a field is read by this name.
+
+Give the axis order of an array in brackets after its name; parentheses join axes that
+share one dimension, the fastest last. The default orders are
+  electrodes    frame electrode finger     robot_joint   frame step joint
+  pressure      frame finger               finger_joint  frame step joint
+  pac           frame finger step          object_pose   frame value
+with 22 PAC and 3 joint steps per frame. LEFT | MIDDLE | RIGHT joins three arrays.
+
+examples:
+  tactile convert bigs grasps/ bigs/                files with these names and orders
+  tactile convert bigs grasps/*.h5 bigs/ \\
+    --field 'electrodes=biotac/elec [frame (finger electrode)]' \\
+    --field 'pac=biotac/pac [(frame step) finger]' \\
+    --field 'robot_joint=arm/q [(frame step) joint]' --angle-unit deg \\
+    --field time=biotac/stamp --time-unit us \\
+    --field success=@success --field object=@object --field pickup_time=@lift
+  tactile convert bigs may/*.npz bigs/ --value session=may --ends-after-pickup 2 \\
+    --field 'electrodes=e_left | e_middle | e_right [frame electrode]' \\
+    --pattern '(?P<object>.+)_(?P<trial>\\d+)_(?P<success>[01])'
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the arguments of the verb.
+
+    Args:
+        parser (argparse.ArgumentParser): The parser of the verb.
+    """
+    parser.add_argument(
+        "sources", metavar="IN", nargs="+", help="files, or folders with files (.h5, .hdf5, .npz)"
+    )
+    parser.add_argument("out", metavar="OUT_DIR", help="folder to write to")
+    parser.add_argument(
+        "--npz", action="store_true", help="write npz files (no h5py needed) instead of HDF5"
+    )
+    names = parser.add_argument_group("names and axis orders")
+    names.add_argument(
+        "--field",
+        action="append",
+        default=[],
+        metavar="OURS=THEIRS",
+        help="the name of a field in your files: 'electrodes=NAME' or 'electrodes=NAME [ORDER]'; "
+        "GROUP@NAME is an HDF5 attribute",
+    )
+    names.add_argument(
+        "--value",
+        action="append",
+        default=[],
+        metavar="OURS=VALUE",
+        help="a value for all files, such as 'session=may'",
+    )
+    names.add_argument(
+        "--pattern",
+        metavar="REGEX",
+        help="regular expression for file names without suffix, with the groups object, trial, "
+        "session or success (default: <object>_<trial>)",
+    )
+    names.add_argument(
+        "--fingers",
+        metavar="ORDER",
+        help="order of the fingers in arrays of all three (default: 'left middle right')",
+    )
+    units = parser.add_argument_group("units and rates")
+    units.add_argument(
+        "--rate", metavar="HZ", type=float, help="electrode frames per second (default: 100)"
+    )
+    units.add_argument(
+        "--rate-of",
+        action="append",
+        default=[],
+        metavar="OURS=HZ",
+        help="values per second of pac (default: 2200), robot_joint or finger_joint (300)",
+    )
+    units.add_argument(
+        "--time-unit", choices=("s", "ms", "us", "ns"), help="unit of time and pickup_time"
+    )
+    units.add_argument("--angle-unit", choices=("rad", "deg"), help="unit of joints (default: rad)")
+    units.add_argument("--length-unit", choices=("m", "mm"), help="unit of positions (default: m)")
+    units.add_argument(
+        "--quaternion", choices=("wxyz", "xyzw"), help="order of quaternions (default: wxyz)"
+    )
+    units.add_argument(
+        "--ends-after-pickup",
+        type=float,
+        metavar="SECONDS",
+        help="time from pick-up to the end of each file, if files have no pick-up time",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    r"""Runs the verb and returns the exit status.
+
+    Args:
+        arguments (argparse.Namespace): The arguments.
+    """
+    from torch_geometric_tactile.io import BiGSFormat, read_bigs, write_recording
+
+    plain = ("pattern", "fingers", "rate", "time_unit", "angle_unit", "length_unit", "quaternion")
+    given = {name: getattr(arguments, name) for name in (*plain, "ends_after_pickup")}
+    layout = BiGSFormat(
+        fields=_pairs("--field", arguments.field),
+        values=_values(_pairs("--value", arguments.value)),
+        rates={
+            key: _number("--rate-of", text)
+            for key, text in _pairs("--rate-of", arguments.rate_of).items()
+        },
+        **{name: value for name, value in given.items() if value is not None},
+    )
+    out = _folder(arguments.out)
+    targets = _targets(arguments.sources, out, ".npz" if arguments.npz else ".h5")
+    failed = untimed = 0
+    for source, target in targets.items():
+        try:
+            recording = read_bigs(source, layout)
+            write_recording(recording, target)
+        except (MemoryError, OSError, ValueError) as error:
+            failed += 1
+            text = " ".join(str(error).split()) or type(error).__name__
+            print(printable(f"tactile: error: {text}"), file=sys.stderr, flush=True)
+        else:
+            untimed += not {"pickup_time", "ends_after_pickup"} & {*recording.meta}
+            print(printable(f"{target}: {recording}"), flush=True)
+    print(printable(f"{len(targets) - failed} of {len(targets)} grasps are in '{arguments.out}'"))
+    if untimed:
+        print(_UNTIMED.format(untimed), file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _folder(name: str) -> Path:
+    out = Path(name)
+    if out.is_file() or (out.suffix.lower() in _SUFFIXES and not out.is_dir()):
+        raise ValueError(f"'OUT_DIR' must be a folder (got the file '{name}')")
+    return out
+
+
+def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
+    out: dict[str, str] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip() or not value.strip() or key.strip() in out:
+            raise ValueError(f"'{option}' must be OURS=THEIRS, once for each (got {text!r})")
+        out[key.strip()] = value.strip()
+    return out
+
+
+def _values(texts: dict[str, str]) -> dict[str, Any]:
+    return {k: _number("--value", v) if k == "pickup_time" else v for k, v in texts.items()}
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise ValueError(f"'{option}' must have a number (got {text!r})") from error
+
+
+def _targets(sources: Iterable[str], out: Path, suffix: str) -> dict[Path, Path]:
+    files: list[Path] = []
+    for name in sources:
+        source = Path(name)
+        if not source.is_dir():
+            files.append(source)
+            continue
+        inner = sorted(p for p in source.iterdir() if p.suffix.lower() in _SUFFIXES)
+        if not inner:
+            raise ValueError(
+                f"'{source}' must hold grasps with one of {', '.join(_SUFFIXES)} (got none)"
+            )
+        files += inner
+    targets: dict[Path, Path] = {}
+    taken: dict[Path, Path] = {}
+    for path in files:
+        target = out / f"{path.stem}{suffix}"
+        other = taken.setdefault(target, path)
+        if other is not path:
+            raise ValueError(
+                f"each grasp must have a name of its own (got '{other}' and '{path}', which would "
+                f"both become '{target}')"
+            )
+        if target.exists() and target.samefile(path):
+            raise ValueError(f"'OUT_DIR' must be another folder than that of '{path}'")
+        targets[path] = target
+    return targets

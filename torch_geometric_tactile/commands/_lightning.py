@@ -1,0 +1,92 @@
+r"""The verbs whose arguments Lightning reads, and their short help."""
+
+from collections.abc import Callable, Sequence
+
+FULL_HELP = ("--help-all", "--help=all")
+
+_OPTIONS = (
+    ("--config FILE", "a YAML file, or the name of a shipped configuration;", "may be repeated"),
+    ("--model.model CLASS", "the network, such as TaxelNet"),
+    (
+        "--data.dataset.init_args.root DIR",
+        "folder of the data; the same for test_dataset",
+        "(default: a folder in $TACTILE_DATA)",
+    ),
+    ("--trainer.max_epochs N", "number of epochs"),
+    ("--data.batch_size N", "samples per batch (default: 128)"),
+    ("--model.optimizer.init_args.lr RATE", "learning rate (default: the configuration's)"),
+    ("--seed_everything N", "seed of all randomness (default: 0)"),
+    ("--ckpt_path FILE", "{checkpoint}"),
+    (
+        "--trainer.devices N",
+        "number of GPUs, or of processes on a CPU",
+        "(default: all GPUs, or one process)",
+    ),
+    ("--out DIR", "folder of the runs (default: runs)"),
+)
+_OF_FIT = ("--trainer.max_epochs", "--model.optimizer.init_args.lr")
+_COLUMN = 40
+
+
+def lightning_verb(
+    name: str, description: str, checkpoint: str, examples: str
+) -> Callable[[Sequence[str]], int]:
+    r"""Returns the function that runs a verb with all arguments behind it, and returns the exit
+    status.
+
+    Args:
+        name (str): The verb.
+        description (str): What the verb does.
+        checkpoint (str): What :obj:`--ckpt_path` is for.
+        examples (str): Example lines.
+    """
+
+    def run_raw(arguments: Sequence[str]) -> int:
+        if {"-h", "--help"} & {*arguments}:
+            print(short_help(name, description, checkpoint, examples))
+            return 0
+        if not arguments:
+            raise ValueError(
+                "'--config' must name a configuration: a YAML file or a shipped one, such as "
+                f"grasp_gcn_df (got none); see 'tactile {name} --help'"
+            )
+        from torch_geometric_tactile.training import _lightning_cli as lightning_cli
+
+        is_full = [argument in FULL_HELP for argument in arguments]
+        given = [
+            "--help" if full else argument
+            for argument, full in zip(arguments, is_full, strict=True)
+        ]
+        lightning_cli.main([name, *given])
+        return 0
+
+    return run_raw
+
+
+def short_help(name: str, description: str, checkpoint: str, examples: str) -> str:
+    r"""Returns the help of a verb: its most important options, and where to find the others.
+
+    Args:
+        name (str): The verb.
+        description (str): What the verb does.
+        checkpoint (str): What :obj:`--ckpt_path` is for.
+        examples (str): Example lines.
+    """
+    lines = [f"usage: tactile {name} --config FILE [options]", "", description.strip(), ""]
+    lines.append("most used options:")
+    for option, *texts in _OPTIONS:
+        if name != "fit" and option.startswith(_OF_FIT):
+            continue
+        texts = [text.replace("{checkpoint}", checkpoint) for text in texts]
+        lines.append(f"  {option:{_COLUMN - 2}}{texts[0]}")
+        lines += [f"{'':{_COLUMN}}{text}" for text in texts[1:]]
+    lines += ["", "help:"]
+    for option, text in (
+        ("-h, --help", "this page"),
+        ("--help-all", "all options of trainer, model and data (long)"),
+        ("--model.model.help CLASS", "the arguments of a network"),
+        ("--data.dataset.help CLASS", "the arguments of a data set"),
+        ("--print_config", "print the whole configuration, and run nothing"),
+    ):
+        lines.append(f"  {option:{_COLUMN - 2}}{text}")
+    return "\n".join([*lines, "", examples.rstrip()])

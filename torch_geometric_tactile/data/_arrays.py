@@ -1,0 +1,178 @@
+r"""Arrays of your own as samples."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.data._recording_arrays import checked_numbers, refuse_masked
+from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.sensors import TaxelLayout, check_edges
+
+_COLUMNS = ("y", "group", "trial", "session", "joint", "time")
+_NAMED = {"y": "class", "group": "group", "session": "session"}
+_MAY_MISS = ("x", "joint")
+_DOUBLE = ("time",)  # seconds since an epoch need more than single precision
+
+
+def static_data_from_arrays(
+    x: Any,
+    layout: TaxelLayout,
+    edge_index: Any | None,
+    columns: Mapping[str, Any],
+    names: Mapping[str, Sequence[str]],
+    schema: Mapping[str, Any],
+) -> tuple[StaticData, dict[str, list[str]]]:
+    r"""Checks arrays against a layout and returns them as samples, with the names behind their
+    integer attributes.
+
+    Args:
+        x (array-like): Readings :math:`(S, N, F)`, or :math:`(S, N)` for one channel.
+        layout (TaxelLayout): The taxels.
+        edge_index (array-like, optional): The edges.
+        columns (dict): Further attributes; those that are :obj:`None` are left out.
+        names (dict): The names of the classes (:obj:`"class"`), groups and sessions.
+        schema (dict): The levels of attributes that :class:`StaticData` does not know.
+
+    Raises:
+        ValueError: If an array has another shape than the layout and the number of samples ask
+            for, or holds an infinite reading, no numbers, or a name that was not given.
+    """
+    x = _checked_x(x, layout)
+    found = {key: list(map(str, given)) for key, given in names.items() if len(given)}
+    values: dict[str, Any] = {}
+    for key, value in columns.items():
+        if value is None:
+            continue
+        if key in _NAMED:
+            value = _numbered(key, value, found)
+        values[key] = value if key in schema.get("shared", ()) else _as_column(key, value)
+        if key in _COLUMNS:
+            _check_rows(key, values[key], x.size(0))
+    edges = None
+    if edge_index is not None:
+        edges = check_edges(as_tensor("edge_index", edge_index), layout.num_taxels)
+    places = {} if {"pos", "normal"} & values.keys() else _places(layout)
+    arguments: dict[str, Any] = {**places, **values, **schema}
+    return StaticData(x=x, edge_index=edges, **arguments), found
+
+
+def _places(layout: TaxelLayout) -> dict[str, Tensor]:
+    # Positions in the frames of several links tell nothing of each other: see `TaxelPose`.
+    if len(layout.link_names) > 1:
+        return {}
+    return {"pos": layout.pos} | ({} if layout.normal is None else {"normal": layout.normal})
+
+
+def as_tensor(name: str, value: Any) -> Tensor:
+    r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN.
+
+    Args:
+        name (str): Name of the argument, for the message.
+        value (array-like): The numbers.
+
+    Raises:
+        ValueError: If they are no numbers, or ragged, or numbers other than readings and joint
+            angles are masked.
+    """
+    if isinstance(value, Tensor):
+        return value
+    if isinstance(value, np.ma.MaskedArray) and name in _MAY_MISS:
+        single = value.dtype.kind != "f" or value.dtype.itemsize < 8
+        value = checked_numbers(name, value, np.float32 if single else np.float64)
+    refuse_masked(name, value)
+    array = np.asarray(value) if not _is_ragged(value) else np.empty(0, dtype=object)
+    if array.dtype.kind not in "biuf":
+        raise ValueError(
+            f"'{name}' must hold numbers, the same many in each row (got {array.dtype})"
+        )
+    if array.dtype.kind == "u" and array.dtype.itemsize > 1:
+        array = array.astype(np.int64)  # which torch can index and compare
+    if not array.flags.writeable or not array.dtype.isnative:
+        array = array.astype(array.dtype.newbyteorder("="))
+    return torch.from_numpy(np.ascontiguousarray(array).reshape(array.shape))
+
+
+def _is_ragged(value: Any) -> bool:
+    try:
+        np.asarray(value)
+    except ValueError:
+        return True
+    return False
+
+
+def _checked_x(x: Any, layout: TaxelLayout) -> Tensor:
+    x = as_tensor("x", x)
+    x = x if x.dtype in (torch.float16, torch.bfloat16, torch.float32) else x.float()
+    num_taxels = layout.num_taxels
+    if x.dim() == 2 and x.size(1) == num_taxels:
+        x = x.unsqueeze(-1)
+    if x.dim() != 3 or x.size(1) != num_taxels:
+        raise ValueError(
+            f"'x' must have shape (num_samples, {num_taxels}, num_channels), since layout "
+            f"'{layout.name}' has {num_taxels} taxels (got {tuple(x.shape)})"
+        )
+    if x.isinf().any():
+        sample, taxel, channel = x.isinf().nonzero()[0].tolist()
+        raise ValueError(
+            f"'x' must hold finite readings, and NaN for missing ones (got infinity in sample "
+            f"{sample}, taxel {taxel}, channel {channel})"
+        )
+    return x
+
+
+def _as_column(key: str, value: Any) -> Tensor:
+    value = as_tensor(key, value)
+    if value.dtype == torch.double and key not in _DOUBLE:
+        return value.float()
+    if value.dtype in (torch.int8, torch.int16, torch.int32, torch.uint8) or (
+        key == "y" and value.dtype == torch.bool
+    ):
+        return value.long()
+    return value
+
+
+def _check_rows(key: str, value: Tensor, num_samples: int) -> None:
+    if value.dim() == 0 or value.size(0) != num_samples:
+        raise ValueError(
+            f"'{key}' must have {num_samples} rows, one for each sample of 'x' "
+            f"(got shape {tuple(value.shape)})"
+        )
+
+
+def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
+    if isinstance(value, Tensor):
+        return value
+    array = np.asarray(value) if not _is_ragged(value) else np.empty(0)
+    if array.dtype.kind not in "USO" or not all(isinstance(item, str) for item in array.flat):
+        return value
+    if array.ndim != 1:
+        raise ValueError(f"'{key}' must have one name for each sample (got shape {array.shape})")
+    what = _NAMED[key]
+    names = found.setdefault(what, sorted(map(str, set(array.tolist()))))
+    unknown = sorted({*array.tolist()} - {*names})
+    if unknown:
+        raise ValueError(f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
+    number = {name: i for i, name in enumerate(names)}
+    return torch.tensor([number[str(name)] for name in array.tolist()], dtype=torch.long)
+
+
+def layout_of(data: StaticData) -> TaxelLayout:
+    r"""Returns a layout with its taxels at the positions that all samples share.
+
+    Args:
+        data (StaticData): The samples.
+
+    Raises:
+        ValueError: If they share none.
+    """
+    pos = data.pos
+    if pos is None or pos.dim() != 2 or pos.size(1) != 3:
+        found = "none" if pos is None else f"shape {tuple(pos.shape)}"
+        raise ValueError(
+            f"'layout' must be given, since the samples do not share one 'pos' of shape "
+            f"(num_taxels, 3) (got {found})"
+        )
+    return TaxelLayout(name="data", pos=pos)

@@ -1,0 +1,172 @@
+r"""Processing raw files once, and again when something has changed."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from torch_geometric.data import Dataset
+from torch_geometric.data.dataset import files_exist
+
+from torch_geometric_tactile.data._fingerprint import (
+    changes,
+    constructor_arguments,
+    describe,
+    listed,
+    state_changes,
+)
+from torch_geometric_tactile.data._processed_file import (
+    OtherFormatError,
+    ProcessedFile,
+    read_processed,
+    save_static,
+)
+from torch_geometric_tactile.data.apply_transform import apply_transform
+from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.sensors import TaxelLayout
+
+# Arguments of any data set that do not change the processed file, or are described apart.
+_OTHER_ARGS = ("root", "transform", "pre_transform", "pre_filter", "force_reload", "log", "layout")
+_logger = logging.getLogger(__name__)
+
+
+class ProcessedDataset(Dataset):
+    r"""A PyG data set with a processed file that records what it was made with: the class, the
+    arguments of its constructor, :obj:`layout`, :obj:`pre_transform`, :obj:`pre_filter` and
+    :meth:`raw_state`. If one of them differs, the raw files are processed again, and a warning is
+    logged that names it.
+
+    It is the base of :class:`~torch_geometric_tactile.data.StaticDataset`.
+    """
+
+    layout: TaxelLayout
+    force_reload: bool
+
+    #: Arguments of the constructor that choose from the processed samples: if they change, nothing
+    #: has to be processed again. An argument of one name in several classes is one.
+    selection_args: Sequence[str] = ()
+
+    _file: ProcessedFile | None = None
+    _described: dict[str, str] | None = None
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        r"""Keeps the arguments until the processed file was compared with them."""
+        self = super().__new__(cls)
+        if args or kwargs:  # neither is given where PyG copies a data set
+            self.__dict__["_given"] = (args, kwargs)
+        return self
+
+    def read(self) -> tuple[StaticData, dict[str, list[str]]]:
+        r"""Returns all samples, and the names behind their integer attributes.
+
+        The names are those of :obj:`y` (:obj:`"class"`), :obj:`group` (:obj:`"group"`) and
+        :obj:`session` (:obj:`"session"`).
+        """
+        raise NotImplementedError
+
+    def raw_state(self) -> list[str]:
+        r"""Returns the state of the raw files as lines :obj:`"key=value"`, such as
+        :obj:`"<name>=<size>,<time>"`. If a line differs, the files are processed again.
+        """
+        return []
+
+    def _settings(self) -> dict[str, str]:
+        # What the processed file is made with, as text by name.
+        if self._described is not None:
+            return self._described
+        kind = type(self)
+        args, kwargs = self.__dict__.get("_given", ((), {}))
+        arguments = constructor_arguments(kind, args, kwargs)
+        skipped = {*_OTHER_ARGS, *self.selection_args}
+        settings = {"class": f"{kind.__module__}.{kind.__qualname__}"}
+        for key, value in arguments.items():
+            if key not in skipped:
+                settings[key] = describe(value)
+        if hasattr(self, "layout") and "layout" not in self.selection_args:
+            settings["layout"] = describe(self.layout)
+        settings["pre_transform"] = describe(self.pre_transform)
+        settings["pre_filter"] = describe(self.pre_filter)
+        self._described = settings
+        return settings
+
+    @property
+    def has_process(self) -> bool:
+        r"""Whether there are files to process: not so in memory."""
+        return self.root != "???"  # PyG's mark of a missing root
+
+    def _build(self) -> tuple[StaticData, dict[str, list[str]]]:
+        data, names = self.__dict__.pop("_source", None) or self.read()
+        if self.pre_filter is not None:
+            kept = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
+            if not kept:
+                raise ValueError("'pre_filter' must keep at least one sample (kept none)")
+            data = data.index_select(torch.tensor(kept))
+        return apply_transform(self.pre_transform, data), names
+
+    def process(self) -> None:
+        r"""Reads, filters and transforms the samples, and saves them whole or not at all."""
+        # Before reading: a file that changes from here on is processed again the next time.
+        settings, state = self._settings(), self.raw_state()
+        data, names = self._build()
+        save_static(data, names, self.processed_paths[0], settings, state)
+
+    # PyG calls the next two; its own `_process` compares the `repr` of the transforms only.
+
+    def _download(self) -> None:
+        file, _ = self._compared()
+        if file is None:  # otherwise the raw files are not needed
+            super()._download()
+
+    def _process(self) -> None:
+        self._file, why = self._compared()
+        if self._file is not None:
+            return
+        path = Path(self.processed_paths[0])
+        if why and not self._has_raw():
+            hint = (
+                " ('raw_file_names' is empty: leave it out of the class if 'read' needs no files)"
+            )
+            raise ValueError(
+                f"processed file '{path}' cannot be used ({why}) and the raw files to process "
+                f"again are missing in '{self.raw_dir}'{'' if self.raw_paths else hint}"
+            )
+        if why:
+            _logger.warning("processing '%s' again: %s", path, why)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.process()
+        written = read_processed(path)
+        other = changes(written.settings, self._settings())
+        if other:
+            raise RuntimeError(
+                f"another process has written '{path}' meanwhile, with other settings "
+                f"({listed(other)}); give each a 'root' of its own"
+            )
+        self._file = written
+
+    def _take_file(self) -> tuple[StaticData, dict[str, list[str]]]:
+        file, self._file = self._file, None
+        if file is None:  # a subclass has processed in its own way
+            file = read_processed(self.processed_paths[0])
+        return file.data, file.names
+
+    def _compared(self) -> tuple[ProcessedFile | None, str]:
+        # The processed file, if it is there and up to date; or else why it is not.
+        path = Path(self.processed_paths[0])
+        if self.force_reload or not path.is_file():
+            return None, ""
+        try:
+            file = read_processed(path)
+        except OtherFormatError:
+            return None, "it is not of this version of torch_geometric_tactile"
+        why = changes(file.settings, self._settings())
+        if self._has_raw():  # what is missing has not changed
+            why += state_changes(file.raw_state, self.raw_state())
+        return (None, listed(why)) if why else (file, "")
+
+    def _has_raw(self) -> bool:
+        try:
+            paths = self.raw_paths
+        except NotImplementedError:  # `read` needs no files
+            return True
+        return len(paths) > 0 and files_exist(paths)

@@ -1,0 +1,168 @@
+r"""Files of :func:`torch.save` that may be damaged, or anyone's."""
+
+import io
+import json
+import os
+import pickle
+import time
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile._files import atomic_path, check_zip
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data._mapped_file import load_mapped
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+_SMALL = 2**24  # bytes, up to which a file is checked whenever it is opened
+_FRESH = 100_000_000  # nanoseconds within which a file may change without another time
+_MAX_VALUES = 1_000_000
+
+
+def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> None:
+    r"""Writes a file of :func:`torch.save`, whole or not at all.
+
+    Args:
+        content: Plain data and tensors.
+        path (str or PathLike): The file.
+        check (bool): Whether what the disk has is compared with its checksums afterwards.
+
+    Raises:
+        OSError: If the disk is full, for instance; it names the file.
+        ValueError: If the disk has something else.
+    """
+    with atomic_path(path) as temporary:
+        with _Writer(io.FileIO(temporary, "w")) as file:
+            try:
+                torch.save(content, file)
+            except RuntimeError:  # which torch makes of an error of the disk
+                if file.refused is not None:
+                    raise file.refused from None
+                raise
+        if check:
+            check_zip(temporary)
+
+
+class _Writer(io.BufferedWriter):
+    refused: OSError | None = None
+
+    def write(self, data: "ReadableBuffer", /) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.refused = error
+            raise
+
+
+def read_torch_file(
+    path: PathLike, map_location: Any = "cpu", *, mmap: bool = False, once: bool = False
+) -> Any:
+    r"""Reads plain data and tensors from a file of :func:`torch.save`, after its checksums were
+    compared. Nothing in the file runs, and no tensor is larger than what the file has for it.
+
+    Args:
+        path (str or PathLike): The file.
+        map_location (optional): Where to put the tensors.
+        mmap (bool): Whether tensors stay in the file until they are used (see
+            :func:`~torch_geometric_tactile.data._mapped_file.load_mapped`).
+        once (bool): Whether a large file is checked only if it was not yet (see
+            :func:`check_once`).
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is damaged, or holds anything but plain data and tensors.
+    """
+    if once:
+        check_once(path)
+    else:
+        check_zip(path)
+    try:
+        if mmap:
+            content = load_mapped(path, map_location)
+        else:
+            content = torch.load(path, map_location=map_location, weights_only=True)
+    except OSError:
+        raise
+    except pickle.UnpicklingError as error:  # whose text advises to load it in an unsafe way
+        raise ValueError(f"'{path}' must hold plain data and tensors only") from error
+    except Exception as error:  # torch raises many kinds
+        raise ValueError(f"'{path}' cannot be read: {type(error).__name__}: {error}") from error
+    with zipfile.ZipFile(path) as archive:
+        stored = sum(e.file_size for e in archive.infolist() if "/data/" in e.filename)
+    _check_sizes(content, path, stored)
+    return content
+
+
+def check_once(path: PathLike) -> None:
+    r"""Compares a file of :func:`torch.save` with its checksums; if it is large, only if it changed
+    since the last time, for which its size, time and inode are kept beside it.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is damaged.
+    """
+    stat = os.stat(path)
+    if stat.st_size <= _SMALL:
+        check_zip(path)
+        return
+    state = {"size": stat.st_size, "mtime_ns": stat.st_mtime_ns, "inode": stat.st_ino}
+    mark = mark_path(path)
+    try:
+        if json.loads(mark.read_text(encoding="utf-8")) == state:
+            return
+    except (OSError, ValueError, RecursionError):  # none, or none that can be trusted
+        pass
+    check_zip(path)
+    if time.time_ns() - stat.st_mtime_ns < _FRESH:
+        return
+    try:
+        with atomic_path(mark) as temporary:
+            temporary.write_text(json.dumps(state), encoding="utf-8")
+    except OSError:  # a folder that cannot be written to: it is checked again
+        pass
+
+
+def mark_path(path: PathLike) -> Path:
+    r"""Returns where :func:`check_once` keeps that a file was checked.
+
+    Args:
+        path (str or PathLike): The file.
+    """
+    return Path(f"{path}.checked")
+
+
+def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
+    # A view of few numbers may claim to be large, and takes the memory where it is copied. A part
+    # of the file that is shorter than its tensors would be read on beyond its end.
+    waiting, num_values = [content], 0
+    storages: dict[int, int] = {}
+    while waiting:
+        value = waiting.pop()
+        num_values += 1
+        if num_values > _MAX_VALUES:
+            raise ValueError(f"'{path}' must hold at most {_MAX_VALUES} values")
+        if isinstance(value, dict):
+            waiting.extend(value.values())
+        elif isinstance(value, list | tuple):
+            waiting.extend(value)
+        elif isinstance(value, Tensor) and value.layout == torch.strided:
+            size = value.numel() * value.element_size()
+            held = 0 if value.is_meta else value.untyped_storage().nbytes()
+            if held:
+                storages[value.untyped_storage().data_ptr()] = held
+            if size > held:
+                raise ValueError(
+                    f"'{path}' must hold the {size} bytes of its tensor of shape "
+                    f"{tuple(value.shape)} (got {held})"
+                )
+    held = sum(storages.values())
+    if held > stored:
+        raise ValueError(f"'{path}' must hold the {held} bytes of its tensors (got {stored})")

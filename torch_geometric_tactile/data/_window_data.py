@@ -1,0 +1,244 @@
+r"""Windows of frames in place of stored samples."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+
+from torch_geometric_tactile._typing import Transform
+from torch_geometric_tactile.data.apply_transform import apply_transform
+from torch_geometric_tactile.data.frames import cut_windows
+from torch_geometric_tactile.data.static_data import StaticData
+
+
+class WindowData:
+    r"""What a :class:`~torch_geometric_tactile.data.StaticDataset` of windows stores in place of
+    :class:`~torch_geometric_tactile.data.StaticData`: the frames, where they are, and one index.
+    A window is cut from them when it is asked for.
+
+    Args:
+        frames (StaticData): The frames.
+        starts (torch.Tensor): The first frame of each window :math:`(W,)`: its row in
+            :obj:`frames`, or in :obj:`order` if given.
+        length (int): Number of frames of a window :math:`T`.
+        valid (torch.Tensor, optional): The number of frames that each window has :math:`(W,)`;
+            after them there is NaN. All of :obj:`length` if left out.
+        order (torch.Tensor, optional): The rows of consecutive frames, if they are not those of
+            :obj:`frames`.
+        target (str, optional): Name of the attribute of a frame that is the :obj:`y` of a window.
+        horizon (int): How many frames after the last one of the window that frame is.
+        series (sequence of str): Names of the attributes that a window has of all its frames.
+        transform (callable, optional): Applied to each frame.
+    """
+
+    def __init__(
+        self,
+        frames: StaticData,
+        starts: Tensor,
+        length: int,
+        *,
+        valid: Tensor | None = None,
+        order: Tensor | None = None,
+        target: str | None = None,
+        horizon: int = 0,
+        series: Sequence[str] = (),
+        transform: Transform | None = None,
+    ) -> None:
+        self.frames = frames
+        self.starts = starts
+        self.length = length
+        self.valid = valid
+        self.order = order
+        self.target = target
+        self.horizon = horizon
+        self.series = tuple(series)
+        self.transform = transform
+
+    @property
+    def num_samples(self) -> int:
+        r"""The number of windows."""
+        return len(self.starts)
+
+    @property
+    def num_nodes(self) -> int:
+        r"""The number of taxels."""
+        return int(self.frames.num_nodes)
+
+    def __contains__(self, key: str) -> bool:
+        if key == "y":
+            return self.target is not None
+        return (
+            key == "num_frames"
+            or (key == "valid_frames" and self.valid is not None)
+            or (key in self.frames)
+        )
+
+    def is_shared(self, key: str) -> bool:
+        r"""Tells whether all windows share one value of an attribute.
+
+        Args:
+            key (str): Name of the attribute.
+        """
+        if key in ("y", "num_frames", "valid_frames"):
+            return key == "num_frames"
+        return self.frames.is_shared(key)
+
+    def __getitem__(self, key: str) -> Any:
+        r"""Returns an attribute of all windows, before the transform of the frames.
+
+        Args:
+            key (str): Its name.
+        """
+        if key == "num_frames":
+            return self.length
+        if key == "valid_frames" and self.valid is not None:
+            return self.valid
+        if key in ("x", *self.series):
+            plain = self if self.transform is None else self._with(transform=None)
+            return plain.index_select(slice(None))[key]
+        if key == "y":
+            assert self.target is not None
+            return self.frames[self.target][self._rows(self._last() + self.horizon)]
+        value = self.frames[key]
+        return value if self.frames.is_shared(key) else value[self._rows(self._last())]
+
+    def sample(self, i: int) -> Data:
+        r"""Returns one window as PyG's :class:`~torch_geometric.data.Data`.
+
+        Args:
+            i (int): Its index.
+
+        Raises:
+            IndexError: If there is no such window.
+        """
+        if not -self.num_samples <= i < self.num_samples:
+            raise IndexError(f"'i' must be below {self.num_samples} (got {i})")
+        return self.index_select(torch.tensor([i % self.num_samples])).sample(0)
+
+    def select(self, index: Any) -> Self:
+        r"""Returns some of the windows, which are not cut yet.
+
+        Args:
+            index (torch.Tensor, slice or list of int): Indices :math:`(B,)`.
+        """
+        valid = None if self.valid is None else self.valid[index]
+        return self._with(starts=self.starts[index], valid=valid)
+
+    def index_select(self, index: Any) -> StaticData:
+        r"""Returns some of the windows, cut.
+
+        Args:
+            index (torch.Tensor, slice or list of int): Indices :math:`(B,)`.
+        """
+        return self.select(index)._cut()
+
+    def clone(self) -> Self:
+        r"""Returns a copy that shares no memory, with the frames that the windows need."""
+        kept = self._kept()
+        frames = self.frames.index_select(kept)
+        place = torch.full((self.frames.num_samples,), -1)
+        place[kept] = torch.arange(len(kept))
+        order = None if self.order is None else place[self.order]
+        starts = self.starts.clone() if order is not None else place[self.starts]
+        valid = None if self.valid is None else self.valid.clone()
+        return self._with(frames=frames.clone(), starts=starts, order=order, valid=valid)
+
+    def to(self, device: Any) -> Self:
+        r"""Moves the frames to a device, in place.
+
+        Args:
+            device (torch.device or str): The device.
+        """
+        self.frames = copy.copy(self.frames).to(device)
+        for name in ("starts", "valid", "order"):
+            value = getattr(self, name)
+            setattr(self, name, None if value is None else value.to(device))
+        return self
+
+    def _with(self, **changes: Any) -> Self:
+        out = copy.copy(self)
+        out.__dict__.update(changes)
+        return out
+
+    def _last(self) -> Tensor:
+        if self.valid is None:
+            return self.starts + (self.length - 1)
+        return self.starts + self.valid - 1
+
+    def _rows(self, index: Tensor) -> Tensor:
+        return index if self.order is None else self.order[index]
+
+    def _steps(self) -> Tensor:
+        # The frame of each step of each window (B, T); after the end of one, its last frame.
+        steps = torch.arange(self.length, device=self.starts.device)
+        if self.valid is None:
+            return self.starts[:, None] + steps
+        return self.starts[:, None] + torch.minimum(steps, self.valid[:, None] - 1)
+
+    def _kept(self) -> Tensor:
+        rows = self._rows(torch.cat([self._steps().view(-1), self._last() + self.horizon]))
+        return rows.unique()
+
+    def _cut(self) -> StaticData:
+        if self.transform is not None:
+            return self._transformed()._cut()
+        frames, last = self.frames, self._rows(self._last())
+        out = copy.copy(frames)
+        # Straight into the mapping: what was checked keeps its level.
+        mapping = out._store._mapping
+        for key, value in list(mapping.items()):
+            if frames.is_shared(key) or key == "y":
+                continue
+            if key == "x":
+                mapping[key] = cut_windows(value, self._row_sets(), self.length)
+            elif key in self.series:
+                mapping[key] = self._series(value)
+            else:
+                mapping[key] = value.index_select(0, last)
+        if self.target is not None:
+            label = frames[self.target]
+            mapping["y"] = self["y"] if self.horizon else label.index_select(0, last)
+        mapping["num_frames"] = self.length
+        if self.valid is not None:
+            mapping["valid_frames"] = self.valid
+        return out
+
+    def _row_sets(self) -> Any:
+        # The rows of the frames of each window, or the first of each.
+        if self.order is None and self.valid is None:
+            return self.starts
+        starts = self.starts.tolist()
+        counts = [self.length] * len(starts) if self.valid is None else self.valid.tolist()
+        spans = [slice(a, a + n) for a, n in zip(starts, counts, strict=True)]
+        if self.order is None:
+            return spans
+        rows = self.order.numpy(force=True)
+        return [rows[span] for span in spans]
+
+    def _series(self, value: Tensor) -> Tensor:
+        out = value[self._rows(self._steps())]
+        if self.valid is None:
+            return out
+        steps = torch.arange(self.length, device=self.valid.device)
+        is_after = steps >= self.valid[:, None]
+        if not out.is_floating_point():
+            return out
+        return out.masked_fill_(is_after.view(*is_after.shape, *(1,) * (out.dim() - 2)), torch.nan)
+
+    def _transformed(self) -> Self:
+        # The frames of these windows after the transform, one window after the other.
+        rows = self._steps()
+        if self.horizon:
+            rows = torch.cat([rows, (self._last() + self.horizon)[:, None]], dim=1)
+        chunk = self.frames.index_select(self._rows(rows.view(-1)))
+        starts = torch.arange(len(rows), device=rows.device) * rows.size(1)
+        return self._with(
+            frames=apply_transform(self.transform, chunk),
+            starts=starts,
+            order=None,
+            horizon=min(self.horizon, 1),
+            transform=None,
+        )

@@ -1,0 +1,95 @@
+r"""Objects, labels and phases of trials as attributes of their frames."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile.datasets._object_labels import ObjectLabels
+from torch_geometric_tactile.datasets._trial import Trial
+
+# What else trials may be split by, if all of them name it in their metadata.
+GROUPINGS = ("session", "placement", "size")
+
+
+def frame_labels(
+    trials: Sequence[Trial], known: ObjectLabels, target: str | None
+) -> tuple[dict[str, list[str]], dict[str, Tensor]]:
+    r"""Returns the names behind numbers, and the attributes of all frames.
+
+    Args:
+        trials (sequence of Trial): The trials.
+        known (ObjectLabels): What is known of their objects and properties.
+        target (str, optional): What :obj:`y` is, if neither object nor properties.
+
+    Raises:
+        ValueError: If a trial does not tell the target, or two contradict each other on the
+            properties of an object.
+    """
+    num_frames = torch.tensor([trial.num_frames for trial in trials])
+    objects = known.object_names(trials)
+    names: dict[str, list[str]] = {
+        "group": objects,
+        "trial": [trial.name for trial in trials],
+        "phase": [*dict.fromkeys(name for trial in trials for name in trial.phase_names)],
+        "property": [],
+        "synthetic": [trial.name for trial in trials if trial.meta.get("synthetic", False)],
+    }
+    out = {
+        "time": torch.from_numpy(np.concatenate([trial.time for trial in trials])),
+        "trial": torch.arange(len(trials)).repeat_interleave(num_frames),
+    }
+    if trials[0].joint is not None:
+        out["joint"] = torch.from_numpy(np.concatenate([trial.joint for trial in trials]))
+    if all(trial.object_name is not None for trial in trials):
+        group = [objects.index(trial.object_name or "") for trial in trials]
+        out["group"] = torch.tensor(group).repeat_interleave(num_frames)
+    for key in GROUPINGS:
+        values = [trial.meta.get(key) for trial in trials]
+        if all(isinstance(value, str | int) and not isinstance(value, bool) for value in values):
+            names[key], numbers = _numbered(values)
+            out[key] = numbers.repeat_interleave(num_frames)
+    names["property"], rows, names["unknown"] = _property_rows(trials, known)
+    if not names["unknown"]:
+        out["property"] = torch.tensor(rows).repeat_interleave(num_frames, dim=0)
+    if names["phase"]:
+        out["phase"] = torch.cat([trial.numbered_phase(names["phase"]) for trial in trials])
+    if target is not None:
+        labels = [label for trial in trials for label in trial.target(target).tolist()]
+        names["class"], out["y"] = _numbered(labels)
+    return names, out
+
+
+def _numbered(values: list[Any]) -> tuple[list[str], Tensor]:
+    # Integers in their order, before texts.
+    found = sorted(set(values), key=lambda value: (isinstance(value, str), value))
+    number = {value: i for i, value in enumerate(found)}
+    return [str(value) for value in found], torch.tensor([number[value] for value in values])
+
+
+def _property_rows(
+    trials: Sequence[Trial], known: ObjectLabels
+) -> tuple[list[str], list[list[int]], list[str]]:
+    # The names of the properties, their values for each trial, and whose properties are unknown
+    # or differ from those of the first trial.
+    properties = [known.properties(trial) for trial in trials]
+    first = next((found[0] for found in properties if found is not None), ())
+    rows, unknown = [], set()
+    of_object: dict[str, tuple[list[int], str]] = {}
+    for trial, found in zip(trials, properties, strict=True):
+        if found is None or sorted(found[0]) != sorted(first):
+            unknown.add(trial.object_name or trial.name)
+            continue
+        row = [found[1][found[0].index(name)] for name in first]
+        rows.append(row)
+        if trial.object_name is not None:
+            other, where = of_object.setdefault(trial.object_name, (row, trial.where))
+            if other != row:
+                raise ValueError(
+                    f"'{trial.object_name}' must have the same labels in all recordings (got "
+                    f"{other} in {where} and {row} in {trial.where}, for {', '.join(first)}): "
+                    "correct them, or give another name to what is another object"
+                )
+    return list(first) if not unknown else [], rows, sorted(unknown)

@@ -1,0 +1,235 @@
+r"""Files of one grasp each, one after the other, as frames and grasps."""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from torch import Tensor
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.datasets._frame_files import FrameFiles
+from torch_geometric_tactile.datasets._trial import Trial, make_trial
+from torch_geometric_tactile.sensors import TaxelLayout
+
+OUTCOMES = ("failure", "success")
+FINGERS = ("left", "middle", "right")
+#: Signals by their names in the files, with the shape of a frame; any size where there is none.
+SIGNALS: Mapping[str, tuple[int | None, ...]] = {
+    "pressure": (len(FINGERS),),
+    "pac": (len(FINGERS), None),
+    "robot_joint": (None, None),
+    "finger_joint": (None, None),
+    "object_pose": (7,),
+}
+
+
+class Grasp(NamedTuple):
+    r"""A grasp without its frames.
+
+    Args:
+        where (str): The file in messages.
+        name (str): Its name.
+        object_name (str): The object.
+        number (int, optional): Number of the trial.
+        session (str or int, optional): The session.
+        outcome (str): :obj:`"failure"` or :obj:`"success"`.
+        num_frames (int): The number of frames.
+        synthetic (bool): Whether a simulator made it.
+        ends_after_pickup (str): Seconds from pick-up to the last frame where the file tells them in
+            place of the time of pick-up.
+    """
+
+    where: str
+    name: str
+    object_name: str
+    number: int | None
+    session: str | int | None
+    outcome: str
+    num_frames: int
+    synthetic: bool
+    ends_after_pickup: str
+
+
+class GraspReader:
+    r"""Reads grasps, and keeps their frames on disk.
+
+    Args:
+        layout (TaxelLayout): The electrodes of a finger.
+        pattern (str): Regular expression for the names, see
+            :func:`~torch_geometric_tactile.datasets._trial.make_trial`.
+        signals (sequence of str, optional): Which of :obj:`SIGNALS` to read; those of the first
+            file if left out.
+    """
+
+    def __init__(
+        self, layout: TaxelLayout, pattern: str, signals: Sequence[str] | None = None
+    ) -> None:
+        self.layout = layout
+        self.pattern = pattern
+        self.signals = signals
+        self.phase_names: list[str] = []
+
+    def read(
+        self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
+    ) -> tuple[dict[str, Tensor], list[Grasp], list[str]]:
+        r"""Returns the attributes of all frames, mapped from temporary files, the grasps, and the
+        names of the objects.
+
+        Args:
+            recordings (iterable of tuple): What to call each in messages, its name, and it.
+            folder (Path, optional): The folder of the temporary files.
+
+        Raises:
+            ValueError: If one is no grasp, or does not fit the others.
+        """
+        with FrameFiles(folder) as files:
+            grasps = [self._grasp(files, *given) for given in recordings]
+            _check_numbers(grasps)
+            objects = sorted({grasp.object_name for grasp in grasps})
+            columns = {
+                "y": [OUTCOMES.index(grasp.outcome) for grasp in grasps],
+                "trial": range(len(grasps)),
+                "group": [objects.index(grasp.object_name) for grasp in grasps],
+            }
+            if all(grasp.session is not None for grasp in grasps):
+                sessions = session_names(grasps)
+                columns["session"] = [sessions.index(str(grasp.session)) for grasp in grasps]
+            for name, values in columns.items():
+                for value, grasp in zip(values, grasps, strict=True):
+                    files.add(name, np.full(grasp.num_frames, value))
+            out = {name: files.tensor(name) for name in files}
+        if "finger_joint" in out:
+            joint = out.pop("finger_joint")
+            out["joint"] = joint.view(len(joint), -1)
+        return out, grasps, objects
+
+    def _grasp(self, files: FrameFiles, where: str, name: str, recording: Recording) -> Grasp:
+        trial = self._trial(where, name, recording)
+        if recording.num_channels != len(FINGERS):
+            raise ValueError(
+                f"{where} must have {len(FINGERS)} channels a taxel, the fingers "
+                f"{', '.join(FINGERS)} (got {recording.num_channels})"
+            )
+        if trial.label not in OUTCOMES:
+            raise ValueError(
+                f"{where} must have the label 'success' or 'failure' (got {trial.label!r})"
+            )
+        if recording.meta.get("unit", "count") != "count":
+            raise ValueError(f"{where} must have the unit 'count' (got {recording.meta['unit']!r})")
+        time = recording.time - recording.time[0]
+        pickup = _seconds(where, recording.meta, "pickup_time")
+        if pickup is not None and not recording.time[0] <= pickup <= recording.time[-1]:
+            raise ValueError(
+                f"{where} must have in its metadata a 'pickup_time' on the clock of 'time', "
+                f"{float(recording.time[0])} to {float(recording.time[-1])} s (got {pickup})"
+            )
+        start = math.nan if pickup is None else pickup - float(recording.time[0])
+        files.add("x", recording.tactile)
+        files.add("time", time)
+        files.add("pickup_time", np.full(len(time), start))
+        files.add("phase", self._phase(trial))
+        files.add("slip", _slip(where, recording))
+        self._add_signals(files, where, recording)
+        end = _seconds(where, recording.meta, "ends_after_pickup")
+        return Grasp(
+            where=where,
+            name=name,
+            object_name=str(trial.object_name),
+            number=trial.number,
+            session=recording.meta.get("session"),
+            outcome=str(trial.label),
+            num_frames=recording.num_frames,
+            synthetic=bool(recording.meta.get("synthetic", False)),
+            ends_after_pickup="" if end is None else repr(end),
+        )
+
+    def _trial(self, where: str, name: str, recording: Recording) -> Trial:
+        phase = {k: v for k, v in recording.privileged.items() if k == "phase"}
+        slim = dataclasses.replace(recording, joint=None, privileged=phase, extra={})
+        return make_trial(
+            slim, self.layout, where=where, name=name, pattern=self.pattern, needs=("object",)
+        )
+
+    def _phase(self, trial: Trial) -> np.ndarray:
+        self.phase_names += [n for n in trial.phase_names if n not in self.phase_names]
+        return trial.numbered_phase(self.phase_names).numpy()
+
+    def _add_signals(self, files: FrameFiles, where: str, recording: Recording) -> None:
+        there = {**recording.privileged, **recording.extra}
+        if self.signals is None:
+            self.signals = [name for name in SIGNALS if name in there]
+        for name in self.signals:
+            if name not in there:
+                raise ValueError(
+                    f"{where} must hold '{name}', as the others (got {sorted(there) or 'none'}): "
+                    "add it, or name the signals that all files have, as in signals=['pressure']"
+                )
+            signal, shape = there[name], SIGNALS[name]
+            before = files.shape(name)
+            wanted = shape if before is None else before[1:]
+            fits = len(wanted) == signal.ndim - 1 and all(
+                size in (None, found) and found
+                for size, found in zip(wanted, signal.shape[1:], strict=True)
+            )
+            if signal.dtype.kind not in "iuf" or not fits:
+                sizes = ", ".join("any" if size is None else str(size) for size in wanted)
+                raise ValueError(
+                    f"{where} must hold numbers of shape ({sizes}) a frame in '{name}' (got "
+                    f"{signal.dtype} of shape {signal.shape[1:]})"
+                )
+            with np.errstate(over="ignore"):
+                signal = signal.astype(np.float32)
+            if np.isinf(signal).any():
+                raise ValueError(f"{where} must hold finite numbers, or NaN, in '{name}' (got inf)")
+            files.add(name, signal)
+
+
+def session_names(grasps: Sequence[Grasp]) -> list[str]:
+    r"""Returns the names of the sessions, integers in their order before texts.
+
+    Args:
+        grasps (sequence of Grasp): The grasps.
+    """
+    found = {grasp.session for grasp in grasps if grasp.session is not None}
+    return list(dict.fromkeys(map(str, sorted(found, key=lambda s: (isinstance(s, str), s)))))
+
+
+def _check_numbers(grasps: Sequence[Grasp]) -> None:
+    if not grasps:
+        raise ValueError("there must be at least one grasp (got none)")
+    seen: dict[tuple[Any, ...], str] = {}
+    for grasp in grasps:
+        if grasp.number is None:
+            continue
+        key = (grasp.object_name, grasp.number, grasp.session)
+        other = seen.setdefault(key, grasp.where)
+        if other is not grasp.where:
+            raise ValueError(
+                f"trial {grasp.number} of '{grasp.object_name}' must be in one file (got {other} "
+                f"and {grasp.where})"
+            )
+
+
+def _seconds(where: str, meta: Mapping[str, Any], key: str) -> float | None:
+    value = meta.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+        raise ValueError(f"{where} must have seconds in '{key}' in its metadata (got {value!r})")
+    return float(value)
+
+
+def _slip(where: str, recording: Recording) -> np.ndarray:
+    slip = recording.privileged.get("slip")
+    if slip is None:
+        return np.full(recording.num_frames, -1)
+    if slip.ndim != 1 or slip.dtype.kind not in "biuf" or not np.isin(slip, (-1, 0, 1)).all():
+        raise ValueError(
+            f"{where} must hold 0, 1 or, where unknown, -1 for each frame in 'slip' (got "
+            f"{slip.dtype} of shape {slip.shape})"
+        )
+    # From its onset on, also if a file marks only the frames in which the object moves.
+    return np.maximum.accumulate(slip.astype(np.int64))

@@ -1,0 +1,191 @@
+r"""Folders of presses, one for each letter."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile._texts import read_json
+from torch_geometric_tactile.io.matrix_files import read_matrices
+
+SIMULATION = "simulation.json"
+LAYOUT = "layout.json"
+_OWN_FOLDERS = ("raw", "processed")
+_ROUNDING = 1e-6  # of full scale
+_LISTED = 10
+
+
+class Presses(NamedTuple):
+    r"""The presses of a file.
+
+    Args:
+        grey (numpy.ndarray): Readings as parts of full scale :math:`(n, N)`.
+        letter (int): The number of their class.
+        names (list of str): What to call each.
+        file (str): The name of the file, with the letter in front.
+    """
+
+    grey: np.ndarray
+    letter: int
+    names: list[str]
+    file: str
+
+
+def letter_folder(root: Path) -> Path:
+    r"""Returns the folder of the letters: :obj:`root/raw`, or :obj:`root` where there is none.
+
+    Args:
+        root (Path): The folder of the data set.
+    """
+    inner = root / "raw"
+    return inner if inner.is_dir() and (folders(inner) or not folders(root)) else root
+
+
+def folders(folder: Path) -> list[str]:
+    r"""Returns the names of the folders in a folder, in order, without hidden ones.
+
+    Args:
+        folder (Path): The folder.
+    """
+    if not folder.is_dir():
+        return []
+    found = [path.name for path in folder.iterdir() if path.is_dir()]
+    return sorted(name for name in found if not name.startswith(".") and name not in _OWN_FOLDERS)
+
+
+def letter_files(folder: Path, letters: Sequence[str]) -> list[str]:
+    r"""Returns the names of the files of all letters, in order, without hidden ones.
+
+    Args:
+        folder (Path): The folder of the letters.
+        letters (sequence of str): The names of the classes.
+    """
+    names = []
+    for letter in letters:
+        if (folder / letter).is_dir():
+            found = sorted(path.name for path in (folder / letter).iterdir())
+            names += [f"{letter}/{name}" for name in found if not name.startswith(".")]
+    return names
+
+
+def check_folders(folder: Path, letters: Sequence[str]) -> None:
+    r"""Checks that there is a folder for each letter, and no other one.
+
+    Args:
+        folder (Path): The folder of the letters.
+        letters (sequence of str): The names of the classes.
+
+    Raises:
+        ValueError: If not.
+    """
+    found = folders(folder)
+    missing = [letter for letter in letters if letter not in found]
+    unknown = [name for name in found if name not in letters]
+    if missing or unknown:
+        said = [
+            f"{what}: {_listed(names)}"
+            for what, names in (("missing", missing), ("unknown", unknown))
+            if names
+        ]
+        raise ValueError(
+            f"'{folder}' must have a folder for each of the {len(letters)} letters, and no other "
+            f"(got {len(found)} folders; {'; '.join(said)}): add or remove them, or name other "
+            "classes by letters=[...]"
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f", ... and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(map(repr, names[:_LISTED])) + more
+
+
+def is_synthetic(folder: Path) -> bool:
+    r"""Tells whether a simulator says that it made the presses: :obj:`"synthetic"` in the file
+    :obj:`simulation.json`.
+
+    Args:
+        folder (Path): The folder of the letters.
+
+    Raises:
+        ValueError: If the file is no JSON of an object; the message names it.
+    """
+    path = folder / SIMULATION
+    if not path.exists():
+        return False
+    try:
+        content = read_json(path)
+        if not isinstance(content, dict):
+            raise ValueError(f"it must hold an object (got {type(content).__name__})")
+        synthetic = content.get("synthetic", False)
+        if not isinstance(synthetic, bool):
+            raise ValueError(f"'synthetic' must be true or false (got {synthetic!r})")
+    except ValueError as error:
+        raise ValueError(f"'{path}' cannot be read: {error}") from error
+    return synthetic
+
+
+def read_presses(
+    folder: Path,
+    letters: Sequence[str],
+    size: Sequence[int],
+    full_scale: float,
+    leave_out: Callable[[str], None],
+    variable: str | None = None,
+) -> Iterator[Presses]:
+    r"""Yields the presses of each file, in order. What cannot be used is left out.
+
+    Args:
+        folder (Path): The folder of the letters.
+        letters (sequence of str): The names of the classes.
+        size (sequence of int): The size of a matrix.
+        full_scale (float): The pressure of the grey value 1.
+        leave_out (callable): Called with the name and fault of each file or matrix left out.
+        variable (str, optional): Name of the variable of MAT files.
+    """
+    for file in letter_files(folder, letters):
+        path = folder / file
+        try:
+            matrices = read_matrices(path, size, variable)
+        except (ValueError, OSError) as error:
+            leave_out(str(error).replace(str(path), file))
+            continue
+        grey, faults = grey_values(matrices, full_scale)
+        single = len(grey) == 1
+        names = [file if single else f"{file}, matrix {i}" for i in range(len(grey))]
+        for i, fault in faults.items():
+            leave_out(f"'{file}'{fault}" if single else f"'{file}', matrix {i}{fault}")
+        kept = [i for i in range(len(grey)) if i not in faults]
+        if kept:
+            letter = letters.index(file.split("/", 1)[0])
+            rows = grey.reshape(len(grey), -1)[kept]
+            yield Presses(rows, letter, [names[i] for i in kept], file)
+
+
+def grey_values(matrices: np.ndarray, full_scale: float) -> tuple[np.ndarray, dict[int, str]]:
+    r"""Returns readings as parts of full scale, and what is wrong with which of them.
+
+    Numbers of type uint8 and uint16 are parts of full scale already, of their highest number;
+    others are pressures.
+
+    Args:
+        matrices (numpy.ndarray): The numbers :math:`(n, \ldots)`.
+        full_scale (float): The pressure of the grey value 1.
+    """
+    if matrices.dtype in (np.uint8, np.uint16):
+        return (matrices / np.float32(np.iinfo(matrices.dtype).max)).astype(np.float32), {}
+    part = matrices / full_scale
+    wrong = ~((part >= 0) & (part <= 1 + _ROUNDING))
+    faults = {}
+    for i in np.flatnonzero(wrong.reshape(len(part), -1).any(axis=1)).tolist():
+        place = tuple(np.argwhere(wrong[i])[0].tolist())
+        value = matrices[i][place]
+        what = "row {}, column {}" if len(place) == 2 else "taxel {}"
+        if np.isnan(value):
+            fault = "has no reading (NaN)"
+        elif value < 0:
+            fault = f"has a negative pressure ({value:g})"
+        else:
+            fault = f"is above the full scale of {full_scale:g} (got {value:g})"
+        faults[i] = f": {what.format(*place)} {fault}"
+    return np.clip(part, 0, 1).astype(np.float32), faults

@@ -1,0 +1,328 @@
+r"""The models of a comparison: what each is, what is tried, and where it has no place."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from torch_geometric_tactile.experiments._compared_task import Settings, Task
+from torch_geometric_tactile.experiments.tables import Cell
+from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
+
+_MODELS = "torch_geometric_tactile.nn.models."
+_BASELINES = "torch_geometric_tactile.baselines."
+_MOST_SVM_SAMPLES = 10_000
+_MANY_TAXELS = 500  # above which a network is tried with one setting, for time
+
+
+@dataclass(frozen=True)
+class ComparedModel:
+    r"""A model of a comparison.
+
+    Args:
+        name (str): What a user calls it.
+        title (str): What it is, in a few words.
+        is_graph (bool): Whether it is one of ours, which sees the layout as a graph or as places.
+        cell (callable): Its place of a table, by name, title and task.
+        lacks (callable): Why it has no place in a task; empty if it has.
+    """
+
+    name: str
+    title: str
+    is_graph: bool
+    cell: Callable[[Task], dict[str, Any]]
+    lacks: Callable[[Task], str] = lambda task: ""
+
+    def to_cell(self, task: Task) -> Cell:
+        r"""Returns its place of a table.
+
+        Args:
+            task (Task): What it has to do.
+        """
+        return Cell(row=self.name, column="", experiment=self.name, **self.cell(task))
+
+
+def _network(
+    task: Task,
+    name: str,
+    settings: Settings,
+    *,
+    lr: float | None = None,
+    scaled: bool = True,
+    **arguments: Any,
+) -> dict[str, Any]:
+    recipe = task.recipe
+    section: dict[str, Any] = {
+        "model": {"class_path": f"{_MODELS}{name}", "init_args": arguments},
+        "optimizer": {
+            "class_path": "torch.optim.AdamW",
+            "init_args": {
+                "lr": recipe.lr if lr is None else lr,
+                "weight_decay": recipe.weight_decay,
+                "fused": True,
+            },
+        },
+    }
+    if task.numbers:
+        section |= {"task": "regression", "loss": "huber"}
+    else:
+        section["label_smoothing"] = recipe.label_smoothing
+    if task.metric == "balanced_accuracy":
+        section["class_weights"] = "balanced"
+    config = {
+        "model": section,
+        "data": {
+            "transform": task.transform(scaled=scaled, posed=not scaled),
+            "batch_size": recipe.batch_size,
+        },
+        "trainer": {"max_epochs": recipe.max_epochs},
+    }
+    few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
+    return {"config": config, "choice": task.choice(few)}
+
+
+def _estimator(
+    task: Task, name: str, settings: Settings = ({},), *, posed: bool = False, **arguments: Any
+) -> dict[str, Any]:
+    scaled = name not in ("posed_forest", "posed_ridge")
+    arguments["task"] = "regression" if task.numbers else "multiclass"
+    if task.metric == "balanced_accuracy" and name != "constant":
+        arguments["class_weight"] = "balanced"
+    return {
+        "estimator": {"class_path": f"{_BASELINES}{name}", "init_args": arguments},
+        "transform": task.transform(scaled=scaled, posed=posed, filled=scaled),
+        "choice": task.choice([{"init_args": setting} for setting in settings]),
+    }
+
+
+def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
+    setting: dict[str, Any] = {"optimizer": {"init_args": {"weight_decay": weight_decay}}}
+    return {**setting, "model": {"init_args": arguments}} if arguments else setting
+
+
+_LEAVES = [{}, {"min_samples_leaf": 4}]
+_LINEAR = [{"C": c} for c in (0.001, 0.01, 0.1, 1.0)]
+_RADIAL = [
+    {"C": c, "width": width}
+    for c, width in ((1.0, 1.0), (10.0, 1.0), (100.0, 1.0), (10.0, 0.3), (100.0, 0.3), (10.0, 3.0))
+]
+_RIDGE = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
+_DROPOUT = [{}, _decay(0.1, dropout=0.5)]
+_LESS_DROPOUT = [{}, {"model": {"init_args": {"dropout": 0.3}}}]
+_MORE_DECAY = [{}, _decay(0.5)]
+_FINGERS_APART = {"model": {"init_args": {"fusion": "feature"}}}
+_SIGNALS = [{"C": c} for c in (1.0, 0.1, 10.0, 100.0)]
+
+
+def _num_blocks(num_frames: int) -> int:
+    # Of TemporalTaxelNet, so that its answer rests on all frames, which may be more than 64.
+    return max(2, math.ceil(math.log2(num_frames / 16)))
+
+
+def _lacks_frames(task: Task) -> str:
+    if task.num_frames is not None:
+        return ""
+    return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
+
+
+def _lacks_a_frame(task: Task) -> str:
+    return "" if task.num_frames is None else "it is for single frames, and the samples have more"
+
+
+def _lacks_a_pose(task: Task) -> str:
+    return _lacks_a_frame(task) or (
+        "" if task.posed else "the taxels are not placed by joint angles"
+    )
+
+
+def _lacks_a_map(task: Task) -> str:
+    return "" if task.layout.image_map is not None else "the layout has no image_map"
+
+
+def _lacks_a_large_map(task: Task) -> str:
+    image_map = task.layout.image_map
+    if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
+        return _lacks_a_map(task)
+    return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"
+
+
+MODELS: tuple[ComparedModel, ...] = (
+    ComparedModel(
+        "taxel_net",
+        "TaxelNet, the default graph model",
+        True,
+        lambda task: _network(task, "TaxelNet", _LESS_DROPOUT),
+    ),
+    ComparedModel(
+        "posed_taxel_net",
+        "PosedTaxelNet, on taxels placed by the joint angles",
+        True,
+        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, scaled=False),
+        _lacks_a_pose,
+    ),
+    ComparedModel(
+        "temporal",
+        "TemporalTaxelNet, the default for windows of frames",
+        True,
+        lambda task: _network(
+            task,
+            "TemporalTaxelNet",
+            _LESS_DROPOUT,
+            num_blocks=_num_blocks(task.num_frames or 1),
+        ),
+        _lacks_frames,
+    ),
+    ComparedModel(
+        "gcn",
+        "TactileGCN, a plain GCN",
+        True,
+        lambda task: _network(
+            task,
+            "TactileGCN",
+            _MORE_DECAY,
+            lr=1e-3,
+            widths=[32, 32],
+            pools=[1, 1],
+            head_widths=[128],
+            head_pools=[1],
+        ),
+    ),
+    ComparedModel(
+        "grasp_gcn",
+        "GraspGCN, a graph convolution on all frames of a taxel",
+        True,
+        lambda task: _network(
+            task,
+            "GraspGCN",
+            [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
+            lr=1e-3,
+        ),
+        _lacks_frames,
+    ),
+    ComparedModel(
+        "fnn",
+        "TactileFNN, fully connected",
+        False,
+        lambda task: _network(
+            task, "TactileFNN", _MORE_DECAY, lr=1e-3, widths=[256, 64], pools=[1, 1]
+        ),
+    ),
+    ComparedModel(
+        "cnn",
+        "SmallCNN, on the map of the layout",
+        False,
+        lambda task: _network(task, "SmallCNN", _DROPOUT),
+        _lacks_a_map,
+    ),
+    ComparedModel(
+        "bmf_cnn",
+        "BMFCNN, bilinear features on the map of the layout",
+        False,
+        lambda task: _network(task, "BMFCNN", _MORE_DECAY, lr=1e-3),
+        _lacks_a_large_map,
+    ),
+    ComparedModel(
+        "lstm",
+        "GraspLSTM, recurrent, on the readings of each frame",
+        False,
+        lambda task: _network(task, "GraspLSTM", _MORE_DECAY, lr=1e-3),
+        _lacks_frames,
+    ),
+    ComparedModel(
+        "svm_rbf",
+        "support vector machine, radial kernel",
+        False,
+        lambda task: _estimator(task, "rbf_svm", _RADIAL, most_samples=_MOST_SVM_SAMPLES),
+    ),
+    ComparedModel(
+        "svm_linear",
+        "support vector machine, linear",
+        False,
+        lambda task: _estimator(task, "linear_svm", _LINEAR),
+    ),
+    ComparedModel(
+        "svm_signal",
+        "support vector machine on 12 statistical features of each signal",
+        False,
+        lambda task: _estimator(
+            task,
+            "signal_svm",
+            _SIGNALS,
+            num_channels=task.num_channels,
+            most_samples=_MOST_SVM_SAMPLES,
+        ),
+        _lacks_frames,
+    ),
+    ComparedModel(
+        "forest",
+        "random forest on the readings",
+        False,
+        lambda task: _estimator(task, "flat_forest", _LEAVES),
+    ),
+    ComparedModel(
+        "posed_forest",
+        "random forest on sums of each patch",
+        False,
+        lambda task: _estimator(task, "posed_forest", _LEAVES, posed=task.posed),
+        _lacks_a_frame,
+    ),
+    ComparedModel(
+        "posed_ridge",
+        "ridge on sums of each patch",
+        False,
+        lambda task: _estimator(task, "posed_ridge", _RIDGE, posed=task.posed),
+        _lacks_a_frame,
+    ),
+    ComparedModel(
+        "constant",
+        "most frequent class, or mean",
+        False,
+        lambda task: _estimator(task, "constant"),
+    ),
+)
+FLOOR = "constant"
+_BY_NAME = {model.name: model for model in MODELS}
+
+
+def chosen_models(names: Sequence[str] | None, task: Task) -> tuple[ComparedModel, ...]:
+    r"""Returns models by their names, in the order of all.
+
+    Args:
+        names (sequence of str, optional): The names; all that have a place in the task if left out.
+        task (Task): What they have to do.
+
+    Raises:
+        ValueError: If there is no such model, or one that is named has no place in the task.
+    """
+    if names is None:
+        return tuple(model for model in MODELS if not model.lacks(task))
+    check_names(names)
+    for name in names:
+        reason = _BY_NAME[name].lacks(task)
+        if reason:
+            raise ValueError(f"'models' must fit the data (got '{name}', but {reason})")
+    return tuple(model for model in MODELS if model.name in names)
+
+
+def check_names(names: Sequence[str]) -> None:
+    r"""Checks that there are models of some names.
+
+    Args:
+        names (sequence of str): The names.
+
+    Raises:
+        ValueError: If there is no such model; the message lists those there are.
+    """
+    unknown = [name for name in names if name not in _BY_NAME]
+    if unknown or not names:
+        got = f"'{unknown[0]}'" if unknown else "none"
+        raise ValueError(f"'models' must be some of {', '.join(_BY_NAME)} (got {got})")
+
+
+def model_of(name: str) -> ComparedModel:
+    r"""Returns a model by its name.
+
+    Args:
+        name (str): The name.
+    """
+    return _BY_NAME[name]

@@ -1,0 +1,282 @@
+r"""Windows of frames and whole trials as the samples of a comparison."""
+
+import copy
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch_geometric.transforms import Compose
+
+from torch_geometric_tactile.data import StaticDataset, Windows
+from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.experiments._building import argument_names, find_class
+from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.transforms import Tare
+
+_WINDOWS = "torch_geometric_tactile.data.Windows"
+_TRIALS = "torch_geometric_tactile.data.Trials"
+_RESAMPLE = "torch_geometric_tactile.transforms.Resample"
+_TARED = f"{__name__}.tared_frames"
+_STRIDED = f"{__name__}.strided_frames"
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FrameCut:
+    r"""How samples of several frames are cut from the frames of a data set: windows, or whole
+    trials.
+
+    Args:
+        window (int, optional): Number of frames of a window.
+        hop (int, optional): Number of frames from the start of a window to that of the next; the
+            length of a window if left out, so that no frame is in two windows.
+        horizon (int, optional): How many frames after its last one a window takes its label from;
+            that of the last frame if left out.
+        trials (int, optional): In place of windows, whole trials resampled to so many frames.
+
+    Raises:
+        ValueError: If neither or both of :obj:`window` and :obj:`trials` are given, or a number is
+            too small or does not go with the others.
+
+    Examples:
+        >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})
+        >>> windows = FrameCut(window=20, hop=5).cut(frames)
+        >>> windows.arguments["length"], windows.arguments["hop"]
+        (20, 5)
+    """
+
+    window: int | None = None
+    hop: int | None = None
+    horizon: int | None = None
+    trials: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.window is None:
+            for name, number in (("hop", self.hop), ("horizon", self.horizon)):
+                if number is not None:
+                    raise ValueError(
+                        f"'{name}' must come with 'window', the number of frames of a window (got "
+                        f"{number} without)"
+                    )
+            if self.trials is None:
+                raise ValueError("one of 'window' and 'trials' must be given (got none)")
+        elif self.trials is not None:
+            raise ValueError(
+                f"only one of 'window' and 'trials' may be given (got {self.window} and "
+                f"{self.trials})"
+            )
+        for name, least in (("window", 2), ("hop", 1), ("horizon", 1), ("trials", 2)):
+            number = getattr(self, name)
+            if number is not None and number < least:
+                raise ValueError(f"'{name}' must be at least {least} (got {number})")
+
+    def cut(self, frames: DataSource) -> DataSource:
+        r"""Returns the samples as a data source. What only chose among the frames, such as a
+        stride, chooses those that windows are cut from.
+
+        Args:
+            frames (DataSource): The frames.
+        """
+        inner = {
+            "class_path": frames.class_path,
+            "init_args": {**frames.arguments, **frames.selection},
+        }
+        arguments: dict[str, Any] = {"dataset": inner}
+        if self.window is None:
+            resample = {"class_path": _RESAMPLE, "init_args": {"num": self.trials}}
+            arguments |= {"ragged": "pad", "pre_transform": resample}
+        else:
+            arguments |= {"length": self.window, "hop": self.hop or self.window}
+        if self.horizon is not None:
+            arguments |= {"label": "ahead", "horizon": self.horizon}
+        path = _TRIALS if self.window is None else _WINDOWS
+        return replace(
+            frames, class_path=path, arguments=arguments, selection={}, caption="", fingerprint=""
+        )
+
+
+def of_frames(
+    source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
+) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
+    r"""Returns a source, and what is left to be tared and selected of its samples: of samples that
+    are cut from frames nothing, since both is done to the frames. A stride makes other windows.
+
+    Args:
+        source (DataSource): The samples.
+        tare (Mapping, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
+        selection (Mapping, optional): Arguments that only choose among the frames.
+
+    Raises:
+        ValueError: If rest readings are of something else than trials, or it is not known how the
+            source cuts its samples.
+    """
+    found = find_class(source.class_path)
+    if not isinstance(found, type) or not issubclass(found, FrameView):
+        return source, None if tare is None else dict(tare), selection
+    source = source.with_arguments(selection or {})
+    return source if tare is None else without_rest(source, tare), None, None
+
+
+def without_rest(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
+    r"""Returns the windows of a source with the rest reading of each trial subtracted from its
+    frames, before windows are cut.
+
+    Args:
+        source (DataSource): The windows, as :meth:`FrameCut.cut` returns them.
+        tare (Mapping): Arguments of :class:`~torch_geometric_tactile.transforms.Tare` by trial.
+
+    Raises:
+        ValueError: If rest readings are of something else than trials, or it is not known how the
+            source cuts its samples.
+    """
+    given = dict(tare)
+    if given.pop("key", "session") != "trial":
+        raise ValueError(
+            f"'tare' must be of each trial, key='trial', for samples of several frames (got {tare})"
+        )
+    inner = source.arguments.get("dataset")
+    if not isinstance(inner, Mapping) or "class_path" not in inner:
+        raise ValueError(
+            "'tare' must be left out for samples of several frames, unless the source has the "
+            "'dataset' that they are cut from: subtract rest readings before cutting (got "
+            f"{source.class_path.rpartition('.')[2]})"
+        )
+    frames = {"class_path": _TARED, "init_args": {"dataset": inner, **given}}
+    return replace(source, arguments={**source.arguments, "dataset": frames}, fingerprint="")
+
+
+def tared_frames(
+    dataset: StaticDataset, first: int | None = None, seconds: float | None = None
+) -> StaticDataset:
+    r"""Returns a data set whose frames have the rest reading of their trial subtracted, which is
+    measured on that trial alone.
+
+    Args:
+        dataset (StaticDataset): The frames.
+        first (int, optional): As of :class:`~torch_geometric_tactile.transforms.Tare`.
+        seconds (float, optional): Likewise.
+    """
+    tare = Tare("trial", first=first, seconds=seconds).fit(dataset, dataset.transform)
+    out = copy.copy(dataset)
+    out.transform = tare if dataset.transform is None else Compose([dataset.transform, tare])
+    return out
+
+
+def with_stride(frames: DataSource, stride: int) -> DataSource:
+    r"""Returns every so manieth frame of each trial of a source: by an argument of its class, if it
+    has one of this name.
+
+    Args:
+        frames (DataSource): The frames.
+        stride (int): How many.
+    """
+    names = argument_names(frames.class_path)
+    if names is None or "stride" in names:
+        return replace(frames, selection={**frames.selection, "stride": stride})
+    inner = {"class_path": frames.class_path, "init_args": frames.arguments}
+    return replace(frames, class_path=_STRIDED, arguments={"dataset": inner, "stride": stride})
+
+
+def strided_frames(dataset: StaticDataset, stride: int) -> StaticDataset:
+    r"""Returns every so manieth sample of each trial of a data set, in their order.
+
+    Args:
+        dataset (StaticDataset): The samples; without trials they count as one.
+        stride (int): How many.
+    """
+    trial = dataset.column("trial")
+    trial = torch.zeros(len(dataset)) if trial is None else trial
+    order = trial.argsort(stable=True)
+    _, counts = trial[order].unique_consecutive(return_counts=True)
+    place = torch.arange(len(order)) - (counts.cumsum(0) - counts).repeat_interleave(counts)
+    return dataset[order[place % stride == 0].sort().values]
+
+
+def check_cut(dataset: StaticDataset, by: str) -> None:
+    r"""Checks that a split puts no frame into two parts.
+
+    Args:
+        dataset (StaticDataset): The samples; single frames pass.
+        by (str): :obj:`"trial"`, :obj:`"group"`, :obj:`"frame"` or :obj:`"given"`.
+
+    Raises:
+        ValueError: If windows that overlap are split one by one, or frames of one trial are of
+            several groups or parts.
+    """
+    if not isinstance(dataset, FrameView):
+        return
+    if by == "frame" and isinstance(dataset, Windows):
+        reach = dataset.length + dataset.horizon
+        if dataset.hop < reach:
+            what = "windows" if not dataset.horizon else "windows and the frames of their labels"
+            raise ValueError(
+                f"'by' must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
+                f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
+                f"sides of a split; or let 'hop' be at least {reach}"
+            )
+        _logger.warning(
+            "windows are split one by one: those of one trial are on both sides, and the scores "
+            "are too high for a new trial"
+        )
+    if by in ("group", "given"):
+        _check_one_part(dataset.dataset, "part" if by == "given" else by)
+
+
+def _check_one_part(frames: StaticDataset, key: str) -> None:
+    value, trial = frames.column(key), frames.column("trial")
+    if not isinstance(value, Tensor) or trial is None or not len(trial):
+        return  # the split tells what is missing
+    changed = (value[1:] != value[:-1]) & (trial[1:] == trial[:-1])
+    if changed.any():
+        number = int(trial[int(changed.nonzero()[0])])
+        raise ValueError(
+            f"'{key}' must be the same in all frames of a trial where samples have several frames "
+            f"(got two in trial {number})"
+        )
+
+
+def describe_left_out(dataset: StaticDataset) -> str:
+    r"""Returns in words what was left out when samples were cut; an empty text if nothing was.
+
+    Args:
+        dataset (StaticDataset): The samples.
+    """
+    parts = []
+    if isinstance(dataset, FrameView) and dataset.too_short:
+        parts.append(f"trials shorter than a window: {len(dataset.too_short)}")
+    if isinstance(dataset, Windows) and dataset.num_beyond:
+        parts.append(f"windows whose label is beyond their trial: {dataset.num_beyond}")
+    return f"Left out: {'; '.join(parts)}." if parts else ""
+
+
+def describe_cut(source: DataSource) -> str:
+    r"""Returns in words what a sample is; an empty text for single frames.
+
+    Args:
+        source (DataSource): The samples.
+
+    Examples:
+        >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})
+        >>> describe_cut(FrameCut(trials=60).cut(frames))
+        'A sample is a whole trial, resampled to 60 frames.'
+    """
+    given = source.arguments
+    if source.class_path == _WINDOWS:
+        length, hop, ahead = given["length"], given.get("hop", 1), given.get("horizon")
+        label = f"the frame {ahead} after its last" if ahead else "its last frame"
+        every = "one after the other" if hop == length else f"one every {hop}"
+        text = f"A sample is a window of {length} frames, {every}, with the label of {label}"
+    elif source.class_path == _TRIALS:
+        once = given.get("pre_transform")
+        is_known = isinstance(once, Mapping) and once.get("class_path") == _RESAMPLE
+        number = once["init_args"]["num"] if is_known and once is not None else None
+        text = "A sample is a whole trial" + (f", resampled to {number} frames" if number else "")
+    else:
+        return ""
+    inner = given.get("dataset")
+    if isinstance(inner, Mapping) and inner.get("class_path") == _TARED:
+        text += "; rest readings of each trial were subtracted before"
+    return f"{text}."

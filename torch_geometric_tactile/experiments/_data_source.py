@@ -1,0 +1,311 @@
+r"""Where the samples of an experiment come from, as a value."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile._files import file_sha256
+from torch_geometric_tactile._texts import printable, read_json
+from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data._frame_view import FrameView
+from torch_geometric_tactile.experiments._building import argument_names, build, check_arguments
+
+_SIMULATION = "simulation.json"
+_PLACES = ("root", "path")  # of files, whose content is the fingerprint
+_INNER = "dataset"  # the argument of a view, such as Trials, that is the data set it shows
+
+
+@dataclass(frozen=True)
+class DataSource:
+    r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, by its class and
+    arguments. That of a view, such as :class:`~torch_geometric_tactile.data.Trials`, has the data
+    set that it shows as the argument :obj:`dataset`.
+
+    Args:
+        class_path (str): Import path of the class.
+        arguments (dict): Its arguments as plain data; objects in them as mappings with
+            :obj:`class_path` and :obj:`init_args`.
+        selection (dict): Further arguments, which only choose among the samples, such as
+            :obj:`stride`: splits are drawn before, so that they move no sample to another part.
+            With them, the data set must select as PyG's data sets do, by its :meth:`indices`.
+        kind (str): One word that labels the numbers, such as :obj:`"measured"`; if empty, what the
+            data set says of itself.
+        caption (str): Where the samples come from, as a sentence.
+        fingerprint (str): A code of the content of its files or tensors, wherever they lie; empty
+            until :meth:`resolve` is called.
+    """
+
+    class_path: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+    selection: dict[str, Any] = field(default_factory=dict)
+    kind: str = ""
+    caption: str = ""
+    fingerprint: str = ""
+
+    def with_arguments(
+        self, arguments: Mapping[str, Any], selection: Mapping[str, Any] | None = None
+    ) -> Self:
+        r"""Returns the source with other or further arguments. Those that a view does not have,
+        such as :obj:`root`, are given to the data set that it shows.
+
+        Args:
+            arguments (Mapping): Laid over the arguments.
+            selection (Mapping, optional): Laid over the selection.
+        """
+        return replace(
+            self,
+            arguments=_laid_over(self.class_path, self.arguments, arguments),
+            selection={**self.selection, **(selection or {})},
+            fingerprint="",
+        )
+
+    def resolve(self) -> tuple[Self, "DataFacts"]:
+        r"""Loads the data set, which processes or downloads it if that was not done before, so that
+        many processes can read it at once. Returns the source with its fingerprint, kind and
+        caption, and what it holds.
+
+        Raises:
+            FileNotFoundError: If there is no data; the message tells the next step.
+            ValueError: If there is no such class or argument, or the data cannot be read.
+        """
+        check_arguments(self.class_path, {**self.arguments, **self.selection})
+        dataset = self._build(self.arguments)
+        used = self._build({**self.arguments, **self.selection}) if self.selection else dataset
+        if not isinstance(dataset, StaticDataset):
+            raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
+        facts = DataFacts.of(dataset, used)
+        synthetic = getattr(innermost(dataset), "synthetic", None)
+        kind = self.kind or {None: "ours", True: "simulated", False: "measured"}[synthetic]
+        caption = self.caption or _caption(dataset, kind, facts)
+        code = _fingerprint(dataset)
+        return replace(self, fingerprint=code, kind=kind, caption=caption), facts
+
+    def load(self) -> StaticDataset:
+        r"""Returns the data set, without :obj:`selection`. A process keeps the last few that it
+        loaded.
+        """
+        return _load(self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint)
+
+    def parts(
+        self, protocol: Protocol, seed: int, fold: int
+    ) -> tuple[StaticDataset, StaticDataset]:
+        r"""Returns the samples to train on, and those to test on.
+
+        Args:
+            protocol (Protocol): What is held out.
+            seed (int): Which of the random splits.
+            fold (int): Which of the folds is tested on.
+
+        Raises:
+            ValueError: If the samples cannot be split so, or nothing is left of a part.
+        """
+        dataset = self.load()
+        train, _, test = protocol.split(dataset, seed, fold)
+        if self.selection:
+            chosen = self._build({**self.arguments, **self.selection}).indices()
+            is_chosen = torch.zeros(dataset.len(), dtype=torch.bool)
+            is_chosen[torch.as_tensor(list(chosen))] = True
+            is_chosen = is_chosen[torch.as_tensor(list(dataset.indices()))]
+            train, test = train[is_chosen[train]], test[is_chosen[test]]
+        for name, part in (("train", train), ("test", test)):
+            if not len(part):
+                raise ValueError(
+                    f"'{protocol.describe()}' must leave samples to {name} on (left none of "
+                    f"{len(dataset)}; selection: {self.selection or 'none'})"
+                )
+        return dataset[train], dataset[test]
+
+    def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
+        dataset: StaticDataset = build({"class_path": self.class_path, "init_args": arguments})
+        return dataset
+
+    def identity(self) -> dict[str, Any]:
+        r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
+        return {
+            "class_path": self.class_path,
+            "arguments": _without_places(self.arguments),
+            "selection": self.selection,
+            "fingerprint": self.fingerprint,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments of this class as plain data."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class DataFacts:
+    r"""What a data source holds.
+
+    Args:
+        num_samples (int): Number of samples, after the selection.
+        num_trials (int): Number of trials; 0 if the samples belong to none.
+        num_groups (int): Number of groups (objects); 0 if the samples belong to none.
+        num_classes (int): Number of classes or labels.
+        class_names (tuple of str): Their names, where the data set has them.
+        session_names (tuple of str): Names of the recording sessions.
+        num_frames (int, optional): Number of frames of a sample, if samples are windows of frames
+            or whole trials; :obj:`None` for single frames.
+    """
+
+    num_samples: int
+    num_trials: int
+    num_groups: int
+    num_classes: int
+    class_names: tuple[str, ...] = ()
+    session_names: tuple[str, ...] = ()
+    num_frames: int | None = None
+
+    @classmethod
+    def of(cls, dataset: StaticDataset, used: StaticDataset | None = None) -> Self:
+        r"""Returns the facts of a data set.
+
+        Args:
+            dataset (StaticDataset): The data set.
+            used (StaticDataset, optional): The same with a selection of the samples.
+        """
+        counts = [_count(dataset.column(key)) for key in ("trial", "group")]
+        return cls(
+            num_samples=len(dataset if used is None else used),
+            num_trials=counts[0],
+            num_groups=counts[1],
+            num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
+            class_names=tuple(dataset.class_names),
+            session_names=tuple(dataset.session_names),
+            num_frames=num_frames_of(dataset),
+        )
+
+
+def num_frames_of(dataset: StaticDataset) -> int | None:
+    r"""Returns the number of frames that each sample says it has, or :obj:`None` of single frames.
+
+    Args:
+        dataset (StaticDataset): The samples.
+    """
+    number = dataset.column("num_frames")
+    return None if number is None else int(torch.as_tensor(number).view(-1)[0])
+
+
+def _laid_over(
+    class_path: str, arguments: Mapping[str, Any], over: Mapping[str, Any]
+) -> dict[str, Any]:
+    # What the class of a view does not know is an argument of the data set that it shows.
+    inner = arguments.get(_INNER)
+    if not over or not isinstance(inner, Mapping) or "class_path" not in inner:
+        return {**arguments, **over}
+    known = argument_names(class_path)
+    mine = {key: value for key, value in over.items() if known is None or key in known}
+    others = {key: value for key, value in over.items() if key not in mine}
+    laid = {**arguments, **mine}
+    if others:
+        below = _laid_over(inner["class_path"], inner.get("init_args") or {}, others)
+        laid[_INNER] = {**inner, "init_args": below}
+    return laid
+
+
+def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    left = {key: value for key, value in arguments.items() if key not in _PLACES}
+    inner = left.get(_INNER)
+    if isinstance(inner, Mapping) and "class_path" in inner:
+        left[_INNER] = {**inner, "init_args": _without_places(inner.get("init_args") or {})}
+    return left
+
+
+def innermost(dataset: StaticDataset) -> StaticDataset:
+    r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
+    itself if it is no view.
+
+    Args:
+        dataset (StaticDataset): The data set.
+    """
+    while isinstance(dataset, FrameView):
+        dataset = dataset.dataset
+    return dataset
+
+
+@lru_cache(maxsize=4)
+def _load(class_path: str, arguments: str, fingerprint: str) -> StaticDataset:
+    return DataSource(class_path)._build(json.loads(arguments))
+
+
+def _count(column: Tensor | None) -> int:
+    return 0 if column is None else len(column.unique())
+
+
+def _is_one_number(y: Tensor | None) -> bool:
+    return y is not None and y.dim() == 1 and y.is_floating_point()
+
+
+def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
+    held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
+    if kind != "simulated":
+        return f"Recordings of your own: {held}."
+    root = Path(innermost(dataset).root)
+    found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
+    if not found:
+        return f"**Simulated**, not a result of a real sensor: {held}."
+    try:
+        simulation = read_json(found[0])
+        made = _made(simulation)
+        sensor = "array" if simulation.get("generator") == "letters" else "hand"
+        said = f"**Simulated**, not a result of a real {sensor}: {held}"
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"'{found[0]}' is not what 'tactile simulate' writes ({error}): delete it, or run the "
+            "command again"
+        ) from error
+    return f"{said} of `tactile simulate` ({printable(made)})."
+
+
+def _made(simulation: Mapping[str, Any]) -> str:
+    if simulation.get("generator") == "letters":
+        return f"letters on `{simulation['layout']}`, seed {simulation['seed']}"
+    end = f"MuJoCo {simulation['mujoco']}"
+    if "preset" in simulation:
+        preset = simulation["preset"]
+        return (
+            f"objects `{simulation['object_set']}`, seed {simulation['seed']}, "
+            f"{preset['duration']:g} s at {preset['rate']:g} Hz, {end}"
+        )
+    rates = (
+        f"{name} {counts['grasps']}, of which {100 * counts['successes'] / counts['grasps']:.1f} % "
+        "are a success"
+        for name, counts in simulation["objects"].items()
+    )
+    return f"{'; '.join(rates)}; seed {simulation['seed']}, {end}"
+
+
+def _fingerprint(dataset: StaticDataset) -> str:
+    dataset = innermost(dataset)
+    code = hashlib.sha256()
+    files = _files(dataset)
+    for file in files:
+        stat = file.stat()
+        code.update(f"{file.name} {_sha256(file, stat.st_size, stat.st_mtime_ns)}\n".encode())
+    if not files:
+        for key, value in sorted(dataset.data.to_dict().items()):
+            if isinstance(value, Tensor):
+                code.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
+                code.update(value.contiguous().numpy(force=True).tobytes())
+    return code.hexdigest()
+
+
+def _files(dataset: StaticDataset) -> list[Path]:
+    # The raw files; if they are gone, what was made of them; none of what lives in memory.
+    if not dataset.has_process:
+        return []
+    raw = [Path(name) for name in dataset.raw_paths]
+    found = [path for path in raw if path.is_file()]
+    return found or [Path(dataset.processed_paths[0])]
+
+
+@lru_cache(maxsize=10_000)
+def _sha256(path: Path, size: int, changed: int) -> str:
+    return file_sha256(path)  # sources of one folder share its files

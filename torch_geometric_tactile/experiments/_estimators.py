@@ -1,0 +1,139 @@
+r"""Estimators of scikit-learn as models of experiments."""
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from sklearn.utils import get_tags
+from torch_geometric.transforms import BaseTransform
+
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.experiments._building import build, find_class
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.transforms import fit_transform
+
+
+def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
+    r"""Builds an estimator. Its :obj:`layout`, if it has such an argument, is that of the data; its
+    random state, if it is left open, is the seed.
+
+    Args:
+        model (Mapping): :obj:`{"class_path", "init_args"}`.
+        layout (TaxelLayout): The taxels of the samples.
+        seed (int): The seed.
+    """
+    arguments = dict(model.get("init_args") or {})
+    if "layout" in inspect.signature(find_class(model["class_path"])).parameters:
+        arguments.setdefault("layout", layout)
+    estimator = build({**model, "init_args": arguments})
+    parameters = estimator.get_params()
+    open_states = [
+        name
+        for name, value in parameters.items()
+        if name.rpartition("__")[2] == "random_state" and value is None
+    ]
+    return estimator.set_params(**dict.fromkeys(open_states, seed))
+
+
+def samples_of(part: StaticDataset) -> StaticData:
+    r"""Returns all samples of a part in memory, behind the :obj:`transform` of their data set, as
+    networks see them.
+
+    Args:
+        part (StaticDataset): The part.
+    """
+    data: StaticData = part.data
+    return data if part.transform is None else apply_transform(part.transform, data)
+
+
+def fitted_samples(
+    transform: BaseTransform | None, part: StaticDataset, *, adapt: bool = False
+) -> StaticData:
+    r"""Returns all samples of a part in memory, behind the transform of their data set and another,
+    which is fitted on them.
+
+    Args:
+        transform (BaseTransform, optional): The other.
+        part (StaticDataset): The part.
+        adapt (bool): Whether it was fitted before, and only what is measured of every part is
+            measured of this one, too.
+    """
+    return fit_transform(transform, samples_of(part), adapt=adapt)
+
+
+def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
+    r"""Returns what an estimator is fitted on: samples if its first step takes them, readings
+    :math:`(S, N, F)` if its tags tell that it knows taxels, and otherwise rows of numbers.
+
+    Args:
+        estimator (sklearn.base.BaseEstimator): The estimator.
+        samples (StaticData): The samples.
+    """
+    first = estimator.steps[0][1] if hasattr(estimator, "steps") else estimator
+    if getattr(first, "takes_samples", False):
+        return samples
+    x: np.ndarray = samples.x.numpy()
+    return x if get_tags(estimator).input_tags.three_d_array else x.reshape(len(x), -1)
+
+
+def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
+    r"""Returns scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`.
+
+    Args:
+        estimator (sklearn.base.BaseEstimator): The estimator, fitted.
+        x (array-like): Its input.
+        num_classes (int): Number of classes, of which the training part may lack some.
+    """
+    method = "decision_function" if hasattr(estimator, "decision_function") else "predict_proba"
+    scores: np.ndarray = getattr(estimator, method)(x)
+    if scores.ndim == 1 or scores.shape[1] == num_classes:
+        return scores
+    # The training part lacks classes.
+    complete = np.full((len(scores), num_classes), scores.min())
+    complete[:, estimator.classes_] = scores
+    return complete
+
+
+def positive_score(score: np.ndarray) -> np.ndarray:
+    r"""Returns one number a sample :math:`(S,)`, higher where class 1 of two is expected.
+
+    Args:
+        score (numpy.ndarray): Of :func:`class_scores`.
+
+    Raises:
+        ValueError: If there are not two classes.
+    """
+    if score.ndim == 2 and score.shape[1] != 2:
+        raise ValueError(f"'threshold' must be None unless of two classes (got {score.shape[1]})")
+    return score if score.ndim == 1 else np.asarray(score[:, 1])
+
+
+def num_numbers(estimator: Any) -> int | None:
+    r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
+    support vectors with their weights, nodes of trees, visual words; :obj:`None` for others.
+
+    Args:
+        estimator (sklearn.base.BaseEstimator): The estimator, fitted.
+    """
+    last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
+    last = getattr(last, "regressor_", last)
+    parts = getattr(last, "estimators_", [last])
+    parts = parts.ravel().tolist() if isinstance(parts, np.ndarray) else list(parts)
+    found = [_of_one(part) for part in parts]
+    return None if None in found else sum(found)  # type: ignore[arg-type]
+
+
+def _of_one(part: Any) -> int | None:
+    if hasattr(part, "words_"):
+        machine = _of_one(part.svm_)
+        return None if machine is None else int(part.words_.size) + machine
+    if hasattr(part, "tree_"):
+        return int(part.tree_.node_count)
+    if hasattr(part, "support_vectors_"):
+        return int(part.support_vectors_.size + part.dual_coef_.size + np.size(part.intercept_))
+    if hasattr(part, "coef_"):
+        return int(np.size(part.coef_) + np.size(part.intercept_))
+    if hasattr(part, "constant_") or hasattr(part, "class_prior_"):
+        return int(np.size(getattr(part, "constant_", part.__dict__.get("class_prior_"))))
+    return None

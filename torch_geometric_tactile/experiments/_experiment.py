@@ -1,0 +1,149 @@
+r"""One experiment of a table, as a value: a model trained once and tested once."""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Self
+
+import torch
+import torch_geometric
+
+from torch_geometric_tactile import __version__
+from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile.data import Protocol
+from torch_geometric_tactile.experiments._choice import Choice
+from torch_geometric_tactile.experiments._data_source import DataSource
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    r"""What is trained and tested.
+
+    Args:
+        name (str): Its name in the table.
+        data (DataSource): The samples.
+        protocol (Protocol): What is held out.
+        protocol_name (str): What the table calls it.
+        model (dict): The :obj:`model` section of a configuration, which a
+            :class:`~torch_geometric_tactile.training.TactileClassifier` is built from; or a
+            scikit-learn classifier as :obj:`{"class_path", "init_args"}`.
+        transform (dict, optional): What every batch goes through, as :obj:`{"class_path",
+            "init_args"}`; fitted on the training part.
+        seed (int): Seed of the split and of the training.
+        fold (int): Which of the protocol's folds is tested on.
+        epochs (int): Number of epochs; 0 for scikit-learn.
+        batch_size (int): Number of samples of a batch.
+        trainer (dict): Further arguments of :class:`lightning.Trainer`.
+        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
+        threads (int): Threads of torch.
+        measure_memory (bool): Whether it needs a process of its own, which measures its memory.
+        choice (Choice, optional): What is chosen on a validation part before the test; nothing if
+            left out.
+        threshold (str, optional): Of two classes, the metric by which the probability above which
+            class 1 is predicted is chosen on a validation part, a fifth of the training part (see
+            :func:`~torch_geometric_tactile.training._threshold.choose_threshold`); one half if left
+            out.
+        studies (list of dict): What else is looked at in the model, each as :obj:`{"class_path",
+            "init_args"}` of a :class:`~torch_geometric_tactile.experiments.studies.Study`.
+    """
+
+    name: str
+    data: DataSource
+    protocol: Protocol
+    protocol_name: str
+    model: dict[str, Any]
+    transform: dict[str, Any] | None = None
+    seed: int = 0
+    fold: int = 0
+    epochs: int = 0
+    batch_size: int = 128
+    trainer: dict[str, Any] = field(default_factory=dict)
+    accelerator: str = "cpu"
+    threads: int = 1
+    measure_memory: bool = False
+    choice: Choice | None = None
+    threshold: ThresholdMetric | None = None
+    studies: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def is_estimator(self) -> bool:
+        r"""Whether the model is scikit-learn's."""
+        return "class_path" in self.model
+
+    def identity(self) -> dict[str, Any]:
+        r"""Returns all that the result follows from. Two experiments of one configuration are one,
+        whatever their names; threads and the place of the recordings do not count.
+        """
+        config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
+        chosen: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
+        if self.threshold is not None:
+            chosen["threshold"] = self.threshold
+        if self.studies:
+            chosen["studies"] = self.studies
+        return {
+            **chosen,
+            "config": _sha256(config),
+            "data": self.data.identity(),
+            "protocol": self.protocol.to_dict(),
+            "seed": self.seed,
+            "fold": self.fold,
+            "epochs": self.epochs,
+            "batch_size": self.batch_size,
+            "accelerator": self.accelerator,
+            "measure_memory": self.measure_memory,
+            "versions": versions(),
+        }
+
+    @cached_property
+    def code(self) -> str:
+        r"""A short code of the identity."""
+        return _sha256(self.identity())[:12]
+
+    @property
+    def label(self) -> str:
+        r"""What a user reads: name, protocol, seed and fold."""
+        fold = "" if self.protocol.folds is None and not self.fold else f", fold {self.fold}"
+        return f"{self.name}, {self.protocol_name}, seed {self.seed}{fold}"
+
+    @property
+    def file_name(self) -> str:
+        r"""The name of the file of its result."""
+        readable = re.sub(r"[^\w.-]+", "-", self.label.replace(", ", "_").replace("seed ", "seed"))
+        return f"{readable}_{self.code}.json"
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns it as plain data, for another process."""
+        content = {**vars(self), "data": self.data.to_dict(), "protocol": self.protocol.to_dict()}
+        content["choice"] = None if self.choice is None else self.choice.to_dict()
+        content.pop("code", None)  # a cached property
+        return content
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Self:
+        r"""Builds an experiment from what :meth:`to_dict` returns.
+
+        Args:
+            content (Mapping): The arguments.
+        """
+        values = {
+            "data": DataSource(**content["data"]),
+            "protocol": Protocol.from_dict(content["protocol"]),
+            "choice": None if content.get("choice") is None else Choice(**content["choice"]),
+        }
+        return cls(**{**content, **values})
+
+
+def versions() -> dict[str, str]:
+    r"""Returns the versions that results depend on."""
+    return {
+        "torch-geometric-tactile": __version__,
+        "torch": torch.__version__,
+        "torch-geometric": torch_geometric.__version__,
+    }
+
+
+def _sha256(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

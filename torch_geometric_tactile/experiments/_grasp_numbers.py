@@ -1,0 +1,127 @@
+r"""The numbers of the demo's report."""
+
+import math
+import statistics
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments._numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.experiments.differences import Difference, run_difference
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+
+
+class Judged(NamedTuple):
+    r"""What was judged: a model, by a protocol of the table, with what is done to the readings
+    before it sees them, and a seed.
+    """
+
+    model: str
+    protocol: str
+    readings: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Score:
+    r"""Mean and standard deviation over the seeds; NaN for one seed, whose deviation is not zero.
+
+    Args:
+        mean (float): The mean.
+        spread (float): The standard deviation.
+    """
+
+    mean: float
+    spread: float
+
+
+def grasp_judgements(run: PlanRun) -> dict[Judged, Judgement]:
+    r"""Returns what every model said, the folds of a protocol joined.
+
+    Args:
+        run (PlanRun): A finished run of the table :obj:`bts3`.
+    """
+    cells = {cell.experiment: cell for cell in run.plan.table.cells}
+    judged = {}
+    for part, results in finished_parts(run).items():
+        cell = cells[part.experiment]
+        key = Judged(cell.row, part.protocol, cell.column, part.seed)
+        judged[key] = pooled_judgement(results)
+    return judged
+
+
+def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator[dict[str, Any]]:
+    r"""Yields a record for each model, protocol, kind of readings and seed, and for each recording
+    session of a given test part.
+
+    Args:
+        judgements (dict): Of :func:`grasp_judgements`.
+        run (PlanRun): What was run.
+    """
+    given = {entry.name for entry in run.plan.protocols if entry.protocol.by == "given"}
+    for key, judgement in judgements.items():
+        parts = {key.protocol: judgement}
+        if key.protocol in given and judgement.session is not None:
+            for session in np.unique(judgement.session):
+                name = run.plan.facts.session_names[session]
+                shown = name.removesuffix("_test").replace("_", " ")
+                parts[shown] = judgement.select(judgement.session == session)
+        for name, part in parts.items():
+            metrics = part.metrics()
+            yield {
+                "model": key.model,
+                "protocol": name,
+                "readings": key.readings,
+                "seed": key.seed,
+                "num_samples": len(part.y),
+                **{metric: metrics[metric] for metric in ("accuracy", "f1", "f1_positive")},
+            }
+
+
+def grasp_summary(
+    records: list[dict[str, Any]],
+) -> dict[str, dict[str, dict[str, dict[str, Score]]]]:
+    r"""Returns the scores by model, protocol, kind of readings and metric.
+
+    Args:
+        records (list of dict): Of :func:`grasp_records`.
+    """
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for record in records:
+        key = (record["model"], record["protocol"], record["readings"])
+        groups.setdefault(key, []).append(record)
+    summary: dict[str, dict[str, dict[str, dict[str, Score]]]] = {}
+    for (model, protocol, readings), group in groups.items():
+        scores = {
+            metric: _score([record[metric] for record in group])
+            for metric in ("accuracy", "f1", "f1_positive")
+        }
+        summary.setdefault(model, {}).setdefault(protocol, {})[readings] = scores
+    return summary
+
+
+def grasp_differences(
+    run: PlanRun, readings: str, first: str, second: str
+) -> dict[str, Difference]:
+    r"""Returns the accuracy of a model less that of another on the same readings, by protocol.
+
+    Args:
+        run (PlanRun): A finished run of the table :obj:`bts3`.
+        readings (str): The kind of readings.
+        first (str): The one model.
+        second (str): The other.
+    """
+    names = {cell.row: cell.experiment for cell in run.plan.table.cells if cell.column == readings}
+    found = {
+        entry.name: run_difference(run, names[first], names[second], entry.name)
+        for entry in run.plan.protocols
+    }
+    return {protocol: difference for protocol, difference in found.items() if difference}
+
+
+def _score(values: list[float]) -> Score:
+    spread = statistics.stdev(values) if len(values) > 1 else math.nan
+    return Score(statistics.fmean(values), spread)

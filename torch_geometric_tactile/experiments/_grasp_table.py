@@ -1,0 +1,69 @@
+r"""The table of the demo, on the real data, or on generated data where that cannot be had."""
+
+import logging
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.datasets import BioTacSP, default_root
+from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.experiments.tables import Table, load_table
+
+_logger = logging.getLogger(__name__)
+_GENERATED = {"num_samples": 2000, "num_test": 600, "num_objects": 20}
+
+
+def grasp_table(root: PathLike | None = None, generated: bool = False) -> Table:
+    r"""Returns the table :obj:`bts3` with its data found or downloaded, or with generated data,
+    labelled so, if it cannot be downloaded.
+
+    Args:
+        root (str or PathLike, optional): Folder of the data; downloaded if left out.
+        generated (bool): Whether to generate it in any case.
+
+    Raises:
+        FileNotFoundError: If :obj:`root` is no folder.
+        ValueError: If the data is damaged.
+    """
+    table = load_table("bts3")
+    reason = "generated data was asked for"
+    if not generated:
+        home = default_root("BioTacSP") if root is None else Path(os.path.expanduser(root))
+        try:
+            home = home if root is None else _find(home)
+            source = table.data.with_arguments({"root": str(home)})
+            _open(source)
+        except ConnectionError as error:
+            reason = str(error)
+        else:
+            return replace(table, data=source)
+    _logger.warning("no real data: %s", reason)
+    notice = "Data: GENERATED, not measured: no number below says anything about a real hand."
+    arguments = {**_GENERATED, "pre_transform": table.data.arguments["pre_transform"]}
+    class_path = "torch_geometric_tactile.datasets.FakeTactileDataset"
+    return replace(table, data=DataSource(class_path, arguments, kind="generated", caption=notice))
+
+
+def _open(source: DataSource) -> StaticDataset:
+    content: dict[str, Any] = {"class_path": source.class_path, "init_args": source.arguments}
+    dataset: StaticDataset = build(content)
+    return dataset
+
+
+def _find(folder: Path) -> Path:
+    # The root of the data set; loose files are copied out of a folder that may not be ours to
+    # write to.
+    if not folder.is_dir():
+        raise FileNotFoundError(f"'--root' must be a folder (got '{folder}')")
+    for home in (folder, folder / "BioTacSP"):
+        if (home / "raw").is_dir():
+            return home
+    home = default_root("BioTacSP")
+    if home.parent.resolve() == folder.resolve():  # $TACTILE_DATA itself
+        BioTacSP.import_raw(folder, home)
+        return home
+    return home if BioTacSP.import_raw(folder, home) else folder / "BioTacSP"

@@ -1,0 +1,54 @@
+r"""The network of the demo without its graph."""
+
+import torch
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn.models import TaxelNet
+from torch_geometric_tactile.sensors import TaxelLayout
+
+
+class TaxelNetWithoutEdges(TaxelNet):
+    r"""A :class:`~torch_geometric_tactile.nn.models.TaxelNet` of which no taxel has neighbours: all
+    else, the weights drawn from a seed among it, is the same, so that the difference between the
+    two is what the edges bring.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout.
+        out_channels (int): Number of labels or classes :math:`C`.
+        in_channels (int): Features of each taxel :math:`F`.
+        depth (int): Blocks of each level.
+        taxel_dropout (float): Part of the taxels that read nothing in training.
+
+    Shapes:
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`
+        - **output:** logits :math:`(B, C)`
+
+    Raises:
+        ValueError: If :obj:`layout` is a number, a size is below one, or :obj:`x` has other taxels
+            or features.
+
+    Examples:
+        >>> TaxelNetWithoutEdges("biotac_sp", 2, depth=1)
+        TaxelNetWithoutEdges(24, 2, in_channels=3, widths=(32,), taxels=(24,), head='all')
+    """
+
+    def __init__(
+        self,
+        layout: TaxelLayout | PathLike = "biotac_sp",
+        out_channels: int = 2,
+        *,
+        in_channels: int = 3,
+        depth: int = 2,
+        taxel_dropout: float = 0.2,
+    ) -> None:
+        super().__init__(
+            layout,
+            out_channels,
+            in_channels=in_channels,
+            depth=depth,
+            taxel_dropout=taxel_dropout,
+        )
+        for level in self.levels:  # as TaxelLevel has them
+            level.register_buffer("edge_index", torch.zeros(2, 0, dtype=torch.long), False)
+            level.register_buffer("sector", torch.zeros(0, dtype=torch.long), False)

@@ -1,0 +1,125 @@
+r"""The numbers of a table: what is published, and what our runs gave."""
+
+import math
+import statistics
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+
+PUBLISHED = "published"
+ALL = "all runs"
+_PERCENT = (
+    "accuracy",
+    "label_accuracy",
+    "f1",
+    "f1_positive",
+    "precision_positive",
+    "recall_positive",
+)
+_OF_PAPER = {
+    "accuracy": "accuracy",
+    "variance": "draws_variance",
+    "f1": "f1_positive",
+    "auc": "auroc",
+    "memory": "peak_memory_mb",
+}
+_COSTS = ("peak_memory_mb", "frames_per_second", "num_parameters", "train_seconds")
+
+
+class Number(NamedTuple):
+    r"""A number of a table: :obj:`source` is :obj:`"published"`, the name of a protocol, or
+    :obj:`"all runs"` for what a protocol does not change; :obj:`spread` is the standard deviation
+    over the seeds, NaN for less than two, or what the paper prints; :obj:`runs` is how many seeds
+    (or runs, for :obj:`"all runs"`) it is the mean of.
+    """
+
+    experiment: str
+    source: str
+    metric: str
+    mean: float
+    spread: float
+    runs: int
+
+
+class Part(NamedTuple):
+    r"""The folds of one experiment by one protocol with one seed."""
+
+    experiment: str
+    protocol: str
+    seed: int
+
+
+def finished_parts(run: PlanRun) -> dict[Part, list[dict[str, Any]]]:
+    r"""Returns the results of all folds of each part, where no fold is missing.
+
+    Args:
+        run (PlanRun): What :func:`run_plan` returned.
+    """
+    planned = Counter(Part(e.name, e.protocol_name, e.seed) for e in run.plan.experiments)
+    found: dict[Part, list[dict[str, Any]]] = defaultdict(list)
+    for e, result in run.results:
+        found[Part(e.name, e.protocol_name, e.seed)].append(result)
+    return {part: results for part, results in found.items() if len(results) == planned[part]}
+
+
+def pooled_judgement(results: list[dict[str, Any]]) -> Judgement:
+    r"""Joins the folds of a part, so that every sample is judged once.
+
+    Args:
+        results (list of dict): The results of its folds.
+    """
+    return Judgement.join([Judgement.from_dict(result["predictions"]) for result in results])
+
+
+def table_numbers(run: PlanRun) -> list[Number]:
+    r"""Returns all numbers of a table, in the order of its cells. Accuracies and F1 scores are in
+    percent. Folds are pooled before they are scored.
+
+    Args:
+        run (PlanRun): What :func:`run_plan` returned.
+    """
+    measured: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for part, results in finished_parts(run).items():
+        for metric, value in _values(results, run.plan.table.draws):
+            measured[part.experiment, part.protocol][metric].append(value)
+    for experiment, result in run.results:
+        for metric in _COSTS:
+            if result[metric] is not None:
+                measured[experiment.name, ALL][metric].append(result[metric])
+    sources = [*(protocol.name for protocol in run.plan.protocols), ALL]
+    numbers = []
+    for cell in run.plan.table.cells:
+        for key, metric in _OF_PAPER.items():
+            if key in cell.published:
+                spread = cell.published.get("spread", math.nan) if key == "accuracy" else math.nan
+                value = cell.published[key]
+                numbers.append(Number(cell.experiment, PUBLISHED, metric, value, spread, 0))
+        for source in sources:
+            for metric, values in measured.get((cell.experiment, source), {}).items():
+                spread = statistics.stdev(values) if len(values) > 1 else math.nan
+                mean = statistics.fmean(values)
+                numbers.append(Number(cell.experiment, source, metric, mean, spread, len(values)))
+    return numbers
+
+
+def _values(
+    results: list[dict[str, Any]], draws: Draws | None = None
+) -> Iterator[tuple[str, float]]:
+    metrics = results[0]["metrics"] if len(results) == 1 else pooled_judgement(results).metrics()
+    if draws is not None:
+        drawn = draws.metrics(pooled_judgement(results))
+        yield "draws_accuracy", 100 * drawn["draws_accuracy"]
+        yield "draws_variance", 100**2 * drawn["draws_variance"]
+    names = results[0]["label_names"] or []
+    for metric, value in metrics.items():
+        if value is None or math.isnan(value):
+            continue
+        stem, _, number = metric.rpartition("_")
+        if stem == "label_accuracy" and number.isdigit():
+            yield f"label_accuracy: {names[int(number)]}", 100 * value
+        else:
+            yield metric, 100 * value if metric in _PERCENT else value

@@ -1,0 +1,176 @@
+r"""Experiments in a process of their own, which measures its own memory and may be killed alone.
+
+``python -m torch_geometric_tactile.experiments._worker`` reads experiments, one line of
+JSON each, and answers with one line of JSON each. It ends when its input does, so that it never
+outlives the process that started it, and when there was nothing to do for a while.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from torch_geometric_tactile._parallel import KEPT_MEMORY
+from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments._memory import PeakMemory
+from torch_geometric_tactile.experiments._run import run_experiment
+
+_MODULE = "torch_geometric_tactile.experiments._worker"
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_IDLE_SECONDS = 20.0
+_SIGKILL = -9
+_mine = threading.local()  # a worker of a cluster may run several jobs in threads
+
+
+def run_safely(experiment: Experiment, parent: int | None = None) -> dict[str, Any]:
+    r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed: in a
+    process of its own if its memory is to be measured, and otherwise here.
+
+    Args:
+        experiment (Experiment): What to do.
+        parent (int, optional): Process without which nobody waits for the result: this process ends
+            with it.
+    """
+    _end_with(parent)
+    return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
+
+
+def run_here(experiment: Experiment) -> dict[str, Any]:
+    r"""Runs an experiment in this process and returns its result, or :obj:`{"error": ...}` if it
+    failed.
+
+    Args:
+        experiment (Experiment): What to do.
+    """
+    try:
+        return run_experiment(experiment)
+    except Exception as error:
+        return {"error": " ".join(f"{type(error).__name__}: {error}".split())[:1000]}
+
+
+def run_in_process(experiment: Experiment) -> dict[str, Any]:
+    r"""Runs an experiment in another process and returns its result, or :obj:`{"error": ...}` if it
+    failed or was killed.
+
+    The process is used again for the next experiment of this thread, which saves its start, if it
+    can measure the peak memory of each.
+
+    Args:
+        experiment (Experiment): What to do.
+    """
+    while True:
+        process = getattr(_mine, "process", None)
+        if process is None or process.threads != experiment.threads or not process.alive:
+            close_process()
+            process = _mine.process = _Process(experiment.threads)
+        try:
+            result = process.run(experiment)
+        except BaseException:
+            close_process()
+            raise
+        if result is not None:
+            return result
+
+
+def close_process() -> None:
+    r"""Ends the process of this thread, if there is one."""
+    process = getattr(_mine, "process", None)
+    if process is not None:
+        _mine.process = None
+        process.close()
+
+
+class _Process:
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        environment = {**KEPT_MEMORY, **os.environ, **dict.fromkeys(_THREADS, str(threads))}
+        self._popen = subprocess.Popen(
+            [sys.executable, "-m", _MODULE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._said,
+            env=environment,
+        )
+
+    @property
+    def alive(self) -> bool:
+        return self._popen.poll() is None
+
+    def run(self, experiment: Experiment) -> dict[str, Any] | None:
+        # None if the process had nothing to do and ended just now.
+        assert self._popen.stdin is not None
+        assert self._popen.stdout is not None
+        with suppress(BrokenPipeError):  # it has ended
+            self._popen.stdin.write(json.dumps(experiment.to_dict()).encode() + b"\n")
+            self._popen.stdin.flush()
+        line = self._popen.stdout.readline()
+        if line:
+            result: dict[str, Any] = json.loads(line)
+            return result
+        status = self._popen.wait()
+        if status == 0:
+            return None
+        if status == _SIGKILL:
+            return {"error": "its process was killed, perhaps for lack of memory"}
+        self._said.seek(0)
+        said = self._said.read().decode("utf-8", "replace").strip().splitlines()
+        return {"error": said[-1] if said else f"its process ended with status {status}"}
+
+    def close(self) -> None:
+        self._popen.kill()
+        self._popen.wait()
+        for file in (self._popen.stdin, self._popen.stdout, self._said):
+            if file is not None:
+                with suppress(BrokenPipeError):  # it was killed before it read all
+                    file.close()
+
+
+def _end_with(parent: int | None) -> None:
+    if parent in (None, os.getpid()) or getattr(_end_with, "watching", False):
+        return
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    _end_with.watching = True  # type: ignore[attr-defined]
+
+
+def main() -> None:
+    r"""Serves :func:`run_in_process`."""
+    lines: queue.Queue[bytes] = queue.Queue()
+    threading.Thread(target=_read, args=(lines.put,), daemon=True).start()
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what libraries print must not get between
+    while True:
+        try:
+            content = json.loads(lines.get(timeout=_IDLE_SECONDS))
+        except queue.Empty:
+            return
+        result = run_here(Experiment.from_dict(content))
+        answers.write(json.dumps(result) + "\n")
+        answers.flush()
+        if "error" in result or not PeakMemory.can_start_anew():
+            return
+
+
+def _read(put: Callable[[bytes], None]) -> None:
+    # Not through sys.stdin, whose lock this thread would hold when the process ends.
+    with open(0, "rb", buffering=0, closefd=False) as file:
+        for line in iter(file.readline, b""):
+            put(line)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()

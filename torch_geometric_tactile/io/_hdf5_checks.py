@@ -1,0 +1,271 @@
+r"""What an HDF5 file must be like before its arrays are read: nothing in it leads to other files,
+and no size is taken from it that its own bytes do not bear out.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.io._recording_schema import (
+    FORMAT,
+    GROUPS,
+    checked_file,
+    missing_field,
+)
+
+MAX_EXPANSION = 100
+MAX_BYTES = 2**30
+_FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
+
+
+def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
+    r"""Returns the data sets of a recording by their names, after a look at what they are.
+
+    Args:
+        path (Path): The file, for messages.
+        file (h5py.File): The open file.
+
+    Raises:
+        ValueError: If one is missing, leads to another file, or is of a type or a compression that
+            recordings do not have.
+    """
+    there = list(file)
+    names: list[str] = [name for name in ("time", "tactile", "joint") if name in there]
+    for name in ("time", "tactile"):
+        if name not in names:
+            raise missing_field(path, name)
+    for prefix in GROUPS:
+        if prefix[:-1] in there:
+            check_hard_link(path, file, prefix[:-1])
+            group = file[prefix[:-1]]
+            if not isinstance(group, type(file["/"])):
+                raise ValueError(f"'{path}' must hold a group in '{prefix[:-1]}' (got {group})")
+            names += [prefix + name for name in group]
+    return {name: checked_dataset(path, file, name) for name in names}
+
+
+def checked_dataset(path: Path, file: Any, name: str) -> Any:
+    r"""Returns a data set after a look at what it is.
+
+    Args:
+        path (Path): The file, for messages.
+        file (h5py.File): The open file.
+        name (str): The name of the data set.
+
+    Raises:
+        ValueError: As :func:`checked_datasets`.
+    """
+    if name not in file:
+        raise missing_field(path, name)
+    h5py = _h5py()
+    check_hard_link(path, file, name)
+    dataset = file[name]
+    if not isinstance(dataset, h5py.Dataset) or dataset.ndim == 0 or dataset.shape is None:
+        raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
+    check_storage(path, dataset, name)
+    found = dataset.id.get_type()
+    plain = found.get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) and found.get_size() <= 8
+    text = found.get_class() == h5py.h5t.STRING
+    truth = found.get_class() == h5py.h5t.ENUM and dataset.dtype == np.dtype(bool)
+    if found.committed() or not (plain or text or truth):
+        raise ValueError(
+            f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
+            f"{'a named type' if found.committed() else dataset.dtype})"
+        )
+    return dataset
+
+
+def check_storage(path: Path, dataset: Any, name: str) -> None:
+    r"""Checks that a data set holds its numbers itself, compressed as HDF5 can without more.
+
+    Args:
+        path (Path): The file, for messages.
+        dataset (h5py.Dataset): The data set.
+        name (str): Its name.
+
+    Raises:
+        ValueError: If it is virtual or external, or of another compression.
+    """
+    created = dataset.id.get_create_plist()
+    if created.get_layout() == _h5py().h5d.VIRTUAL or created.get_external_count():
+        raise ValueError(
+            f"'{path}' must hold '{name}' itself (got a virtual or external array, whose numbers "
+            "are in other files): copy the data into the file"
+        )
+    block = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
+    if block > max(MAX_BYTES, path.stat().st_size):
+        raise ValueError(f"'{path}' must have blocks of at most {MAX_BYTES} bytes (got {block})")
+    for index in range(created.get_nfilters()):
+        code = created.get_filter(index)[0]
+        if code not in _FILTERS:
+            raise ValueError(
+                f"'{path}' must be compressed by gzip or not at all (got the filter {code} in "
+                f"'{name}'): write it again without"
+            )
+
+
+def check_sizes(
+    path: Path, datasets: dict[str, Any], num_frames: int, max_bytes: int | None
+) -> int:
+    r"""Checks that frames were written and that there is a limit to what they take in memory, and
+    returns this limit.
+
+    Args:
+        path (Path): The file, for messages.
+        datasets (dict): As :func:`checked_datasets` returns them.
+        num_frames (int): The number of frames to read.
+        max_bytes (int, optional): The most that the arrays may take in memory.
+
+    Raises:
+        ValueError: If frames are missing, or the arrays are larger.
+    """
+    limit = max(MAX_BYTES, MAX_EXPANSION * path.stat().st_size) if max_bytes is None else max_bytes
+    total = 0
+    for name, dataset in datasets.items():
+        if num_frames > len(dataset):
+            raise ValueError(
+                f"'{path}' must have {num_frames} frames in '{name}', as 'num_frames' says "
+                f"(got {len(dataset)}): copy or record it again"
+            )
+        shape = (num_frames, *dataset.shape[1:])
+        width = dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)  # UTF-32 as well
+        if 0 in shape:
+            continue
+        if dataset.chunks is None:
+            written = dataset.id.get_storage_size() >= math.prod(shape) * dataset.dtype.itemsize
+            total += math.prod(shape) * width
+        else:
+            chunks = math.prod(-(-n // c) for n, c in zip(shape, dataset.chunks, strict=True))
+            written = dataset.id.get_num_chunks() >= chunks
+            total += chunks * math.prod(dataset.chunks) * width
+        if not written:
+            raise ValueError(
+                f"'{path}' must hold {num_frames} frames in '{name}', as 'num_frames' says (got "
+                f"{dataset.id.get_storage_size()} bytes): copy or record it again"
+            )
+    if total > limit:
+        raise ValueError(
+            f"'{path}' must take no more than {limit} bytes in memory (got {total}, from a file of "
+            f"{path.stat().st_size} bytes): pass 'max_bytes={total}' if this is right"
+        )
+    return limit
+
+
+def text_attribute(path: Path, attrs: Any, name: str) -> str:
+    r"""Returns an attribute that is one text.
+
+    Args:
+        path (Path): The file, for messages.
+        attrs (h5py.AttributeManager): The attributes of the file.
+        name (str): The name of the attribute.
+
+    Raises:
+        ValueError: If it is missing or something else.
+    """
+    attribute = _attribute(path, attrs, name)
+    h5py = _h5py()
+    found = attribute.get_type()
+    if attribute.shape != () or found.get_class() != h5py.h5t.STRING:
+        raise ValueError(
+            f"'{path}' must hold one text in '{name}' (got {attribute.dtype} of shape "
+            f"{attribute.shape})"
+        )
+    if not found.is_variable_str() and found.get_size() > path.stat().st_size:
+        raise ValueError(f"'{path}' must hold '{name}' in itself (got {found.get_size()} bytes)")
+    value = attrs[name]
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def integer_attribute(path: Path, attrs: Any, name: str) -> int:
+    r"""Returns an attribute that is one integer, not negative.
+
+    Args:
+        path (Path): The file, for messages.
+        attrs (h5py.AttributeManager): The attributes of the file.
+        name (str): The name of the attribute.
+
+    Raises:
+        ValueError: If it is missing or something else.
+    """
+    attribute = _attribute(path, attrs, name)
+    if attribute.shape == () and attribute.get_type().get_class() == _h5py().h5t.INTEGER:
+        value = attrs[name]
+    else:
+        value = f"{attribute.dtype} of shape {attribute.shape}"
+    if isinstance(value, str) or value < 0:
+        raise ValueError(
+            f"'{path}' must hold an integer in '{name}', not negative (got {value}): copy or "
+            "record it again"
+        )
+    return int(value)
+
+
+def check_format(path: Path, file: Any) -> None:
+    r"""Checks that an HDF5 file says of itself that it is a recording.
+
+    Args:
+        path (Path): The file, for messages.
+        file (h5py.File): The open file.
+
+    Raises:
+        ValueError: If it does not.
+    """
+    attrs = file.attrs
+    if "format" not in attrs or text_attribute(path, attrs, "format") != FORMAT:
+        raise ValueError(
+            f"'{path}' must be a recording, with the attribute 'format' = '{FORMAT}' "
+            f"(got an HDF5 file with {sorted(file)[:5]})"
+        )
+
+
+def hdf5_file(path: Any) -> Path:
+    r"""Returns the path of an HDF5 file that exists.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is no HDF5 file.
+    """
+    path = checked_file(path)
+    if not _h5py().is_hdf5(path):
+        raise ValueError(
+            f"'{path}' is no HDF5 file (or its beginning is lost): copy it again, or give a file "
+            "that torch_geometric_tactile.io.write_hdf5 wrote"
+        )
+    return path
+
+
+def check_hard_link(path: Path, file: Any, name: str) -> None:
+    r"""Checks that a name is of something in the file itself.
+
+    Args:
+        path (Path): The file, for messages.
+        file (h5py.File): The open file.
+        name (str): The name.
+
+    Raises:
+        ValueError: If it is a link to another place or file.
+    """
+    # A link of another kind leads to another place or file.
+    link = file.get(name, getlink=True)
+    if not isinstance(link, _h5py().HardLink):
+        raise ValueError(
+            f"'{path}' must hold '{name}' itself (got a {type(link).__name__}, which may lead to "
+            "another file): copy the data into the file"
+        )
+
+
+def _h5py() -> Any:
+    import h5py
+
+    return h5py
+
+
+def _attribute(path: Path, attrs: Any, name: str) -> Any:
+    if name not in attrs:
+        raise missing_field(path, name)
+    return attrs.get_id(name)

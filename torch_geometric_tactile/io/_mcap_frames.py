@@ -1,0 +1,176 @@
+r"""Arrays of a recording, from messages of its frames."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.io._mcap_schemas import FRAME, decode
+
+_MOST_BYTES = 2**30
+_MOST_TIMES = 200  # a hand that rests for long is packed to a hundredth
+_MOST_WIDTH = 64 * 2**20  # bytes of one frame
+_FIELDS = ("extra", "privileged")
+
+
+class _Column:
+    # One array with a row for each frame, in memory that is reserved before.
+
+    def __init__(self, dtype: np.dtype, shape: tuple[int, ...], room: int) -> None:
+        self.dtype, self.shape = dtype, shape
+        self.data = np.empty((room, *shape), dtype)
+        self.rows = 0
+        self.whole = True
+
+    def takes(self, value: np.ndarray) -> bool:
+        is_text = self.dtype.kind == value.dtype.kind == "U"
+        return self.shape == value.shape and (is_text or self.dtype == value.dtype)
+
+    def put(self, row: int, value: np.ndarray) -> None:
+        self.leave_out(row)
+        if value.dtype.itemsize > self.dtype.itemsize:  # a longer text
+            self.dtype = value.dtype
+            self.data = self.data.astype(self.dtype)
+        if row == len(self.data):
+            self.grow(2 * row + 16)
+        self.data[row] = value
+        self.rows = row + 1
+
+    def leave_out(self, row: int) -> None:
+        # What is missing in some frames is NaN there, if it can be.
+        if self.rows < row:
+            if row > len(self.data):
+                self.grow(2 * row)
+            if self.dtype.kind == "f":
+                self.data[self.rows : row] = math.nan
+            else:
+                self.whole = False
+            self.rows = row
+
+    def grow(self, room: int) -> None:
+        data = np.empty((room, *self.shape), self.dtype)
+        data[: self.rows] = self.data[: self.rows]
+        self.data = data
+
+
+class FrameRows:
+    r"""Collects the frames of a file.
+
+    Args:
+        expected (int): How many frames are expected: the memory that is reserved.
+        file_size (int): Size of the file, which limits what may be asked for.
+        allow_large (bool): Whether to lift that limit.
+    """
+
+    def __init__(self, expected: int, file_size: int, allow_large: bool) -> None:
+        self.num_frames = 0
+        self._expected = expected
+        self._limit = 2**63 if allow_large else max(_MOST_BYTES, _MOST_TIMES * file_size)
+        self._columns: dict[str, _Column] = {}
+        self._widths: dict[str, int] = {}
+        self._frame_bytes = 0
+
+    def add(self, data: memoryview) -> None:
+        r"""Takes a message of a frame.
+
+        Args:
+            data (bytes): The message.
+
+        Raises:
+            MemoryError: If the frames take absurdly much memory for the size of the file.
+            ValueError: If it is no frame, or one of another shape than those before.
+        """
+        values = _values(decode(FRAME, data))
+        for name, value in values.items():
+            column = self._columns.get(name)
+            if column is not None and not column.takes(value):
+                raise ValueError(
+                    f"'{name}' must have shape {column.shape} and type {column.dtype}, as in the "
+                    f"frames before (got {value.shape} and {value.dtype})"
+                )
+        new = [name for name in values if name not in self._columns]
+        for name, value in values.items():
+            before = self._widths.get(name, 0)
+            if value.nbytes > before:
+                self._frame_bytes += value.nbytes - before
+                self._widths[name] = value.nbytes
+        if self._frame_bytes * (self.num_frames + 1) > self._limit:
+            raise MemoryError(
+                f"its frames would take more than {self._limit / 2**30:.1f} GiB, as in a file that "
+                "is made to fill the memory: pass allow_large=True if it is right"
+            )
+        for name in new:
+            value = values[name]
+            most = self._limit // max(1, self._frame_bytes)
+            room = max(1, self.num_frames, min(self._expected, most))
+            self._columns[name] = _Column(value.dtype, value.shape, room)
+        for name, value in values.items():
+            self._columns[name].put(self.num_frames, value)
+        self.num_frames += 1
+
+    def arrays(self) -> tuple[dict[str, np.ndarray], list[str]]:
+        r"""Returns the arrays by their names, as
+        :func:`~torch_geometric_tactile.io._recording_schema.recording_to_arrays` names them, and
+        with :obj:`"sequence"`, :obj:`"received"` and :obj:`"device_time"`; and the names of those
+        that are missing in some frames and cannot be NaN.
+        """
+        lost = []
+        out = {}
+        for name, column in self._columns.items():
+            column.leave_out(self.num_frames)
+            if column.whole:
+                out[name] = column.data[: self.num_frames]
+            else:
+                lost.append(name)
+        return out, lost
+
+
+def _values(frame: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    shape, tactile = tuple(frame["shape"]), frame["tactile"]
+    if len(shape) != 2 or 0 in shape or math.prod(shape) != len(tactile):
+        raise ValueError(
+            f"'tactile' must have the shape that its frame says (got {len(tactile)} numbers and "
+            f"{shape[:4]})"
+        )
+    if not math.isfinite(frame.get("time", 0.0)):
+        raise ValueError(f"'time' must be finite (got {frame['time']})")
+    for name in ("tactile", "joint"):
+        if np.isinf(frame[name]).any():
+            raise ValueError(f"'{name}' must hold finite readings, or NaN where one is missing")
+    out = {
+        "time": np.array(frame.get("time", 0.0)),
+        "sequence": np.array(frame.get("sequence", 0)),
+        "received": np.array(frame.get("received", 0)),
+        "device_time": np.array(frame.get("device_time", math.nan)),
+        "tactile": tactile.reshape(shape),
+    }
+    if len(frame["joint"]):
+        out["joint"] = frame["joint"]
+    for kind in _FIELDS:
+        for signal in frame[kind]:
+            out[f"{kind}/{signal.get('name', '')}"] = _signal(signal)
+    if sum(value.nbytes for value in out.values()) > _MOST_WIDTH:
+        raise ValueError(f"a frame must take at most {_MOST_WIDTH} bytes (got more)")
+    return out
+
+
+def _signal(signal: Mapping[str, Any]) -> np.ndarray:
+    name, text, shape = signal.get("name", ""), signal.get("dtype", ""), tuple(signal["shape"])
+    if not name or "/" in name:
+        raise ValueError(f"a signal must have a name without '/' (got {name[:40]!r})")
+    try:
+        dtype = np.dtype(text[:20])
+    except (TypeError, ValueError, SyntaxError) as error:
+        raise ValueError(f"'{name}' must be of a known type (got {text[:20]!r})") from error
+    data = signal.get("data", b"")
+    if dtype.kind not in "biufU" or len(shape) > 8:
+        raise ValueError(f"'{name}' must hold numbers or texts (got {text[:20]!r})")
+    if math.prod(shape) * dtype.itemsize != len(data):
+        raise ValueError(f"'{name}' must have shape {shape} (got {len(data)} bytes)")
+    if dtype.itemsize == 0:
+        return np.zeros(shape, dtype)
+    array = np.frombuffer(data, dtype).reshape(shape)
+    if dtype.kind == "U" and array.size and np.frombuffer(data, np.uint32).max() > 0x10FFFF:
+        raise ValueError(f"'{name}' must hold texts (got no characters)")
+    return array.astype(dtype.newbyteorder("="), copy=False)

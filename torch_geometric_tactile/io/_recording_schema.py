@@ -1,0 +1,152 @@
+r"""Names, versions and checks that HDF5 and npz files of recordings share.
+
+=====================  ====================================================================
+``format``             :obj:`"tactile recording"`
+``version``            1
+``time``               seconds, float64 :math:`(T,)`
+``tactile``            readings, float32 :math:`(T, N, C)`, NaN where missing
+``joint``              radians, float32 :math:`(T, J)`; absent without joint angles
+``privileged/<name>``  what only a simulator knows, :math:`(T, ...)`
+``extra/<name>``       further signals, :math:`(T, ...)`
+``label``              JSON text: a text, an integer or null
+``meta``               JSON text: an object
+=====================  ====================================================================
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import Recording
+
+FORMAT = "tactile recording"
+VERSION = 1
+PRIVILEGED = "privileged/"
+EXTRA = "extra/"
+GROUPS = (PRIVILEGED, EXTRA)
+
+
+def checked_file(path: PathLike) -> Path:
+    r"""Returns the path of a file that exists.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"'{path}' does not exist; give the path of a recording")
+    return path
+
+
+def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
+    r"""Returns the arrays of a recording by their names in a file.
+
+    Args:
+        recording (Recording): The recording.
+    """
+    arrays = {"time": recording.time, "tactile": recording.tactile}
+    if recording.joint is not None:
+        arrays["joint"] = recording.joint
+    arrays |= {PRIVILEGED + name: value for name, value in recording.privileged.items()}
+    return arrays | {EXTRA + name: value for name, value in recording.extra.items()}
+
+
+def recording_to_texts(recording: Recording) -> dict[str, str]:
+    r"""Returns label and metadata of a recording as JSON texts by their names in a file.
+
+    Args:
+        recording (Recording): The recording.
+    """
+    return {
+        "label": json.dumps(recording.label, ensure_ascii=False),
+        "meta": json.dumps(dict(recording.meta), ensure_ascii=False),
+    }
+
+
+def check_version(path: Path, version: Any) -> None:
+    r"""Checks that this package can read a file of a version.
+
+    Args:
+        path (Path): The file.
+        version (int): The version of the file.
+
+    Raises:
+        ValueError: If it cannot.
+    """
+    is_whole = isinstance(version, int | np.integer) and not isinstance(version, bool)
+    if not is_whole or version != VERSION:
+        raise ValueError(
+            f"'{path}' must be of format version {VERSION} (got {version}): read it with the "
+            "version of torch-geometric-tactile that wrote it"
+        )
+
+
+def recording_from_fields(
+    path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, Any]
+) -> Recording:
+    r"""Builds the recording that a file holds.
+
+    Args:
+        path (Path): The file, for messages.
+        arrays (Mapping of str to numpy.ndarray): As :meth:`recording_to_arrays` gives them.
+        texts (Mapping of str to str): As :meth:`recording_to_texts` gives them.
+
+    Raises:
+        ValueError: If something is missing, or does not fit together.
+    """
+    for name in ("time", "tactile"):
+        if name not in arrays:
+            raise missing_field(path, name)
+    for name in ("time", "tactile", "joint"):
+        if name in arrays and arrays[name].dtype.kind == "b":
+            raise ValueError(f"'{path}' must hold numbers in '{name}' (got truth values)")
+    values = {}
+    for name in ("label", "meta"):
+        if name not in texts:
+            raise missing_field(path, name)
+        try:
+            values[name] = json.loads(texts[name])
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ValueError(f"'{path}' must hold JSON in '{name}' ({error})") from error
+    try:
+        return Recording(
+            time=arrays["time"],
+            tactile=arrays["tactile"],
+            joint=arrays.get("joint"),
+            label=values["label"],
+            meta=values["meta"],
+            privileged=_group(arrays, PRIVILEGED),
+            extra=_group(arrays, EXTRA),
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"'{path}' holds no consistent recording: {error}; write it anew"
+        ) from error
+
+
+def _group(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    return {
+        name.removeprefix(prefix): value
+        for name, value in arrays.items()
+        if name.startswith(prefix)
+    }
+
+
+def missing_field(path: Path, name: str) -> ValueError:
+    r"""Returns the error for a file that lacks something.
+
+    Args:
+        path (Path): The file.
+        name (str): What it lacks.
+    """
+    return ValueError(
+        f"'{path}' must hold '{name}', as every recording (got none): write it with "
+        "torch_geometric_tactile.io.write_recording"
+    )

@@ -1,0 +1,120 @@
+r"""The taxels of a frame in space, for viewers of recordings."""
+
+import logging
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data.live_frame import LiveFrame
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.sensors import TaxelLayout
+
+_log = logging.getLogger(__name__)
+
+
+class Points(NamedTuple):
+    r"""Positions in metres :math:`(N, 3)` in the frame :obj:`frame_id`, and values of the taxels by
+    their names :math:`(N,)`.
+    """
+
+    pos: np.ndarray
+    fields: dict[str, np.ndarray]
+    frame_id: str
+
+
+class PosedPoints:
+    r"""Poses the taxels of a layout by the joint angles of each frame. Needs :obj:`torch`.
+
+    A layout on the links of the Allegro hand is posed by its kinematics; an angle that is missing
+    keeps its last value, at first zero. Any other layout stays as it is drawn.
+
+    The values are changes since the rest: :obj:`pressure` is that of the normal channel, and
+    :obj:`shear` the length of that of the two others, if there are three; with any other number of
+    channels :obj:`pressure` is that of the first.
+
+    Args:
+        layout (TaxelLayout, str or PathLike): The layout, its name or file.
+        meta (Mapping): Metadata of the stream; :obj:`"joint_names"` gives the order of the angles,
+            that of the hand if left out.
+
+    Raises:
+        ValueError: If there is no such layout.
+    """
+
+    def __init__(
+        self, layout: "TaxelLayout | PathLike", meta: Mapping[str, Any] | None = None
+    ) -> None:
+        from torch_geometric_tactile.sensors import HandKinematics, as_layout
+
+        self.layout = as_layout(layout)
+        hand = HandKinematics.allegro()
+        self._hand: HandKinematics | None = None
+        self._order: list[int] | None = None
+        self.frame_id = self.layout.link_names[0]
+        self._pos = self.layout.pos.double().numpy()
+        if self._pos.shape[1] == 2:
+            self._pos = np.c_[self._pos, np.zeros(len(self._pos))]
+        if set(self.layout.link_names) <= set(hand.link_names):
+            self._hand = hand
+            self._order = _order(hand.joint_names, (meta or {}).get("joint_names"))
+            self._joint = np.zeros(hand.num_joints)
+            self.frame_id = hand.link_names[0]
+
+    def __call__(self, frame: LiveFrame, rest: np.ndarray) -> Points:
+        r"""Returns the points of a frame.
+
+        Args:
+            frame (LiveFrame): The frame.
+            rest (numpy.ndarray): The readings at rest :math:`(N, C)`.
+
+        Raises:
+            ValueError: If the frame has another number of taxels than the layout.
+        """
+        if len(frame.tactile) != self.layout.num_taxels:
+            raise ValueError(
+                f"a frame on layout '{self.layout.name}' must have {self.layout.num_taxels} taxels "
+                f"(got {len(frame.tactile)})"
+            )
+        change = frame.tactile - rest
+        if change.shape[1] == 3:
+            fields = {"pressure": change[:, 2], "shear": np.hypot(change[:, 0], change[:, 1])}
+        else:
+            fields = {"pressure": change[:, 0]}
+        return Points(self._posed(frame), fields, self.frame_id)
+
+    def _posed(self, frame: LiveFrame) -> np.ndarray:
+        if self._hand is None:
+            return self._pos
+        import torch
+
+        if frame.joint is not None and self._order is not None:
+            if len(frame.joint) == len(self._order):
+                joint = np.asarray(frame.joint, dtype=np.float64)[self._order]
+                self._joint = np.where(np.isfinite(joint), joint, self._joint)
+            else:
+                _log.warning(
+                    "the points of a recording are not posed: frames have %d joint angles, and the "
+                    "hand %d",
+                    len(frame.joint),
+                    len(self._order),
+                )
+                self._order = None
+        with torch.no_grad():
+            angles = torch.from_numpy(self._joint)
+            posed = self._hand.taxel_pose(self.layout, angles, normal=False)
+            return np.asarray(posed.pos.numpy())
+
+
+def _order(wanted: tuple[str, ...], given: Any) -> list[int] | None:
+    if given is None:
+        return list(range(len(wanted)))
+    if not isinstance(given, list | tuple) or set(given) != set(wanted):
+        _log.warning(
+            "the points of a recording are not posed: its joint angles have names that the hand "
+            "does not have"
+        )
+        return None
+    return [list(given).index(name) for name in wanted]

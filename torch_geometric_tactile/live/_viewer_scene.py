@@ -1,0 +1,259 @@
+r"""Where the viewer draws the taxels."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:  # without a layout, a live robot is shown without torch
+    from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+
+_NEAR = 0.1  # share of the taxels of a patch that may overlap their nearest
+# Rows: what the viewer sees to the right, above, and towards himself, in the frame of the root.
+_HAND_VIEW = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+_FLAT_VIEW = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    r"""The taxels on their links, and how the links move.
+
+    Args:
+        name (str): Name of the layout; empty without one.
+        form (str): :obj:`"hand"` (posed by joint angles), :obj:`"pads"` (a layout that does not
+            move) or :obj:`"numbers"` (no layout: a grid of the taxels by number).
+        pos (numpy.ndarray): Places in the frame of the link :math:`(N, 3)`.
+        axes (numpy.ndarray): Unit axes :math:`x`, :math:`y` and normal, likewise
+            :math:`(N, 3, 3)`.
+        size (numpy.ndarray): Distance to the nearest taxel of the patch :math:`(N,)`.
+        link (numpy.ndarray): Index of the link :math:`(N,)`.
+        pose (numpy.ndarray): Pose of the links without joint angles: rows of the rotation, and the
+            translation :math:`(L, 12)`.
+        view (sequence): The viewer's axes to the right, up and towards himself.
+        bodies (sequence of Mapping): Boxes and spheres of the links.
+        labels (sequence of Mapping): Names, each with its link and place.
+        kinematics (HandKinematics, optional): What poses the links.
+    """
+
+    name: str
+    form: str
+    pos: np.ndarray
+    axes: np.ndarray
+    size: np.ndarray
+    link: np.ndarray
+    pose: np.ndarray
+    view: Sequence[Sequence[float]] = _FLAT_VIEW
+    bodies: Sequence[Mapping[str, Any]] = ()
+    labels: Sequence[Mapping[str, Any]] = ()
+    kinematics: "HandKinematics | None" = field(default=None, repr=False)
+
+    @property
+    def num_taxels(self) -> int:
+        r"""The number of taxels :math:`N`."""
+        return len(self.pos)
+
+    @property
+    def num_joints(self) -> int:
+        r"""The number of joint angles that pose it, 0 if none do."""
+        return 0 if self.kinematics is None else self.kinematics.num_joints
+
+    def posed(self, joint: np.ndarray) -> np.ndarray:
+        r"""Returns the poses of the links as :obj:`pose` has them.
+
+        Args:
+            joint (numpy.ndarray): Joint angles in radians :math:`(J,)`.
+        """
+        import torch
+
+        assert self.kinematics is not None
+        angle = torch.from_numpy(np.ascontiguousarray(joint, dtype=np.float32))
+        rotation, translation = self.kinematics.link_pose(angle)
+        return torch.cat([rotation.flatten(1), translation], dim=1).numpy()
+
+    def head(self) -> dict[str, Any]:
+        r"""Returns what the page is told beside the arrays."""
+        return {
+            "layout": self.name,
+            "form": self.form,
+            "view": self.view,
+            "bodies": self.bodies,
+            "labels": self.labels,
+        }
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        r"""Returns the arrays that the page is sent."""
+        names = ("pos", "axes", "size", "link", "pose")
+        return {name: getattr(self, name) for name in names}
+
+
+def number_scene(num_taxels: int) -> Scene:
+    r"""Returns a grid of the taxels by number, row by row from the top left.
+
+    Args:
+        num_taxels (int): Number of taxels :math:`N`.
+    """
+    columns = math.ceil(math.sqrt(num_taxels))
+    row, column = np.divmod(np.arange(num_taxels), columns)
+    pos = np.stack([column, -row, np.zeros(num_taxels)], axis=1).astype(np.float32)
+    return Scene(
+        name="",
+        form="numbers",
+        pos=pos,
+        axes=np.tile(np.eye(3, dtype=np.float32), (num_taxels, 1, 1)),
+        size=np.ones(num_taxels, dtype=np.float32),
+        link=np.zeros(num_taxels, dtype=np.float32),
+        pose=_still(),
+    )
+
+
+def layout_scene(
+    layout: "TaxelLayout",
+    kinematics: "HandKinematics | None" = None,
+    joint: np.ndarray | None = None,
+) -> Scene:
+    r"""Returns the scene of a layout: on the hand that carries its links, or pad beside pad.
+
+    Args:
+        layout (TaxelLayout): The layout.
+        kinematics (HandKinematics, optional): The hand. The Allegro hand, if it has the links of
+            the layout.
+        joint (numpy.ndarray, optional): Joint angles to show while frames carry none; those of an
+            open hand if left out.
+
+    Raises:
+        ValueError: If a link of the layout is not one of :obj:`kinematics`, or :obj:`joint` has
+            another number of angles.
+    """
+    from torch_geometric_tactile._texts import read_json
+    from torch_geometric_tactile.sensors import HandKinematics, stock_path
+
+    bodies: Sequence[Mapping[str, Any]] = ()
+    if kinematics is None:
+        allegro = HandKinematics.allegro()
+        if set(layout.link_names) <= set(allegro.link_names):
+            kinematics = allegro
+            bodies = read_json(stock_path("chains", "allegro_right"))["bodies"]
+    if kinematics is None:
+        return _pads(layout)
+    return _hand(layout, kinematics, joint, bodies)
+
+
+def _hand(
+    layout: "TaxelLayout",
+    kinematics: "HandKinematics",
+    joint: np.ndarray | None,
+    bodies: Sequence[Mapping[str, Any]],
+) -> Scene:
+    from torch_geometric_tactile.visualization.hand import open_hand
+
+    kinematics.require_links(layout)
+    number = {name: i for i, name in enumerate(kinematics.link_names)}
+    assert layout.link is not None
+    link = np.array([number.get(name, 0) for name in layout.link_names])[layout.link.numpy()]
+    angle = open_hand(kinematics).numpy() if joint is None else np.asarray(joint, np.float32)
+    scene = Scene(
+        name=layout.name,
+        form="hand",
+        pos=layout.pos.numpy(),
+        axes=layout.axes().numpy(),
+        size=_sizes(layout),
+        link=link,
+        pose=np.zeros((0, 12), np.float32),
+        view=_HAND_VIEW,
+        bodies=[_body(body, kinematics) for body in bodies],
+        labels=_digit_labels(layout, link),
+        kinematics=kinematics,
+    )
+    object.__setattr__(scene, "pose", scene.posed(angle))
+    return scene
+
+
+def _body(body: Mapping[str, Any], kinematics: "HandKinematics") -> dict[str, Any]:
+    # A sphere on a link that does not move on its parent is drawn as the parent's, so that the
+    # taxels on the parent are in front of it.
+    link, center = body["link"], np.array(body["center"])
+    fixed = {joint.child: joint for joint in kinematics.joints if joint.axis is None}
+    if "sphere" in body and link in fixed:
+        joint = fixed[link]
+        link, center = joint.parent, center + np.array(joint.xyz)  # a sphere: however it is turned
+    return {
+        "link": kinematics.link_names.index(link),
+        "center": center.tolist(),
+        "box": body.get("box"),
+        "sphere": body.get("sphere"),
+    }
+
+
+def _digit_labels(layout: "TaxelLayout", link: np.ndarray) -> list[dict[str, Any]]:
+    # At the last patch of each digit that moves; patches are numbered from base to tip.
+    assert layout.digit is not None
+    assert layout.patch is not None
+    digit, patch, pos = layout.digit.numpy(), layout.patch.numpy(), layout.pos.numpy()
+    labels = []
+    for index, name in enumerate(layout.digit_names):
+        mine = np.flatnonzero(digit == index)
+        if not len(mine) or (link[mine] == 0).all():
+            continue
+        first, last = (mine[patch[mine] == end(patch[mine])] for end in (np.min, np.max))
+        labels.append(
+            {
+                "text": name,
+                "link": int(link[last[0]]),
+                "at": pos[last].mean(axis=0).tolist(),
+                "base_link": int(link[first[0]]),
+                "base": pos[first].mean(axis=0).tolist(),
+            }
+        )
+    return labels
+
+
+def _pads(layout: "TaxelLayout") -> Scene:
+    from torch_geometric_tactile.visualization.layout import PAD_GAP, pads_side_by_side
+
+    assert layout.link is not None
+    used, link = np.unique(layout.link.numpy(), return_inverse=True)
+    pads = [[part.numpy() for part in pad] for pad in pads_side_by_side(layout)]
+    pos = [layout.pos.numpy()[mine] @ axes.T for mine, axes, _ in pads]
+    below = 0.6 * PAD_GAP * max(float(np.ptp(places, axis=0).max()) for places in pos)
+    pose, labels = [], []
+    for index, ((_, axes, shift), places) in enumerate(zip(pads, pos, strict=True)):
+        low, high = places.min(axis=0), places.max(axis=0)
+        pose.append(np.concatenate([axes.ravel(), shift]))
+        at = axes.T @ np.array([(low[0] + high[0]) / 2, low[1] - below, 0.0])
+        labels.append(
+            {"text": layout.link_names[int(used[index])], "link": index, "at": at.tolist()}
+        )
+    return Scene(
+        name=layout.name,
+        form="pads",
+        pos=layout.pos.numpy(),
+        axes=layout.axes().numpy(),
+        size=_sizes(layout),
+        link=link,
+        pose=np.array(pose, dtype=np.float32),
+        labels=labels if len(used) > 1 else [],
+    )
+
+
+def _sizes(layout: "TaxelLayout") -> np.ndarray:
+    from scipy.spatial import cKDTree
+
+    assert layout.link is not None
+    assert layout.patch is not None
+    pos, patch = layout.pos.numpy(), layout.patch.numpy()
+    size = np.full(len(pos), np.nan, dtype=np.float32)
+    for index in np.unique(patch):
+        mine = np.flatnonzero(patch == index)
+        if len(mine) > 1:
+            distance = cKDTree(pos[mine]).query(pos[mine], k=2)[0][:, 1]
+            apart = distance[distance > 0]
+            size[mine] = np.quantile(apart, _NEAR) if len(apart) else np.nan
+    known = size[~np.isnan(size)]
+    size[np.isnan(size)] = np.median(known) if len(known) else 0.005
+    return size
+
+
+def _still() -> np.ndarray:
+    return np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None].astype(np.float32)

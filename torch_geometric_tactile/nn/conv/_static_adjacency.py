@@ -1,0 +1,381 @@
+r"""The normalised adjacency of one topology, computed once."""
+
+import warnings
+import weakref
+from typing import NamedTuple, Optional
+
+import torch
+from torch import Tensor
+from torch.nn import Parameter
+from torch_geometric.nn.conv.gcn_conv import gcn_norm
+from torch_geometric.typing import Adj, OptTensor
+from torch_geometric.utils import is_torch_sparse_tensor
+
+from torch_geometric_tactile.nn.conv._edge_checks import (
+    EdgeCheck,
+    as_edges,
+    check_edge_index,
+    check_edge_weight,
+    is_traced,
+    sorted_form,
+)
+
+# Above this number of nodes, a dense matrix of them costs more than gathering the edges.
+MAX_DENSE_NODES = 1024
+# The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
+_MAX_ROWS = 4096
+_PLAIN = (Tensor, Parameter)
+
+
+class GCNNorm(NamedTuple):
+    r"""How a graph convolution normalises its adjacency, as the arguments of
+    :class:`~torch_geometric.nn.GCNConv`.
+    """
+
+    improved: bool = False
+    add_self_loops: bool = True
+    normalize: bool = True
+    flow: str = "source_to_target"
+
+
+# The same as a plain tuple, which a layer makes at each call.
+Norm = tuple[bool, bool, bool, str]
+GCN_NORM = GCNNorm()
+
+
+class StaticAdjacency:
+    r"""The matrix of a graph convolution :math:`(N, N)`, in the forms that products need.
+
+    Args:
+        dense (torch.Tensor): The matrix.
+    """
+
+    def __init__(self, dense: Tensor) -> None:
+        self.dense = dense
+        self._rows: dict[tuple[int, int], Tensor] = {}
+        self._blocks: dict[int, Tensor] = {}
+        self._transposed: OptTensor = None
+
+    @property
+    def transposed(self) -> Tensor:
+        r"""The transposed matrix, in CSR format."""
+        if self._transposed is None:
+            self._transposed = _sparse(self.dense.t())
+        return self._transposed
+
+    def rows(self, start: int, stop: int) -> Tensor:
+        r"""Returns some rows in CSR format :math:`(S, N)`, computed once.
+
+        Args:
+            start (int): The first row.
+            stop (int): The row behind the last.
+        """
+        rows = self._rows.get((start, stop))
+        if rows is None:
+            if len(self._rows) >= _MAX_ROWS:
+                self._rows = {}  # not cleared in place: another thread may be reading it
+            rows = self._rows[start, stop] = _sparse(self.dense[start:stop])
+        return rows
+
+    def blocks(self, group: int, nodes: Tensor) -> Tensor:
+        r"""Returns the matrices of some segments of equal size, computed once for each group.
+
+        Args:
+            group (int): Number of the group.
+            nodes (torch.Tensor): The taxels of each segment :math:`(S, n)`.
+
+        Returns:
+            torch.Tensor: The matrices :math:`(S, n, n)`.
+        """
+        if group not in self._blocks:
+            with torch.inference_mode(False):  # a validation may come before the training
+                self._blocks[group] = adjacency_blocks(self.dense, nodes)
+        return self._blocks[group]
+
+
+class AdjacencyCache:
+    r"""Keeps the adjacency of the last topology for as long as the same edges and weights come in.
+
+    They are compared by value with a copy of its own, so that no way of changing them goes unseen:
+    neither :obj:`tensor.data` nor a NumPy array that shares their memory counts as a write. On a
+    GPU, comparing values would wait for everything under way; there, a tensor is taken to be the
+    same if it is the same object with the same memory and PyTorch counted no write to it, and
+    values are compared otherwise. Only a write through :obj:`tensor.data` goes unseen there.
+
+    One entry is kept and replaced as a whole, so that threads may share the cache. A pickled or
+    copied cache is empty.
+    """
+
+    def __init__(self) -> None:
+        self._entry: Optional[_Entry] = None
+        self._check = EdgeCheck()
+
+    @property
+    def current(self) -> Optional[StaticAdjacency]:
+        r"""The adjacency that is kept, :obj:`None` at first."""
+        return None if self._entry is None else self._entry.adjacency
+
+    def get(
+        self,
+        edge_index: Adj,
+        edge_weight: OptTensor,
+        num_nodes: int,
+        dtype: torch.dtype,
+        segment: OptTensor = None,
+        norm: Norm = GCN_NORM,
+    ) -> Optional[StaticAdjacency]:
+        r"""Returns the adjacency of a topology, or :obj:`None` where it must not be kept: for
+        tensors that need a gradient, and while a compiler records.
+
+        Args:
+            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+                :math:`(N, N)`.
+            edge_weight (torch.Tensor, optional): Their weights :math:`(|\mathcal{E}|,)`.
+            num_nodes (int): Number of taxels :math:`N`.
+            dtype (torch.dtype): Of the matrix.
+            segment (torch.Tensor, optional): The segment of each taxel :math:`(N,)`, always the
+                same; edges between segments do not count.
+            norm (GCNNorm): How to normalise.
+
+        Raises:
+            ValueError: If the edges do not join the taxels, or the weights are not theirs.
+        """
+        entry = self._entry
+        traced = is_traced()
+        if entry is not None and not traced:
+            same = entry.num_nodes == num_nodes and entry.dtype == dtype and entry.norm == norm
+            if same and entry.holds(edge_index, edge_weight):
+                return entry.adjacency
+        if traced or not may_be_kept(edge_index, edge_weight):
+            self._check(edge_index, num_nodes)
+            check_edge_weight(edge_index, edge_weight)
+            return None
+        check_edge_index(edge_index, num_nodes)
+        check_edge_weight(edge_index, edge_weight)
+        # A matrix computed in inference mode (by a validation before the training) could not take
+        # part in a later training step.
+        with torch.inference_mode(False), torch.no_grad():
+            kept = [KeptTensor(tensor) for tensor in _tensors(edge_index, edge_weight)]
+            dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
+        entry = _Entry(kept, edge_index.layout, num_nodes, dtype, norm, StaticAdjacency(dense))
+        self._entry = entry  # at last and as a whole
+        return entry.adjacency
+
+    def __deepcopy__(self, memo: object) -> "AdjacencyCache":
+        return AdjacencyCache()
+
+    def __reduce__(self) -> tuple[type["AdjacencyCache"], tuple[()]]:
+        return AdjacencyCache, ()
+
+
+class _Entry(NamedTuple):
+    kept: "list[KeptTensor]"
+    layout: torch.layout
+    num_nodes: int
+    dtype: torch.dtype
+    norm: Norm
+    adjacency: StaticAdjacency
+
+    def holds(self, edge_index: Tensor, edge_weight: OptTensor) -> bool:
+        if edge_index.layout != self.layout:
+            return False
+        given = _tensors(edge_index, edge_weight)
+        if len(given) != len(self.kept):
+            return False
+        return all(kept.equals(tensor) for kept, tensor in zip(self.kept, given, strict=True))
+
+
+class KeptTensor:
+    r"""A copy of a tensor, which tells whether another one has its values; see
+    :class:`AdjacencyCache`.
+
+    Args:
+        tensor (torch.Tensor): The tensor.
+    """
+
+    def __init__(self, tensor: Tensor) -> None:
+        self.copy = tensor.clone()
+        self.note(tensor)
+
+    def note(self, tensor: Tensor) -> None:
+        r"""Notes which object has the values.
+
+        Args:
+            tensor (torch.Tensor): The tensor.
+        """
+        # A weak reference: the caller's tensor may die, and another be born at its address.
+        self.seen = weakref.ref(tensor)
+        self.state = (tensor.data_ptr(), None if tensor.is_inference() else tensor._version)
+
+    def equals(self, tensor: Tensor) -> bool:
+        r"""Tells whether a tensor has the values of the copy.
+
+        Args:
+            tensor (torch.Tensor): The tensor.
+        """
+        copy = self.copy
+        if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
+            return False
+        if tensor.is_cpu and copy.is_cpu:
+            try:
+                return torch.equal(tensor, copy)
+            except RuntimeError:  # the tensor of a `vmap` has many values
+                return False
+        if tensor.device != copy.device or tensor.shape != copy.shape:
+            return False
+        if (
+            self.seen() is tensor
+            and not tensor.is_inference()
+            and self.state == (tensor.data_ptr(), tensor._version)
+        ):
+            return True
+        if not torch.equal(tensor, copy):
+            return False
+        self.note(tensor)
+        return True
+
+
+def _tensors(edge_index: Adj, edge_weight: OptTensor) -> list[Tensor]:
+    if edge_index.layout == torch.sparse_coo:
+        return [edge_index._indices(), edge_index._values()]
+    if edge_index.layout == torch.sparse_csr:
+        return [edge_index.crow_indices(), edge_index.col_indices(), edge_index.values()]
+    return [edge_index] if edge_weight is None else [edge_index, edge_weight]
+
+
+def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
+    r"""Tells whether what follows from edges may be kept: not from those that need a gradient, nor
+    from a fake tensor or another subclass, which may have no values.
+
+    Args:
+        edge_index (torch.Tensor): Edges, or a sparse matrix.
+        edge_weight (torch.Tensor, optional): Their weights.
+    """
+    return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
+        tensor.requires_grad
+        or type(tensor) not in _PLAIN
+        or tensor.device.type == "meta"
+        or _is_wrapped(tensor)
+        for tensor in (edge_index, edge_weight)
+        if tensor is not None
+    )
+
+
+def _is_wrapped(tensor: Tensor) -> bool:
+    # By a transform of torch.func, whose tensors have no memory of their own.
+    if tensor.layout != torch.strided:
+        return False
+    try:
+        tensor.data_ptr()
+    except RuntimeError:
+        return True
+    return False
+
+
+def _sparse(dense: Tensor) -> Tensor:
+    with warnings.catch_warnings(), torch.inference_mode(False):
+        warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
+        return dense.contiguous().to_sparse_csr()
+
+
+def adjacency_blocks(dense: Tensor, nodes: Tensor) -> Tensor:
+    r"""Returns the matrices of some segments of equal size.
+
+    Args:
+        dense (torch.Tensor): The matrix of all taxels :math:`(N, N)`.
+        nodes (torch.Tensor): The taxels of each segment :math:`(S, n)`.
+
+    Returns:
+        torch.Tensor: The matrices :math:`(S, n, n)`.
+    """
+    return dense[nodes.unsqueeze(2), nodes.unsqueeze(1)]
+
+
+def dense_norm(
+    edge_index: Adj,
+    edge_weight: OptTensor,
+    num_nodes: int,
+    dtype: torch.dtype,
+    segment: OptTensor = None,
+    norm: GCNNorm = GCN_NORM,
+) -> Tensor:
+    r"""Returns PyG's :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as one matrix
+    :math:`(N, N)` of targets and sources.
+
+    It drops no edges by a mask, whose result has an unknown size, so that ``torch.compile`` sees
+    one graph.
+
+    Args:
+        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+            :math:`(N, N)` of targets and sources.
+        edge_weight (torch.Tensor, optional): Their weights :math:`(|\mathcal{E}|,)`.
+        num_nodes (int): Number of taxels :math:`N`.
+        dtype (torch.dtype): Of the matrix.
+        segment (torch.Tensor, optional): The segment of each taxel :math:`(N,)`; edges between
+            segments do not count.
+        norm (GCNNorm): How to normalise.
+    """
+    if is_torch_sparse_tensor(edge_index) and segment is None:
+        return sparse_norm(sorted_form(edge_index), num_nodes, dtype, norm).to_dense().to(dtype)
+    edge_index, edge_weight = as_edges(edge_index, edge_weight)
+    source, target = edge_index.long()
+    if norm.flow == "target_to_source":
+        source, target = target, source
+    # As in PyG, where `improved` changes nothing without weights.
+    loop_weight = 2.0 if norm.improved and edge_weight is not None else 1.0
+    if edge_weight is None:
+        edge_weight = torch.ones(edge_index.size(1), dtype=dtype, device=edge_index.device)
+    weight = edge_weight.view(-1).to(dtype)
+    if segment is not None:
+        weight = weight.masked_fill(segment[source] != segment[target], 0.0)
+    is_loop = source == target
+    add_self_loops = norm.normalize and norm.add_self_loops
+    adjacency = weight.new_zeros(num_nodes * num_nodes).scatter_add(
+        0,
+        target * num_nodes + source,
+        weight.masked_fill(is_loop, 0.0) if add_self_loops else weight,
+    )
+    adjacency = adjacency.view(num_nodes, num_nodes)
+    if add_self_loops:
+        loop = loop_weights(source, is_loop, weight, num_nodes, loop_weight)
+        adjacency = adjacency + loop.diag_embed()
+    if not norm.normalize:
+        return adjacency
+    scale = adjacency.sum(dim=1).pow(-0.5)
+    scale = scale.masked_fill(scale == float("inf"), 0.0)
+    return scale.view(-1, 1) * adjacency * scale
+
+
+def loop_weights(
+    source: Tensor, is_loop: Tensor, weight: Tensor, num_nodes: int, loop_weight: float
+) -> Tensor:
+    r"""Returns the weights of self-loops :math:`(N,)`: those that there are keep their weight, and
+    missing ones are added.
+
+    Args:
+        source (torch.Tensor): The sources of the edges :math:`(|\mathcal{E}|,)`.
+        is_loop (torch.Tensor): Which edges are self-loops :math:`(|\mathcal{E}|,)`.
+        weight (torch.Tensor): Weights of the edges :math:`(|\mathcal{E}|,)`.
+        num_nodes (int): Number of taxels :math:`N`.
+        loop_weight (float): The weight of those that are added.
+    """
+    places = source.masked_fill(~is_loop, num_nodes)  # the last place takes all that is no loop
+    return weight.new_full((num_nodes + 1,), loop_weight).scatter(0, places, weight)[:-1]
+
+
+def sparse_norm(adj_t: Adj, num_nodes: int, dtype: torch.dtype, norm: GCNNorm) -> Tensor:
+    r"""Returns a sparse adjacency as PyG normalises it, which adds a self-loop also where there is
+    one.
+
+    Args:
+        adj_t (torch.Tensor): The sparse matrix :math:`(N, N)` of targets and sources.
+        num_nodes (int): Number of taxels :math:`N`.
+        dtype (torch.dtype): Of the values that PyG adds.
+        norm (GCNNorm): How to normalise.
+    """
+    if not norm.normalize:
+        return adj_t
+    normed: Tensor = gcn_norm(
+        adj_t, None, num_nodes, norm.improved, norm.add_self_loops, norm.flow, dtype
+    )[0]
+    return normed

@@ -1,0 +1,247 @@
+r"""A comparison of models: Markdown, CSV, JSON and a picture."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import markdown_text, printable
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.experiments._advice import NAMES, advice, shown_number, to_dict
+from torch_geometric_tactile.experiments._compared_samples import (
+    PartScores,
+    part_scores,
+    prediction_rows,
+)
+from torch_geometric_tactile.experiments._compared_windows import describe_cut, describe_left_out
+from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, RULE
+from torch_geometric_tactile.io._csv_table import safe_cell
+from torch_geometric_tactile.reports._predictions import cell_text
+from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_PERCENT = ("accuracy", "balanced_accuracy", "f1")
+_COLUMNS = (
+    *("model", "kind", "metric", "mean", "sd", "splits"),
+    *("difference", "over_splits", "over_trials", "parameters", "seconds", "milliseconds"),
+)
+_WHO_SEES_TIME = (
+    "The models temporal and lstm process the frames in their order, and svm_signal takes "
+    "statistics of each signal; all others take the frames of a taxel as channels."
+)
+_PARTS = "The test samples of all splits together."
+_SIMULATED = "The samples are simulated: the results may not hold for a real hand."
+_SERIES = {False: "plain models", True: "graph models"}
+
+
+def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
+    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.json` and, if there is a result,
+    :obj:`NAME_predictions.csv` and :obj:`NAME.png`, and returns their paths.
+
+    Args:
+        comparison (Comparison): What came of the runs.
+        out (str or PathLike): The folder.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+    """
+    name = comparison.run.plan.table.name
+    texts = {
+        ".md": comparison_markdown(comparison),
+        ".csv": comparison_csv(comparison),
+        ".json": json.dumps(to_dict(comparison), indent=1) + "\n",
+    }
+    paths = [Path(out) / f"{name}{suffix}" for suffix in texts]
+    for path, text in zip(paths, texts.values(), strict=True):
+        with atomic_path(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    if comparison.results:
+        paths.append(Path(out) / f"{name}_predictions.csv")
+        with atomic_path(paths[-1]) as temporary, temporary.open("w", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            for row in prediction_rows(comparison):
+                writer.writerow([cell_text(v) if isinstance(v, str) else v for v in row])
+        paths.append(Path(out) / f"{name}.png")
+        save_figure(_picture(comparison), paths[-1])
+    return paths
+
+
+def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    r"""Returns the header and the rows of a table of a comparison, the best model first.
+
+    Args:
+        comparison (Comparison): What came of the runs.
+    """
+    names = [f"{NAMES[key]}{' (%)' if key in _PERCENT else ''}" for key in comparison.metrics]
+    header = ["model", "kind", *names]
+    if comparison.best_plain is not None:
+        unit = " (points)" if comparison.metric in _PERCENT else ""
+        header += [f"to {comparison.best_plain}{unit}", "over splits", f"over {comparison.unit}s"]
+    header += ["parameters", "seconds", "ms a sample"]
+    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
+    return header, [_row(comparison, result) for result in ordered]
+
+
+def _row(comparison: Comparison, result: ModelResult) -> list[str]:
+    scores = []
+    for key in comparison.metrics:
+        mean, sd = result.scores[key]
+        text = shown_number(key, mean)
+        scores.append(text if math.isnan(sd) else f"{text} ± {shown_number(key, sd)}")
+    difference = [] if comparison.best_plain is None else ["", "", ""]
+    if result.difference is not None:
+        mean, over_splits, over_trials = result.difference[:3]
+        sign = "+" if mean > 0 else ""
+        number = shown_number(comparison.metric, mean)
+        mark = " *" if result.difference.is_beyond_noise else ""
+        errors = [f"± {shown_number(comparison.metric, e)}" for e in (over_splits, over_trials)]
+        difference = [f"{sign}{number}{mark}", *errors]
+    size = "" if result.num_parameters is None else f"{result.num_parameters:,.0f}"
+    kind = "graph" if result.model.is_graph else "plain"
+    times = [f"{result.seconds:,.1f}", f"{result.milliseconds:.2g}"]
+    return [result.model.name, kind, *scores, *difference, size, *times]
+
+
+def comparison_markdown(comparison: Comparison) -> str:
+    r"""Returns a comparison as a page.
+
+    Args:
+        comparison (Comparison): What came of the runs.
+    """
+    plan = comparison.run.plan
+    header, rows = comparison_rows(comparison)
+    lines = [f"# {printable(plan.table.title)}", "", printable(advice(comparison)), ""]
+    lines += [markdown_text(text) for text in _facts(comparison)]
+    lines += ["", *_lines(header, rows), ""]
+    lines += [
+        "## Chosen settings",
+        "",
+        *_lines(["model", "description", "chosen"], _chosen(comparison)),
+    ]
+    for part in part_scores(comparison):
+        lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {part.kind}", "", _PARTS, ""]
+        lines += _lines(*_part_rows(comparison, part))
+    if comparison.run.failed:
+        lines += ["", "## Failed runs", ""]
+        lines += [f"- {markdown_text(f'{k}: {v}')}" for k, v in comparison.run.failed.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _part_rows(comparison: Comparison, part: PartScores) -> tuple[list[str], list[list[str]]]:
+    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
+    models = [result.model.name for result in ordered]
+    rows = [
+        [name, f"{count:,}", *(shown_number(comparison.metric, part.scores[m][i]) for m in models)]
+        for i, (name, count) in enumerate(part.counts.items())
+    ]
+    return [part.kind, "test samples", *models], rows
+
+
+def _facts(comparison: Comparison) -> list[str]:
+    plan = comparison.run.plan
+    (protocol,) = plan.protocols
+    facts = plan.facts
+    splits = "1 split" if comparison.num_splits == 1 else f"{comparison.num_splits} splits"
+    held = f" of {facts.num_frames} frames" if facts.num_frames else ""
+    held += f", {facts.num_trials:,} trials" if facts.num_trials else ""
+    held += f", {facts.num_groups:,} groups" if facts.num_groups else ""
+    more = [_differences(comparison), describe_cut(plan.data)]
+    if facts.num_frames is not None:
+        more += [describe_left_out(plan.data.load()), _WHO_SEES_TIME]
+    more.append(_SIMULATED if plan.data.kind == "simulated" else "")
+    return [
+        f"{facts.num_samples:,} samples{held}; {protocol.protocol.describe()}, "
+        f"{splits}. Mean ± standard deviation over the splits. Settings were "
+        "chosen on a part of each training part; each test part was used once.",
+        *filter(None, more),
+    ]
+
+
+def _differences(comparison: Comparison) -> str:
+    if comparison.best_plain is None:
+        return ""
+    few = ""
+    if comparison.num_splits < LEAST_PAIRS:
+        few = f" '--seeds {comparison.seeds_to_tell}' would tell."
+    return (
+        f"Differences are to {comparison.best_plain}, the best plain model, on the same samples, "
+        f"with their standard errors over the splits and over the {comparison.unit}s; * is beyond "
+        f"the noise. {RULE}{few}"
+    )
+
+
+def _chosen(comparison: Comparison) -> list[list[str]]:
+    rows = []
+    for result in comparison.results:
+        texts = []
+        for chosen in result.chosen:
+            texts.append(_setting(chosen["setting"]) or "as is")
+        counted = {text: texts.count(text) for text in texts}
+        said = "; ".join(f"{text} ({n} x)" if n > 1 else text for text, n in counted.items())
+        rows.append([result.model.name, result.model.title, said])
+    return rows
+
+
+def _setting(setting: object) -> str:
+    if not isinstance(setting, dict):
+        return str(setting)
+    parts = []
+    for key, value in setting.items():
+        inner = _setting(value)
+        parts.append(inner if isinstance(value, dict) else f"{key} {inner}")
+    return ", ".join(filter(None, parts))
+
+
+def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    cells = [[markdown_text(name) for name in header], ["---"] * len(header)]
+    cells += [[markdown_text(text) for text in row] for row in rows]
+    return ["| " + " | ".join(row) + " |" for row in cells]
+
+
+def comparison_csv(comparison: Comparison) -> str:
+    r"""Returns all scores, one a line, and the differences of the score that is compared.
+
+    Args:
+        comparison (Comparison): What came of the runs.
+    """
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for result in comparison.results:
+        kind = "graph" if result.model.is_graph else "plain"
+        for key in comparison.metrics:
+            mean, sd = result.scores[key]
+            same = result.difference is not None and key == comparison.metric
+            difference = result.difference[:3] if same and result.difference else ("", "", "")
+            numbers = [mean, sd, len(result.chosen), *difference]
+            size = "" if result.num_parameters is None else result.num_parameters
+            row = [kind, key, *map(_cell, numbers), size, result.seconds, result.milliseconds]
+            writer.writerow([safe_cell(result.model.name), *row])
+    return file.getvalue()
+
+
+def _cell(value: object) -> object:
+    return "" if isinstance(value, float) and math.isnan(value) else value
+
+
+def _picture(comparison: Comparison) -> "Figure":
+    metric = comparison.metric
+    factor, unit = (100, " in %") if metric in _PERCENT else (1, "")
+    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
+    rows = {
+        result.model.name: {
+            _SERIES[result.model.is_graph]: tuple(factor * v for v in result.scores[metric])
+        }
+        for result in ordered
+    }
+    series = [name for name in _SERIES.values() if any(name in row for row in rows.values())]
+    label = f"{NAMES[metric]}{unit}, mean and standard deviation over splits"
+    panel = ComparisonPanel("", label, rows)  # type: ignore[arg-type]
+    return plot_comparison([panel], series, comparison.run.plan.table.title)

@@ -1,0 +1,187 @@
+r"""Predictions as a table."""
+
+import csv
+import itertools
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
+from torch_geometric_tactile.data._column_order import column_names, in_column_order
+from torch_geometric_tactile.io import read_recording
+from torch_geometric_tactile.io._csv_table import safe_cell
+from torch_geometric_tactile.io.recording_files import chosen_format, format_options
+from torch_geometric_tactile.predictor import Predictor
+
+_BATCH_SIZE = 256
+
+_Rows = Iterator[tuple[list[Any], Tensor]]  # the first cells of a row, and its probabilities
+
+
+def write_recordings(
+    predictor: Predictor,
+    paths: Sequence[PathLike],
+    out: PathLike,
+    adapt: bool = False,
+    rest: float | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Counter[str]:
+    r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
+    probabilities. With a model of windows, a row for each window, with its last frame.
+
+    Args:
+        predictor (Predictor): The predictor.
+        paths (sequence of str or PathLike): The recordings, in any format of :mod:`io`.
+        out (str or PathLike): The CSV file, written whole or not at all.
+        adapt (bool): Whether to measure each recording as a session of its own first, without
+            labels, where a transform measures sessions.
+        rest (float, optional): How many seconds of each recording are measured: those at its
+            beginning in which nothing is touched. The whole recording if left out.
+        options (Mapping, optional): Options of
+            :func:`~torch_geometric_tactile.io.read_recording`, before those that the predictor
+            knows.
+
+    Returns:
+        Counter: How often each prediction was made.
+
+    Raises:
+        FileNotFoundError: If there is no such recording.
+        ValueError: If a recording cannot be read or does not fit; the message names it.
+    """
+
+    def rows() -> _Rows:
+        columns: dict[str, list[str]] = {}
+        for path in paths:
+            recording = _read(predictor, path, options or {})
+            try:
+                recording = predictor.preparation.ordered(in_column_order(recording, columns))
+                columns = {**column_names(recording), **columns}
+                frames: Sequence[int] = range(recording.num_frames)
+                if adapt:
+                    measured = recording if rest is None else _beginning(recording, rest)
+                    predictor.adapt_recording(measured)
+                if predictor.window is not None:
+                    frames = predictor.windows(recording)[1].tolist()
+                probability = predictor.recording(recording, _BATCH_SIZE)
+            except ValueError as error:
+                raise ValueError(f"'{path}': {error}{_hint(str(error), path)}") from error
+            for i, row in zip(frames, probability, strict=True):
+                yield [cell_text(os.fspath(path)), i, f"{recording.time[i]:.6f}"], row
+
+    return _write(predictor, ["recording", "frame", "time"], rows(), out)
+
+
+def _read(predictor: Predictor, path: PathLike, given: Mapping[str, Any]) -> Recording:
+    known = {**predictor.read_options, **given}
+    taken = format_options(chosen_format(path, known))
+    options = {k: v for k, v in known.items() if k in taken or k in given}
+    try:
+        return read_recording(path, **options)
+    except ValueError as error:
+        raise ValueError(f"{error}{_hint(str(error), path)}") from error
+
+
+def _hint(error: str, path: PathLike) -> str:
+    if "call 'adapt'" in error:
+        return "; 'tactile predict --rest SECONDS' and '--adapt' do so"
+    if Path(path).suffix.lower() == ".csv" and re.search(r"must have (the col|\d+ taxels)", error):
+        return (
+            "; say which columns of this file are those of the training by '--tactile', '--joint', "
+            "'--num-channels' and '--ignore', as to 'tactile inspect'"
+        )
+    return ""
+
+
+def _beginning(recording: Recording, seconds: float) -> Recording:
+    kept = recording.time < recording.time[:1] + seconds
+    joint = None if recording.joint is None else recording.joint[kept]
+    return Recording(time=recording.time[kept], tactile=recording.tactile[kept], joint=joint)
+
+
+def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -> Counter[str]:
+    r"""Writes a row for each sample of a data set: index, prediction and probabilities.
+
+    Args:
+        predictor (Predictor): The predictor.
+        samples (StaticDataset): The samples, without the transform of their data set.
+        out (str or PathLike): The CSV file, written whole or not at all.
+
+    Returns:
+        Counter: How often each prediction was made.
+    """
+
+    def rows() -> _Rows:
+        number = itertools.count()
+        for logits, _ in predicted(predictor, samples):
+            for probability in predictor.probability(logits):
+                yield [next(number)], probability
+
+    return _write(predictor, ["index"], rows(), out)
+
+
+def predicted(predictor: Predictor, samples: StaticDataset) -> Iterator[tuple[Tensor, StaticData]]:
+    r"""Yields the logits of some samples after the others, with the samples as the model saw them.
+
+    Args:
+        predictor (Predictor): The predictor.
+        samples (StaticDataset): The samples, without the transform of their data set.
+    """
+    for index in torch.arange(len(samples)).split(_BATCH_SIZE):
+        with torch.inference_mode():
+            data = predictor.prepare_samples(samples.batch(index))
+            logits = predictor.logits(data)
+        yield logits, data
+
+
+def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike) -> Counter[str]:
+    has_labels = predictor.task != "regression"
+    count: Counter[str] = Counter()
+    with atomic_path(out) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        for cells, probability in rows:
+            if not count:
+                names = predictor.names(len(probability))
+                prefix, label = ("p_", ["prediction"]) if has_labels else ("", [])
+                writer.writerow([*head, *label, *(cell_text(f"{prefix}{name}") for name in names)])
+            prediction = ";".join(predictor.labels(probability)[0]) if has_labels else ""
+            count[prediction] += 1
+            numbers = [f"{value:.6f}" for value in probability.tolist()]
+            writer.writerow([*cells, *([cell_text(prediction)] if has_labels else []), *numbers])
+        if not count:
+            raise ValueError("there must be at least one frame to predict (got none)")
+    return count
+
+
+def cell_text(text: str) -> str:
+    r"""Returns a name for a cell of a CSV file: a class may be called -1, and the name of a file
+    may be no text.
+
+    Args:
+        text (str): The name.
+    """
+    text = text.encode("utf-8", "backslashreplace").decode()
+    return text if re.fullmatch(r"[+-]?[0-9.]+", text) else safe_cell(text)
+
+
+def describe_counts(count: Counter[str], out: PathLike, of_windows: bool = False) -> str:
+    r"""Returns what was written, in words.
+
+    Args:
+        count (Counter): How often each prediction was made.
+        out (str or PathLike): The file.
+        of_windows (bool): Whether windows of frames were predicted, not single frames.
+    """
+    total = sum(count.values())
+    parts: Iterable[str] = (f"{name or 'none'} {n}" for name, n in count.most_common(8))
+    more = ", ..." if len(count) > 8 else ""
+    told = "" if set(count) == {""} else f": {', '.join(parts)}{more}"
+    unit = "window" if of_windows else "frame"
+    return f"{Path(out)}: {total} {unit}{'s' if total > 1 else ''}{told}"

@@ -1,0 +1,139 @@
+r"""A recording as text and as a picture."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data.recording import UNITS
+from torch_geometric_tactile.io import read_recording, recording_format
+from torch_geometric_tactile.visualization.figure import save_figure
+from torch_geometric_tactile.visualization.recording import plot_recording
+
+_MOST_NAMES = 12
+_MOST_LETTERS = 100
+
+
+def describe_recording(recording: Recording) -> str:
+    r"""Returns the facts of a recording as lines of text.
+
+    Args:
+        recording (Recording): The recording.
+
+    Examples:
+        >>> print(describe_recording(Recording([0.0, 0.1], np.zeros((2, 4, 3)), label="cup")))
+        frames       2 in 0.1 s, 10 per second
+        taxels       4 of 3 channels
+        readings     0 to 0 (unit unknown)
+        joints       none
+        dead taxels  none
+        missing      none
+        label        cup
+        metadata     none
+        privileged   none
+        extra        none
+    """
+    frames = str(recording.num_frames)
+    if recording.num_frames > 1:
+        frames += f" in {recording.duration:.6g} s, {recording.rate:.6g} per second"
+    unit = UNITS.get(str(recording.meta.get("unit")), "(unit unknown)")
+    missing, dead = recording.missing, recording.dead_taxels
+    cells = "none"
+    if missing.any():
+        cells = (
+            f"{int(missing.sum()):,} of {missing.size:,} readings of a taxel in a frame "
+            f"({100 * missing.mean():.3g} %)"
+        )
+    rows: list[tuple[str, Sequence[str]]] = [
+        ("frames", [frames]),
+        ("taxels", [f"{recording.num_taxels} of {recording.num_channels} channels"]),
+        ("readings", [_range(recording.tactile, unit)]),
+        ("joints", _joint_lines(recording)),
+        ("dead taxels", [_indices(dead)]),
+        ("missing", [cells]),
+        ("label", ["none" if recording.label is None else str(recording.label)]),
+        ("metadata", [f"{key} = {_shortened(value)}" for key, value in recording.meta.items()]),
+        (
+            "privileged",
+            [f"{name} {value.shape}" for name, value in recording.privileged.items()],
+        ),
+        ("extra", [f"{name} {value.shape}" for name, value in recording.extra.items()]),
+    ]
+    return "\n".join(
+        f"{name if i == 0 else '':<13}{printable(line)}"
+        for name, lines in rows
+        for i, line in enumerate(lines or ["none"])
+    )
+
+
+def describe_file(path: PathLike, **options: Any) -> tuple[Recording, str]:
+    r"""Reads a recording's file, and returns it with the facts as lines of text.
+
+    Args:
+        path (str or PathLike): The file.
+        **options (optional): Those of :func:`~torch_geometric_tactile.io.read_recording`.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If the format needs an extra that is missing.
+        ValueError: If the file cannot be read.
+    """
+    recording = read_recording(path, **options)
+    return recording, (
+        f"{'file':<13}{printable(path)}\n{'format':<13}{recording_format(path)}\n"
+        f"{describe_recording(recording)}"
+    )
+
+
+def draw_recording(recording: Recording, path: PathLike) -> None:
+    r"""Draws a recording to a PNG file that is either complete or absent.
+
+    Args:
+        recording (Recording): The recording.
+        path (str or PathLike): The file, with the suffix :obj:`.png`.
+
+    Raises:
+        ImportError: If matplotlib is missing.
+        ValueError: If there is no frame, or the suffix is another.
+    """
+    save_figure(plot_recording(recording), path)
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    present = values[~np.isnan(values)]
+    if present.size == 0:
+        return "none"
+    return f"{_number(present.min())} to {_number(present.max())} {unit}"
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if value == int(value) else f"{value:.4g}"
+
+
+def _joint_lines(recording: Recording) -> list[str]:
+    if recording.joint is None:
+        return []
+    names = recording.meta.get("joint_names")
+    if not isinstance(names, list) or len(names) != recording.num_joints:
+        names = list(range(recording.num_joints))
+    lines = [f"{recording.num_joints}, {_range(recording.joint, 'rad')}"]
+    return lines + [
+        f"{name}: {_range(recording.joint[:, i], 'rad')}" for i, name in enumerate(names)
+    ]
+
+
+def _indices(indices: np.ndarray) -> str:
+    if len(indices) == 0:
+        return "none"
+    names = ", ".join(str(i) for i in indices[:_MOST_NAMES])
+    more = f" and {len(indices) - _MOST_NAMES} more" if len(indices) > _MOST_NAMES else ""
+    return f"{len(indices)}: {names}{more}"
+
+
+def _shortened(value: object) -> str:
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 3]}..."

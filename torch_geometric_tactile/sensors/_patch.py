@@ -1,0 +1,277 @@
+r"""A patch of taxels, made from the shape that describes it."""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.sensors._content_checks import (
+    are_numbers,
+    are_whole,
+    is_named,
+    is_number,
+    is_whole,
+    need_key,
+    need_list,
+    need_text,
+    only_keys,
+    shown,
+)
+
+_PATCH_KEYS = ("name", "digit", "link", "shape", "origin", "cell", "column", "row")
+# A dome without a cylinder below it, and a capsule of a single column.
+_MAY_BE_ZERO = ("straight", "column_angle")
+_POLE = 1e-3  # sine of the angle between a normal and the rows below which they are one
+
+Cell = tuple[int, int]  # row from the base, column of the widest row
+Edge = tuple[int, int]
+
+
+class Patch:
+    r"""A patch. What takes memory is made when it is needed, after its size was checked.
+
+    Args:
+        patch (Mapping): Its description, as of
+            :func:`~torch_geometric_tactile.sensors.expand_patches`.
+        shapes (Mapping): The shapes by name.
+        start (int): Number of its first taxel.
+
+    Raises:
+        ValueError: If a key is missing or unknown, or a value is of another kind.
+    """
+
+    def __init__(self, patch: Mapping[str, Any], shapes: Mapping[str, Any], start: int) -> None:
+        self.name: str = need_key(patch, "name", "a patch")
+        need_text(self.name, "the name of a patch")
+        what = f"patch '{self.name}'"
+        only_keys(patch, _PATCH_KEYS, what)
+        shape = need_key(patch, "shape", what)
+        if not is_named(shape, shapes):
+            raise ValueError(
+                f"the shape of {what} must be one of {sorted(shapes)} (got {shown(shape)})"
+            )
+        self.shape: Mapping[str, Any] = shapes[shape]
+        for key in ("link", "digit"):
+            need_text(need_key(patch, key, what), f"the {key} of {what}")
+        self.patch = patch
+        self.origin = _vector(need_key(patch, "origin", what), f"'origin' of {what}")
+        self.cell = patch.get("cell")
+        if self.cell is not None and not are_whole(self.cell, 2):
+            raise ValueError(
+                f"'cell' of {what} must be a row and a column (got {shown(self.cell)})"
+            )
+        self.start = start
+        self.rows = _checked_rows(self.shape, shape)
+        self.num_taxels = sum(self.rows)
+        self.width = max(self.rows)
+        self.across = _checked_across(self.shape, shape, self)
+        self.surface = _checked_surface(self.shape, shape)
+
+    def first(self, row: int) -> int:
+        r"""Returns the first column of a row.
+
+        Args:
+            row (int): The row.
+        """
+        return (self.width - self.rows[row]) // 2
+
+    def has(self, cell: Cell) -> bool:
+        r"""Tells whether there is a taxel.
+
+        Args:
+            cell (tuple of int): Its row and column.
+        """
+        row, column = cell
+        if not 0 <= row < len(self.rows):
+            return False
+        return self.first(row) <= column < self.first(row) + self.rows[row]
+
+    @cached_property
+    def cells(self) -> list[Cell]:
+        r"""Row and column of each taxel."""
+        return [
+            (row, self.first(row) + column)
+            for row, count in enumerate(self.rows)
+            for column in range(count)
+        ]
+
+    @cached_property
+    def number(self) -> dict[Cell, int]:
+        r"""The number of the taxel in each cell, from zero."""
+        return {cell: i for i, cell in enumerate(self.cells)}
+
+    def taxels(self) -> Iterator[dict[str, Any]]:
+        r"""Yields the taxels as a layout lists them."""
+        what = f"patch '{self.name}'"
+        column = _unit(self.patch.get("column", (0, 1, 0)), f"'column' of {what}")
+        row = _unit(self.patch.get("row", (0, 0, 1)), f"'row' of {what}")
+        if abs(column @ row) > 1e-6:
+            raise ValueError(f"'column' and 'row' of {what} must be at right angles")
+        frame = np.stack([column, row, np.cross(column, row)], axis=1)
+        top, left = self.cell or (0, 0)
+        last = self.cells[-1][0]
+        for number, side in self.cells:
+            pos, normal = self.surface(self.shape, number, side - (self.width - 1) / 2)
+            normal = (frame @ normal).round(9)
+            taxel = {
+                "pos": (self.origin + frame @ pos).round(9).tolist(),
+                "normal": normal.tolist(),
+                "tangent": _tangent(normal, frame).tolist(),
+                "link": self.patch["link"],
+                "patch": self.name,
+                "digit": self.patch["digit"],
+            }
+            if self.cell is not None:
+                taxel["cell"] = [top + last - number, left + side]
+            yield taxel
+
+    def edges(self, name: str) -> Iterator[Edge]:
+        r"""Yields the edges inside, each in one direction.
+
+        Args:
+            name (str): Name of the adjacency.
+        """
+        for row, column in self.cells:
+            steps = []
+            if name != "slanted":
+                steps.append((row + 1, column))
+                if name != "sparse" or (row, column) in self.across:
+                    steps.append((row, column + 1))
+            if name in ("slanted", "dense"):
+                steps += [(row + 1, column - 1), (row + 1, column + 1)]
+            for cell in steps:
+                if cell in self.number:
+                    yield self.taxel((row, column)), self.taxel(cell)
+
+    def taxel(self, cell: Cell) -> int:
+        r"""Returns the number of a taxel in the layout.
+
+        Args:
+            cell (tuple of int): Its row and column.
+        """
+        return self.start + self.number[cell]
+
+    def side(self, side: str) -> list[int]:
+        r"""Returns the taxels of a side.
+
+        Args:
+            side (str): :obj:`"bottom"`, :obj:`"top"`, :obj:`"left"` or :obj:`"right"`.
+        """
+        if side in ("bottom", "top"):
+            row = 0 if side == "bottom" else len(self.rows) - 1
+            return [self.taxel((row, self.first(row) + i)) for i in range(self.rows[row])]
+        return [
+            self.taxel((row, self.first(row) + (0 if side == "left" else count - 1)))
+            for row, count in enumerate(self.rows)
+        ]
+
+    def side_length(self, side: str) -> int:
+        r"""Returns the number of taxels of a side.
+
+        Args:
+            side (str): As of :meth:`side`.
+        """
+        if side in ("bottom", "top"):
+            return self.rows[0 if side == "bottom" else -1]
+        return len(self.rows)
+
+
+def _checked_rows(shape: Mapping[str, Any], name: str) -> list[int]:
+    rows = need_key(shape, "rows", f"shape '{name}'")
+    if (
+        not isinstance(rows, list | tuple)
+        or not rows
+        or not all(is_whole(r) and r > 0 for r in rows)
+    ):
+        raise ValueError(
+            f"the rows of shape '{name}' must count at least one taxel each (got {shown(rows)})"
+        )
+    if any((max(rows) - row) % 2 for row in rows):
+        raise ValueError(
+            f"the rows of shape '{name}' must be all even or all odd, so that shorter ones "
+            f"are in the middle (got {shown(rows)})"
+        )
+    return list(rows)
+
+
+def _checked_across(shape: Mapping[str, Any], name: str, patch: Patch) -> set[Cell]:
+    across = need_list(shape.get("sparse_across", ()), f"'sparse_across' of shape '{name}'")
+    for cell in across:
+        is_cell = are_whole(cell, 2)
+        if not is_cell or not patch.has(tuple(cell)) or not patch.has((cell[0], cell[1] + 1)):
+            raise ValueError(
+                f"'sparse_across' of shape '{name}' must list taxels with a neighbour to "
+                f"their right (got {shown(cell)})"
+            )
+    return {(row, column) for row, column in across}
+
+
+def _checked_surface(shape: Mapping[str, Any], name: str) -> "_Surface":
+    what = f"shape '{name}'"
+    kind = need_key(shape, "kind", what)
+    if not is_named(kind, _SURFACES):
+        raise ValueError(
+            f"the kind of {what} must be one of {sorted(_SURFACES)} (got {shown(kind)})"
+        )
+    surface, sizes = _SURFACES[kind]
+    only_keys(shape, ("kind", "rows", "sparse_across", *sizes), what)
+    for size in sizes:
+        value = need_key(shape, size, what)
+        if not is_number(value):
+            raise ValueError(f"'{size}' of {what} must be a number (got {shown(value)})")
+        if value < 0:
+            raise ValueError(f"'{size}' of {what} must not be negative (got {shown(value)})")
+        if value == 0 and size not in _MAY_BE_ZERO:
+            raise ValueError(f"'{size}' of {what} must not be zero")
+    return surface
+
+
+def _vector(value: Any, what: str) -> np.ndarray:
+    if not are_numbers(value, 3):
+        raise ValueError(f"{what} must be three numbers (got {shown(value)})")
+    return np.array(value, dtype=float)
+
+
+def _unit(value: Any, what: str) -> np.ndarray:
+    vector = _vector(value, what)
+    length = np.linalg.norm(vector)
+    if length == 0:
+        raise ValueError(f"{what} must have a direction (got {shown(value)})")
+    return vector / length
+
+
+def _tangent(normal: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    # y is the direction of the patch's rows laid onto the skin; at the pole of a dome, where it
+    # stands on the skin, straight on over the dome.
+    normal = normal.astype(np.float32).astype(float)  # as a layout holds it
+    _, row, up = frame.T
+    along = row - (normal @ row) * normal
+    if np.linalg.norm(along) < _POLE:
+        along = (normal @ up) * normal - up
+    y = along / np.sqrt((along**2).sum())
+    return np.stack([np.cross(y, normal), y])
+
+
+def _planar(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndarray, np.ndarray]:
+    middle = (len(shape["rows"]) - 1) / 2
+    pos = np.array([column, row - middle, 0.0]) * shape["pitch"]
+    return pos, np.array([0.0, 0.0, 1.0])
+
+
+def _capsule(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndarray, np.ndarray]:
+    radius, straight = shape["radius"], shape["straight"]
+    angle = np.deg2rad(column * shape["column_angle"])
+    along = row * shape["pitch"]
+    # A normal of the cylinder, bent over the dome where the row lies beyond the straight part.
+    bend = max(0.0, along - straight) / radius
+    out = np.cos(angle)
+    normal = np.array([np.sin(angle), out * np.sin(bend), out * np.cos(bend)])
+    return np.array([0.0, min(along, straight), 0.0]) + radius * normal, normal
+
+
+_Surface = Callable[[Mapping[str, Any], int, float], tuple[np.ndarray, np.ndarray]]
+_SURFACES: dict[str, tuple[_Surface, tuple[str, ...]]] = {
+    "planar": (_planar, ("pitch",)),
+    "capsule": (_capsule, ("pitch", "radius", "straight", "column_angle")),
+}

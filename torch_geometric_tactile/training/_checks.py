@@ -1,0 +1,266 @@
+r"""What is found before a training starts."""
+
+import warnings
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch_geometric.nn.norm import (
+    BatchNorm,
+    GraphNorm,
+    GraphSizeNorm,
+    LayerNorm,
+    MeanSubtractionNorm,
+    PairNorm,
+)
+
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.loader._random_states import kept_rng
+from torch_geometric_tactile.training._finite import check_part
+from torch_geometric_tactile.training._losses import balanced_weights
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.metrics import Task
+
+# PyG's normalisations that give wrong numbers for stacked samples, without an error.
+_MIXING = (BatchNorm, GraphNorm, GraphSizeNorm, LayerNorm, MeanSubtractionNorm, PairNorm)
+# What gives a sample edges.
+EDGE_SOURCE = (
+    "give the data set pre_transform=KNNGraph(k=2), or the edges of an adjacency of its layout"
+)
+
+
+def num_outputs(data: TactileDataModule, task: Task) -> int:
+    r"""Returns the number of classes, labels or targets of the data; 0 if it has none.
+
+    Args:
+        data (TactileDataModule): The data.
+        task (str): What :obj:`y` means.
+    """
+    y = data.dataset.column("y")
+    if y is None:
+        return 0
+    if task == "multiclass":
+        return data.num_classes
+    return y.size(1) if y.dim() == 2 else 1
+
+
+def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) -> Tensor:
+    r"""Returns the :func:`~torch_geometric_tactile.training._losses.balanced_weights` of the
+    training part.
+
+    Args:
+        data (TactileDataModule, optional): The data.
+        task (str): What :obj:`y` means.
+        num_classes (int): Number of classes or labels :math:`C`.
+
+    Raises:
+        ValueError: If there is no data module, or it has no labels.
+    """
+    y = None if data is None else data.part("train").column("y")
+    if y is None:
+        raise ValueError(
+            "'class_weights' must be numbers without a TactileDataModule that has labels "
+            "(got 'balanced')"
+        )
+    return balanced_weights(y, task, num_classes)
+
+
+def check_labels(y: Tensor, task: Task, name: str, outputs: int = 0) -> None:
+    r"""Checks that labels are what a task needs.
+
+    Args:
+        y (torch.Tensor): The labels of all samples :math:`(S,)` or :math:`(S, C)`.
+        task (str): What they mean.
+        name (str): Name of their data, for messages.
+        outputs (int): Number of classes, labels or targets, if known.
+
+    Raises:
+        ValueError: If they are of another kind, shape or range.
+    """
+    {"multiclass": _check_classes, "multilabel": _check_flags}.get(task, _check_targets)(y, name)
+    if not outputs or not len(y):
+        return
+    if task == "multiclass":
+        if int(y.max()) >= outputs:
+            raise ValueError(
+                f"'y' of '{name}' must be classes from 0 to {outputs - 1} (got {int(y.max())})"
+            )
+    elif y.view(len(y), -1).size(1) != outputs:
+        raise ValueError(
+            f"'y' of '{name}' must have {outputs} numbers a sample, one for each output of the "
+            f"model (got {y.view(len(y), -1).size(1)})"
+        )
+
+
+def _check_classes(y: Tensor, name: str) -> None:
+    if y.dim() != 1:
+        raise ValueError(
+            f"'y' of '{name}' must have shape (S,) for task='multiclass' (got {tuple(y.shape)}); "
+            "is it task='multilabel'?"
+        )
+    if y.is_floating_point() or y.dtype == torch.bool:
+        raise ValueError(
+            f"'y' of '{name}' must be integers for task='multiclass' (got {y.dtype}); convert "
+            "classes with y.long(), or is it task='regression'?"
+        )
+    if len(y) and int(y.min()) < 0:
+        raise ValueError(
+            f"'y' of '{name}' must be classes from 0 (got {int(y.min())}); leave out samples "
+            "without a class"
+        )
+
+
+def _check_flags(y: Tensor, name: str) -> None:
+    if y.dim() != 2:
+        raise ValueError(
+            f"'y' of '{name}' must have shape (S, C) for task='multilabel' (got "
+            f"{tuple(y.shape)}); is it task='multiclass'?"
+        )
+    if not ((y == 0) | (y == 1)).all():
+        raise ValueError(
+            f"'y' of '{name}' must be 0 or 1 for task='multilabel' (got {y.min().item()} to "
+            f"{y.max().item()}); is it task='regression'?"
+        )
+
+
+def _check_targets(y: Tensor, name: str) -> None:
+    if y.dim() not in (1, 2):
+        raise ValueError(
+            f"'y' of '{name}' must have shape (S,) or (S, C) for task='regression' (got "
+            f"{tuple(y.shape)})"
+        )
+    if not y.is_floating_point():
+        raise ValueError(
+            f"'y' of '{name}' must be floating-point numbers for task='regression' (got "
+            f"{y.dtype}); convert it with y.float(), or is it task='multiclass'?"
+        )
+    if not y.isfinite().all():
+        raise ValueError(f"'y' of '{name}' must be finite (got NaN or infinity)")
+
+
+def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
+    r"""Checks the labels of the parts that a stage uses and that the model's inputs are finite, and
+    runs the model once on two samples, without gradients and without using up random numbers.
+
+    Args:
+        module (TactileModule): The module.
+        data (TactileDataModule): Its data, set up.
+        stage (str): :obj:`"fit"`, :obj:`"validate"`, :obj:`"test"` or :obj:`"predict"`.
+
+    Raises:
+        ValueError: If something does not fit; the message names what, and what to do.
+    """
+    names = {"fit": ("train", "val"), "validate": ("val",)}.get(stage, ("test",))
+    parts = {name: part for name in names if len(part := data.part(name))}  # type: ignore[arg-type]
+    if stage == "fit" and "train" not in parts:
+        raise ValueError("the training part must have samples (got none): check 'split'")
+    for name, part in parts.items():
+        if stage == "predict":
+            break
+        y = part.column("y")
+        if y is None:
+            raise ValueError(
+                f"the {name} part must have labels 'y' (got none); return them in the data set's "
+                "read()"
+            )
+        check_labels(y, module.task, name, module.num_classes)
+        if name == "train":
+            _warn_of_missing_classes(y, module.task, module.num_classes, data.class_names)
+    for name, part in parts.items() if stage != "predict" else ():
+        check_part(module.model, data, part, name)
+    for part in list(parts.values())[:1]:
+        _check_outputs(module, data.peek(part, 2))
+
+
+def check_has_threshold(module: Any, data: Any, stage: str) -> None:
+    r"""Checks that there are two classes, and a validation part to choose their threshold on.
+
+    Args:
+        module (TactileModule): The module, with a threshold.
+        data (LightningDataModule, optional): Its data.
+        stage (str): As of :func:`check_data`.
+
+    Raises:
+        ValueError: If there are not.
+    """
+    if module.num_classes != 2:
+        raise ValueError(
+            f"'threshold' must be left out unless there are 2 classes (got {module.num_classes})"
+        )
+    is_chosen = stage == "fit" and isinstance(module.threshold, str)
+    if is_chosen and isinstance(data, TactileDataModule) and not len(data.part("val")):
+        raise ValueError(
+            f"'threshold' must be a number without a validation part to choose it on (got "
+            f"'{module.threshold}'): give a 'val' above 0, or a 'val_dataset'"
+        )
+
+
+def _warn_of_missing_classes(y: Tensor, task: Task, outputs: int, names: Sequence[str]) -> None:
+    if task == "multiclass":
+        lacking = (torch.bincount(y, minlength=outputs) == 0).nonzero().view(-1).tolist()
+        what = "no sample of class"
+    elif task == "multilabel":
+        lacking = (y == y[:1]).all(dim=0).nonzero().view(-1).tolist()
+        what = "only one value of label"
+    else:
+        return
+    if lacking:
+        listed = ", ".join(f"'{names[i]}'" if i < len(names) else str(i) for i in lacking)
+        warnings.warn(
+            f"the training part has {what} {listed}, which cannot be learnt; choose another "
+            "'split' or 'seed'",
+            stacklevel=3,
+        )
+
+
+def _check_outputs(module: Any, batch: StaticData) -> None:
+    modes = [(part, part.training) for part in module.modules()]
+    module.eval()
+    hooks = [
+        part.register_forward_pre_hook(partial(_warn_of_mixing, name))
+        for name, part in module.named_modules()
+        if isinstance(part, _MIXING) and getattr(part, "mode", "graph") == "graph"
+    ]
+    try:
+        with torch.no_grad(), kept_rng():
+            batch = batch.to(module.device)
+            module.inputs(batch)  # which tells itself what is missing
+            out = _run(module, batch)
+    finally:
+        for hook in hooks:
+            hook.remove()
+        for part, training in modes:  # some may be frozen
+            part.training = training
+    expected = (len(batch.x), module.num_classes)
+    if tuple(out.shape) != expected:
+        kind = {"multiclass": "class", "multilabel": "label"}.get(module.task, "target")
+        raise ValueError(
+            f"the model must return shape {expected} for {expected[0]} samples, one output for "
+            f"each {kind} (got {tuple(out.shape)}); set its 'out_channels', or leave it out of the "
+            "configuration to take it from the data"
+        )
+
+
+def _warn_of_mixing(name: str, norm: Any, inputs: tuple[Any, ...]) -> None:
+    if inputs and isinstance(inputs[0], Tensor) and inputs[0].dim() == 3:
+        warnings.warn(
+            f"'{name}', PyG's {type(norm).__name__}, takes all samples of a batch (B, N, F) for "
+            "one graph, so that each prediction depends on the others; use LayerNorm(mode='node') "
+            "or the forms of docs/static_data.md",
+            stacklevel=2,
+        )
+
+
+def _run(module: Any, batch: StaticData) -> Tensor:
+    try:
+        out: Tensor = module(batch)
+    except Exception as error:
+        if batch.edge_index is not None:
+            raise
+        raise ValueError(
+            f"the model cannot be run without 'edge_index' ({type(error).__name__}: {error}): "
+            f"{EDGE_SOURCE}"
+        ) from error
+    return out

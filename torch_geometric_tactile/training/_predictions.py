@@ -1,0 +1,64 @@
+r"""What a classifier says of samples, collected batch by batch."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch_geometric.data import Data
+
+from torch_geometric_tactile.training._finite import BatchCheck
+from torch_geometric_tactile.training.module import TactileClassifier
+
+
+class Predictions(NamedTuple):
+    r"""What a classifier says of :math:`S` samples, on the CPU.
+
+    Args:
+        logits (torch.Tensor): What the model returned :math:`(S, C)`.
+        probability (torch.Tensor): The probabilities of the classes, or of each label
+            :math:`(S, C)`.
+        y (torch.Tensor): Their classes :math:`(S,)` or labels :math:`(S, C)`.
+    """
+
+    logits: Tensor
+    probability: Tensor
+    y: Tensor
+
+
+def collect_predictions(
+    classifier: TactileClassifier,
+    batches: Iterable[Data],
+    device: torch.device | str | None = None,
+) -> Predictions:
+    r"""Returns what a classifier says of samples, in their order. Dropout and the like are off; the
+    classifier is left in the mode that it was in.
+
+    Args:
+        classifier (TactileClassifier): The classifier.
+        batches (iterable of Data): The samples, such as a loader of them.
+        device (torch.device or str, optional): Where to compute; that of the classifier if left
+            out.
+
+    Raises:
+        ValueError: If there is no batch, or a probability is NaN; the message names the input that
+            is NaN, or the samples.
+    """
+    device = classifier.device if device is None else torch.device(device)
+    training = classifier.training
+    classifier.to(device).eval()
+    logits, probability, y = [], [], []
+    try:
+        with torch.inference_mode():
+            for i, batch in enumerate(batches):
+                out = classifier(batch.to(device))
+                score = classifier.probability(out)
+                BatchCheck(classifier.model, batch, f"batch {i}", batches).scores(score)
+                logits.append(out.cpu())
+                probability.append(score.cpu())
+                y.append(batch.y.cpu())
+    finally:
+        classifier.train(training)
+    if not y:
+        raise ValueError("'batches' must hold at least one batch (got none)")
+    return Predictions(torch.cat(logits), torch.cat(probability), torch.cat(y))

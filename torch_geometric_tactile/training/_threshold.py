@@ -1,0 +1,135 @@
+r"""Above which probability class 1 of two is predicted, chosen on a validation part."""
+
+from typing import get_args
+
+import numpy as np
+import torch
+from torch import Tensor
+from torchmetrics import Metric
+from torchmetrics.utilities import dim_zero_cat
+
+from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile.training.metrics import Task
+
+THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
+
+
+def check_threshold(threshold: float | str | None, task: Task) -> None:
+    r"""Checks that a threshold is a probability or the name of a metric, and fits its task.
+
+    Args:
+        threshold (float or str, optional): The threshold.
+        task (str): The task.
+
+    Raises:
+        ValueError: If it does not.
+    """
+    if threshold is None:
+        return
+    if task != "multiclass":
+        raise ValueError(
+            f"'threshold' must be left out for task='{task}', it needs two classes (got "
+            f"{threshold!r})"
+        )
+    is_name = isinstance(threshold, str)
+    if threshold not in THRESHOLD_METRICS if is_name else not 0 <= float(threshold) <= 1:
+        raise ValueError(
+            "'threshold' must be a probability, or the metric that chooses it on the "
+            f"validation part, one of {list(THRESHOLD_METRICS)} (got {threshold!r})"
+        )
+
+
+def choose_threshold(
+    score: np.ndarray, y: np.ndarray, metric: ThresholdMetric, default: float = 0.5
+) -> float:
+    r"""Returns the threshold with the best metric; of equals, the one nearest to the default. It
+    lies halfway between two scores, or is the default itself.
+
+    Args:
+        score (numpy.ndarray): Higher where class 1 is expected :math:`(S,)`.
+        y (numpy.ndarray): Classes 0 and 1 :math:`(S,)`, of the validation part.
+        metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` (the mean of both classes'
+            recall), :obj:`"f1"` (macro) or :obj:`"f1_positive"` (of class 1).
+        default (float): The threshold of a model as it is, which is returned if a class is missing.
+
+    Raises:
+        ValueError: If :obj:`metric` is unknown, there is no sample, or a score is NaN.
+
+    Examples:
+        >>> choose_threshold(np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]), "accuracy")
+        0.25
+    """
+    if metric not in THRESHOLD_METRICS:
+        raise ValueError(f"'metric' must be one of {list(THRESHOLD_METRICS)} (got '{metric}')")
+    score, y = np.asarray(score, dtype=np.float64), np.asarray(y).astype(bool)
+    if not len(score) or np.isnan(score).any():
+        raise ValueError(f"'score' must hold numbers, none of them NaN (got {score[:10]})")
+    if y.all() or not y.any():
+        return default
+    levels, place = np.unique(score, return_inverse=True)
+    # With a threshold above the first i of the different scores, what lies below it is class 0.
+    below = [
+        np.concatenate(
+            [[0], np.cumsum(np.bincount(place.reshape(-1)[mask], minlength=len(levels)))]
+        )
+        for mask in (y, ~y)
+    ]
+    found, wrong = (n[-1] - n for n in below)
+    value = _values(metric, found, wrong, int(y.sum()), int((~y).sum()))
+    edges = np.concatenate([[min(levels[0], default) - 1e-6], levels, [max(levels[-1], default)]])
+    low, high = edges[:-1], edges[1:]
+    # A score above the threshold is of class 1, so that the lower edge belongs to an interval.
+    at_default = (low <= default) & ((default < high) | (np.arange(len(low)) == len(low) - 1))
+    threshold = np.where(at_default, default, (low + high) / 2)
+    best = np.flatnonzero(value >= value.max() - 1e-12)
+    return float(threshold[best[np.abs(threshold[best] - default).argmin()]])
+
+
+def _values(
+    metric: str, found: np.ndarray, wrong: np.ndarray, positive: int, negative: int
+) -> np.ndarray:
+    # Of each threshold, with the numbers of samples of class 1 and 0 above it.
+    missed, right = positive - found, negative - wrong
+    if metric == "accuracy":
+        return np.asarray((found + right) / (positive + negative))
+    if metric == "balanced_accuracy":
+        return np.asarray((found / positive + right / negative) / 2)
+    of_positive = 2 * found / (2 * found + wrong + missed)
+    if metric == "f1_positive":
+        return np.asarray(of_positive)
+    return np.asarray((of_positive + 2 * right / (2 * right + wrong + missed)) / 2)
+
+
+class BestThreshold(Metric):
+    r"""The threshold of :func:`choose_threshold` over all batches.
+
+    It keeps the scores of all samples until it is reset.
+
+    Args:
+        metric (str): What is best by it.
+    """
+
+    full_state_update = False
+    scores: list[Tensor]
+    classes: list[Tensor]
+
+    def __init__(self, metric: ThresholdMetric) -> None:
+        super().__init__()
+        self.metric = metric
+        self.add_state("scores", default=[], dist_reduce_fx="cat")
+        self.add_state("classes", default=[], dist_reduce_fx="cat")
+
+    def update(self, score: Tensor, y: Tensor) -> None:
+        r"""Takes the predictions of a batch.
+
+        Args:
+            score (torch.Tensor): Probabilities :math:`(B, 2)`.
+            y (torch.Tensor): Classes :math:`(B,)`.
+        """
+        self.scores.append(score[:, 1].detach())
+        self.classes.append(y)
+
+    def compute(self) -> Tensor:
+        r"""Returns the threshold for all samples so far."""
+        score, y = (dim_zero_cat(value).numpy(force=True) for value in (self.scores, self.classes))
+        return torch.tensor(choose_threshold(score, y, self.metric), dtype=torch.float64)

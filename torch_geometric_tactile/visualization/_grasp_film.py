@@ -1,0 +1,340 @@
+r"""Pictures of simulated grasps."""
+
+import itertools
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.sim import stock_bodies
+from torch_geometric_tactile.sim.hand_model import STAND
+from torch_geometric_tactile.visualization._taxel_map import value_scale
+from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.style import (
+    SMALL,
+    current_theme,
+    plain_text,
+    title_axes,
+    title_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_Color = tuple[float, float, float, float]  # with opacity: taxels are seen through bones and object
+_BONE: _Color = (0.66, 0.69, 0.74, 0.40)
+_OBJECT: _Color = (0.95, 0.74, 0.45, 0.30)
+_STAND: _Color = (0.80, 0.80, 0.78, 1.0)
+_SKIN: _Color = (0.45, 0.48, 0.53, 0.55)
+_LIGHT = np.array([0.35, -0.55, 0.76])
+_FULL_FORCE = 1.0  # newtons at the end of the colours of the film
+_TOUCH = 0.02  # newtons from which a taxel is drawn as touched
+_TAXEL, _TOUCHED = 0.0018, 0.0036  # radius of a drawn taxel, m
+_MARGIN = 0.012  # m around the hand and the object
+_QUANTILE = 0.95  # of the forces at touched taxels, at the end of the colours of the phases
+
+
+class _Faces(NamedTuple):
+    corners: np.ndarray  # (F, K, 3)
+    color: np.ndarray  # (F, 4)
+    is_followed: bool = True  # by the view
+    ahead: np.ndarray | float = 0.0  # m by which they are drawn before what is nearer
+
+
+def plot_grasp_film(
+    recording: Recording,
+    layout: TaxelLayout,
+    kinematics: HandKinematics,
+    frames: int = 8,
+    azimuth: float = -62.0,
+    elevation: float = 6.0,
+) -> "Figure":
+    r"""Draws a simulated trial as a strip of pictures, each as near as hand and object allow.
+    Touched taxels are drawn large, before all else and in the colour of their normal force. Each
+    phase has about as many pictures, however long it lasts.
+
+    Args:
+        recording (Recording): A simulated trial, with the privileged :obj:`palm_pose`,
+            :obj:`object_pose`, :obj:`force` and :obj:`phase`.
+        layout (TaxelLayout): Its taxels.
+        kinematics (HandKinematics): Its hand.
+        frames (int): Number of pictures.
+        azimuth (float): Direction of the view around the vertical in degrees.
+        elevation (float): Height of the view in degrees.
+
+    Raises:
+        ValueError: If the recording lacks something, or :obj:`frames` is below one.
+    """
+    _check(recording)
+    if frames < 1:
+        raise ValueError(f"'frames' must be at least 1 (got {frames})")
+    columns = min(frames, 4)
+    rows = -(-frames // columns)
+    shown = [int(i) for i in _spread_over_phases(recording.privileged["phase"], frames)]
+    scale = value_scale(None, (0.0, _FULL_FORCE), "sequential")
+    scenes = [list(_scene(recording, frame, layout, kinematics, scale)) for frame in shown]
+    plane, towards = _view(azimuth, elevation)
+    sizes = [np.ptp(_corners(scene, plane), axis=0) + 2 * _MARGIN for scene in scenes]
+    ratio = float(np.mean([size[1] / size[0] for size in sizes]))
+    tall = 1.9 * ratio
+    figure = new_figure(max(2.0 * columns, 4.0), (tall + 0.3) * rows + 1.0)
+    axes = []
+    for i, (frame, scene) in enumerate(zip(shown, scenes, strict=True)):
+        wide = max(sizes[i][0], sizes[i][1] / ratio)
+        ax = figure.add_subplot(rows, columns, i + 1)
+        _draw(ax, scene, plane, towards, np.array([wide, ratio * wide]))
+        force = float(recording.privileged["force"][frame, :, 2].clip(0).sum())
+        phase = _phase_name(recording, int(recording.privileged["phase"][frame]))
+        title_axes(
+            ax,
+            plain_text(f"{recording.time[frame]:.1f} s, {phase}: {force:.0f} N on the skin"),
+            size=SMALL,
+        )
+        axes.append(ax)
+    bar = figure.colorbar(
+        scale, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.02, extend="max"
+    )
+    bar.set_label("normal force on a taxel (N); taxels without touch are grey")
+    title_figure(figure, f"Simulated grasp of {recording.label}")
+    return figure
+
+
+def plot_grasp_forces(
+    recording: Recording, layout: TaxelLayout, kinematics: HandKinematics
+) -> "Figure":
+    r"""Draws the normal force on every taxel of a simulated trial, a hand for each phase: the mean
+    over the last half of the phase. Few taxels carry most of it, so that the colours end at the
+    95th percentile of the taxels that are touched.
+
+    Args:
+        recording (Recording): A simulated trial, with the privileged :obj:`force` and
+            :obj:`phase`.
+        layout (TaxelLayout): Its taxels.
+        kinematics (HandKinematics): Its hand.
+
+    Raises:
+        ValueError: If the recording lacks something.
+    """
+    _check(recording)
+    force = {}
+    for phase in np.unique(recording.privileged["phase"]):
+        frames = np.flatnonzero(recording.privileged["phase"] == phase)
+        late = frames[len(frames) // 2 :]
+        force[int(phase)] = recording.privileged["force"][late, :, 2].mean(axis=0)
+    every = np.concatenate(list(force.values()))
+    touched = every[every > _TOUCH]
+    top = float(np.quantile(touched, _QUANTILE)) if touched.size else 1.0
+    columns = min(len(force), 3)
+    rows = -(-len(force) // columns)
+    figure = new_figure(2.4 * columns + 0.8, 2.6 * rows + 0.4)
+    axes = []
+    for i, (phase, values) in enumerate(force.items()):
+        axes.append(figure.add_subplot(rows, columns, i + 1))
+        plot_hand(
+            layout,
+            kinematics,
+            value=torch.from_numpy(values.astype(np.float32)),
+            ax=axes[-1],
+            limits=(0.0, top),
+            label=None,
+            title=f"{_phase_name(recording, phase)}: {values.clip(0).sum():.1f} N",
+        )
+        axes[-1].set_axis_off()
+    bar = figure.colorbar(
+        value_scale(None, (0.0, top), "sequential"),
+        ax=axes,
+        shrink=0.7,
+        aspect=30,
+        extend="max" if touched.size and float(touched.max()) > top else "neither",
+    )
+    bar.set_label("normal force on a taxel (N)")
+    title_figure(figure, f"Simulated grasp of {recording.label}: normal force on the skin by phase")
+    return figure
+
+
+def _check(recording: Recording) -> None:
+    for name in ("palm_pose", "object_pose", "force", "phase"):
+        if name not in recording.privileged:
+            raise ValueError(
+                f"'recording' must be a simulated trial with the privileged '{name}' (got "
+                f"{sorted(recording.privileged)})"
+            )
+    if recording.joint is None or recording.num_frames == 0:
+        raise ValueError("'recording' must have frames and joint angles (got none)")
+
+
+def _phase_name(recording: Recording, phase: int) -> str:
+    names = recording.meta.get("phase_names", [])
+    return names[phase] if phase < len(names) else f"phase {phase}"
+
+
+def _spread_over_phases(phase: np.ndarray, frames: int) -> np.ndarray:
+    weight = 1.0 / np.bincount(phase)[phase]
+    passed = np.cumsum(weight) / weight.sum()
+    return np.searchsorted(passed, (np.arange(frames) + 0.5) / frames).clip(max=len(phase) - 1)
+
+
+def _view(azimuth: float, elevation: float) -> tuple[np.ndarray, np.ndarray]:
+    # The axes of the picture as columns, and the direction of the viewer.
+    a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    return np.stack([right, np.cross(towards, right)], axis=1), towards
+
+
+def _corners(scene: list[_Faces], plane: np.ndarray) -> np.ndarray:
+    points = np.concatenate(
+        [(faces.corners @ plane).reshape(-1, 2) for faces in scene if faces.is_followed]
+    )
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
+def _draw(
+    ax: Any, scene: list[_Faces], plane: np.ndarray, towards: np.ndarray, size: np.ndarray
+) -> None:
+    from matplotlib.collections import PolyCollection
+
+    polygons = [polygon for faces in scene for polygon in faces.corners @ plane]
+    depth = np.concatenate(
+        [(faces.corners @ towards).mean(axis=1) + faces.ahead for faces in scene]
+    )
+    # The painter's algorithm: far faces are drawn first.
+    order = depth.argsort(kind="stable")
+    collection = PolyCollection(
+        [polygons[i] for i in order],
+        facecolors=np.concatenate([faces.color for faces in scene])[order],
+        edgecolors="none",
+    )
+    ax.add_collection(collection)
+    ax.axhline(0.0, color=current_theme().faint, linewidth=1.0, zorder=0)
+    low, high = (_corners(scene, plane).mean(axis=0) + side * size / 2 for side in (-1, 1))
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+
+
+def _scene(
+    recording: Recording,
+    frame: int,
+    layout: TaxelLayout,
+    kinematics: HandKinematics,
+    scale: Any,
+) -> Iterator[_Faces]:
+    assert recording.joint is not None
+    half_x, half_y, height = STAND
+    for corners in _primitive("box", [half_x, half_y, height / 2]):
+        faces = _shaded(corners + np.array([0.0, 0.0, height / 2]), _STAND)
+        yield faces._replace(is_followed=False)
+    item = recording.meta["object_parameters"]
+    pose = recording.privileged["object_pose"][frame]
+    for corners in _primitive(item["shape"], np.array(item["size"]) / 2):
+        yield _shaded(corners @ _rotation(pose[3:]).T + pose[:3], _OBJECT)
+
+    palm = recording.privileged["palm_pose"][frame]
+    turn, origin = _rotation(palm[3:]), palm[:3]
+    joint = torch.from_numpy(recording.joint[frame]).double()
+    links = kinematics.link_pose(joint)
+    for body in stock_bodies():
+        number = kinematics.link_names.index(body["link"])
+        link_turn = turn @ links.rotation[number].numpy()
+        place = turn @ links.translation[number].numpy() + origin
+        box = "box" in body
+        half = np.array(body["box"]) / 2 if box else [body["sphere"]] * 3
+        for corners in _primitive("box" if box else "ellipsoid", half):
+            yield _shaded((corners + np.array(body["center"])) @ link_turn.T + place, _BONE)
+
+    taxels = kinematics.taxel_pose(layout, joint)
+    assert taxels.normal is not None
+    force = recording.privileged["force"][frame, :, 2]
+    touched = force > _TOUCH
+    yield _Faces(
+        _discs(
+            taxels.pos.numpy() @ turn.T + origin,
+            taxels.normal.numpy() @ turn.T,
+            np.where(touched, _TOUCHED, _TAXEL),
+        ),
+        np.where(touched[:, None], scale.to_rgba(force), np.array(_SKIN)),
+        ahead=touched.astype(np.float64),
+    )
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _shaded(corners: np.ndarray, color: _Color) -> _Faces:
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, -1] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    light = np.abs(normal @ _LIGHT) / np.where(length > 0, length, 1.0)
+    light[length == 0] = 1.0
+    shade = (0.55 + 0.45 * light)[:, None] * np.array(color[:3])
+    return _Faces(corners, np.column_stack([shade, np.full(len(shade), color[3])]))
+
+
+def _discs(pos: np.ndarray, normal: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    across = np.cross(normal, [0.3, 0.5, 0.8])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    angle = np.linspace(0, 2 * np.pi, 9)[:-1, None]
+    ring = np.cos(angle) * across[:, None] + np.sin(angle) * np.cross(normal, across)[:, None]
+    return np.asarray(pos[:, None] + radius[:, None, None] * ring)
+
+
+def _primitive(shape: str, half: ArrayLike) -> list[np.ndarray]:
+    return [corners * np.asarray(half) for corners in _unit_primitive(shape)]
+
+
+@lru_cache
+def _unit_primitive(shape: str) -> list[np.ndarray]:
+    # In many small faces: the painter's order of large ones can be wrong.
+    if shape == "box":
+        return [np.array(list(_unit_box()))]
+    around = np.linspace(0, 2 * np.pi, 25)
+    if shape == "cylinder":
+        ring = np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
+        levels = np.linspace(-1, 1, 9)
+        sides, ends = [], []
+        for a, b in itertools.pairwise(ring):
+            for low, high in itertools.pairwise(levels):
+                y0, y1 = np.array([0, low, 0]), np.array([0, high, 0])
+                sides.append([a + y0, b + y0, b + y1, a + y1])
+            for end in (-1.0, 1.0):
+                y = np.array([0, end, 0])
+                ends.append([a + y, b + y, y])
+        return [np.array(sides), np.array(ends)]
+    up = np.linspace(-np.pi / 2, np.pi / 2, 13)
+    cells = [
+        [
+            [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
+            for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))
+        ]
+        for a0, a1 in itertools.pairwise(around)
+        for e0, e1 in itertools.pairwise(up)
+    ]
+    return [np.array(cells)]
+
+
+def _unit_box() -> Iterator[np.ndarray]:
+    steps = np.linspace(-1, 1, 4)
+    for axis in range(3):
+        first, second = (i for i in range(3) if i != axis)
+        for side in (-1.0, 1.0):
+            for a in itertools.pairwise(steps):
+                for b in itertools.pairwise(steps):
+                    corners = np.full((4, 3), side)
+                    corners[:, first] = [a[0], a[1], a[1], a[0]]
+                    corners[:, second] = [b[0], b[0], b[1], b[1]]
+                    yield corners
