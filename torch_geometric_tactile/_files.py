@@ -32,13 +32,6 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     writer that is alive is never touched. The block may truncate the temporary and write to it, but
     must not replace it by another file or lock it (h5py: ``locking=False``).
 
-    Args:
-        path (str or PathLike): Where the finished file shall be. Its folder is made if missing.
-
-    Raises:
-        OSError: If the disk is full, the folder cannot be written to, or :obj:`path` is a folder,
-            pipe or device; it names :obj:`path`.
-
     Examples:
         >>> import tempfile
         >>> target = Path(tempfile.mkdtemp()) / "a.txt"
@@ -70,14 +63,6 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
     r"""Locks an open file, and returns the function that releases it. A file system without locks
     holds nothing. On Windows, writers hold a second file :obj:`PATH.lock`, and readers nothing.
-
-    Args:
-        handle (int): The open file.
-        path (str or PathLike): Its path.
-        exclusive (bool): Whether to write it: nobody else may then read or write it.
-
-    Raises:
-        BlockingIOError: If another process writes it.
     """
     if fcntl is not None:
         try:
@@ -99,11 +84,7 @@ def hold_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callabl
 
 
 def is_held(path: PathLike) -> BlockingIOError:
-    r"""Returns the error of a file that another process writes.
-
-    Args:
-        path (str or PathLike): The file.
-    """
+    r"""Returns the error of a file that another process writes."""
     return BlockingIOError(
         f"'{path}' is locked by another process that writes it: close it there first"
     )
@@ -116,9 +97,6 @@ def _nothing() -> None:
 def remove_leftovers(path: PathLike) -> None:
     r"""Removes what killed writers left of their temporaries of a file, and none of a writer that
     is alive.
-
-    Args:
-        path (str or PathLike): The file that they were to become.
     """
     start = _start(Path(path))
     for slot in range(_SLOTS):
@@ -236,22 +214,14 @@ def _errors_about(path: Path, temporary: Path) -> Iterator[None]:
 
 
 def share(path: PathLike) -> None:
-    r"""Gives a file that was made as a private temporary one the rights that new files have.
-
-    Args:
-        path (str or PathLike): The file.
-    """
+    r"""Gives a file that was made as a private temporary one the rights that new files have."""
     umask = os.umask(0)
     os.umask(umask)
     Path(path).chmod(0o666 & ~umask)
 
 
 def file_sha256(path: PathLike) -> str:
-    r"""Returns the SHA-256 of a file as a hexadecimal string.
-
-    Args:
-        path (str or PathLike): The file.
-    """
+    r"""Returns the SHA-256 of a file as a hexadecimal string."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -259,13 +229,6 @@ def file_sha256(path: PathLike) -> str:
 def check_zip(path: PathLike) -> None:
     r"""Compares every entry of a zip file with its checksum. The entries must be stored without
     compression, as PyTorch stores them, such that no more is read than the file holds.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file is no whole zip file, or an entry is damaged or compressed.
     """
     problem = ""
     try:

@@ -36,16 +36,7 @@ def kept_memory() -> Iterator[None]:
 
 
 def check_backend(backend: str, scheduler: str | None = None) -> None:
-    r"""Checks before anything runs that the jobs can be run.
-
-    Args:
-        backend (str): Name of the backend.
-        scheduler (str, optional): Address of its scheduler.
-
-    Raises:
-        ImportError: If its package is missing.
-        ValueError: If there is no such backend, or it takes no scheduler.
-    """
+    r"""Checks before anything runs that the jobs can be run."""
     if backend not in BACKENDS:
         raise ValueError(f"'backend' must be one of {list(BACKENDS)} (got '{backend}')")
     if scheduler is not None and backend == "loky":
@@ -77,20 +68,6 @@ def run_parallel(
     Ctrl-C, which reaches all processes of a terminal: they are stopped from here, when the
     generator is closed. Those of this machine compute with one thread each, unless the function
     sets another number.
-
-    Args:
-        function (callable): Called with each item; defined at the top level of a module.
-        items (iterable): The items.
-        jobs (int): Number of processes; with a :obj:`scheduler`, the cluster's own number.
-        backend (str): :obj:`"loky"` (processes of this machine), :obj:`"dask"` or :obj:`"ray"`.
-        scheduler (str, optional): Address of a running cluster of Dask or Ray. If left out, one of
-            :obj:`jobs` processes is started on this machine.
-
-    Raises:
-        BrokenProcessPool: If a worker of this machine was killed.
-        ImportError: If the package of the backend is missing.
-        OSError: If no cluster answers at :obj:`scheduler`.
-        ValueError: If :obj:`jobs` is below one, there is no such backend, or it takes no scheduler.
     """
     if jobs < 1:
         raise ValueError(f"'jobs' must be at least 1 (got {jobs})")

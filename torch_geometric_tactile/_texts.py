@@ -17,9 +17,6 @@ def printable(text: object) -> str:
     r"""Returns text on one line, with everything escaped that a terminal would obey: control
     characters, line breaks, marks that turn the direction of writing, and what is no character.
 
-    Args:
-        text (object): The text, or what has one.
-
     Examples:
         >>> print(printable("a cup\n\x1b[2J\u202e"))
         a cup\n\x1b[2J\u202e
@@ -41,9 +38,6 @@ def _escaped(char: str) -> str:
 def markdown_text(text: object) -> str:
     r"""Returns text as Markdown that shows it and is nothing else: no markup, link or new cell.
 
-    Args:
-        text (object): The text, or what has one.
-
     Examples:
         >>> print(markdown_text("<b>|[a]|"))
         \<b\>\|\[a\]\|
@@ -54,14 +48,6 @@ def markdown_text(text: object) -> str:
 def read_json(path: PathLike) -> Any:
     r"""Reads a JSON file that somebody else may have written. Everything in it counts once: a key
     that an object has twice, and numbers that are none (:obj:`NaN`) or too large, are refused.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        OSError: If there is no such file, or it cannot be read.
-        ValueError: If the file is no regular one, too large, or no such JSON; the message does not
-            name the file.
     """
     path = Path(path)
     found = path.stat()
@@ -74,13 +60,6 @@ def read_json(path: PathLike) -> Any:
 
 def parse_json(text: str) -> Any:
     r"""Returns the value of a JSON text, as :func:`read_json` reads it.
-
-    Args:
-        text (str): The text.
-
-    Raises:
-        ValueError: If it is no JSON, an object has a key twice, a number is none or too large, or
-            it is nested too deeply.
 
     Examples:
         >>> parse_json('{"rate": 100}')

@@ -79,14 +79,7 @@ def _run(argv: list[str]) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    r"""Runs the command line.
-
-    Args:
-        argv (list of str, optional): The arguments; those of the process if left out.
-
-    Returns:
-        int: The exit status: 0, 1 for an error that was explained, 130 for Ctrl-C.
-    """
+    r"""Runs the command line."""
     if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # for file names that are not valid text
     if logging.lastResort is not None:  # prints our warnings

@@ -198,9 +198,8 @@ def enlarged(images: np.ndarray, factor: int) -> np.ndarray:
     r"""Returns images with :obj:`factor` times as many rows and columns, by linear interpolation,
     rounded to whole grey values.
 
-    Args:
-        images (numpy.ndarray): Images :math:`(S, H, W)`, in :obj:`uint8`.
-        factor (int): The factor.
+    Shapes:
+        - **images:** Images :math:`(S, H, W)`, in :obj:`uint8`.
     """
     if factor == 1 or not len(images):
         return images

@@ -71,12 +71,8 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
 def check_finite(values: np.ndarray, name: str) -> None:
     r"""Checks that no reading is missing or infinite.
 
-    Args:
-        values (numpy.ndarray): The readings :math:`(S, ...)`.
-        name (str): Their argument, for messages.
-
-    Raises:
-        ValueError: If one is.
+    Shapes:
+        - **values:** The readings :math:`(S, ...)`.
     """
     finite = np.isfinite(values)
     if finite.all():

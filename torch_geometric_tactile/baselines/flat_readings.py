@@ -51,14 +51,7 @@ class FlatReadings(TransformerMixin, BaseEstimator):
 
 
 def readings(x: Any) -> np.ndarray:
-    r"""Returns readings as an array of :math:`(S, N, F)`.
-
-    Args:
-        x (array-like or StaticData): Readings, or samples that have them.
-
-    Raises:
-        ValueError: If they have another number of dimensions.
-    """
+    r"""Returns readings as an array of :math:`(S, N, F)`."""
     values = np.asarray(x.x.numpy(force=True) if isinstance(x, StaticData) else x)
     if values.ndim != 3:
         raise ValueError(

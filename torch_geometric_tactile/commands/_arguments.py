@@ -48,11 +48,7 @@ not_negative = _whole(0, (1 << 32) - 1, "must not be negative")
 
 
 def seconds(text: str) -> float:
-    r"""Reads a duration in seconds: a positive number.
-
-    Args:
-        text (str): The argument.
-    """
+    r"""Reads a duration in seconds: a positive number."""
     number = _plain_number(text)
     if not 0 < number < math.inf:
         raise argparse.ArgumentTypeError(
@@ -62,11 +58,7 @@ def seconds(text: str) -> float:
 
 
 def trial_seconds(text: str) -> float:
-    r"""Reads the length of a simulated trial in seconds, from one second to an hour.
-
-    Args:
-        text (str): The argument.
-    """
+    r"""Reads the length of a simulated trial in seconds, from one second to an hour."""
     number = _plain_number(text)
     if not 1 <= number <= 3600:
         raise argparse.ArgumentTypeError(
@@ -76,11 +68,7 @@ def trial_seconds(text: str) -> float:
 
 
 def port(text: str) -> int:
-    r"""Reads the number of a network port, from 0 (any free one) to 65535.
-
-    Args:
-        text (str): The argument.
-    """
+    r"""Reads the number of a network port, from 0 (any free one) to 65535."""
     if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text[:40]!r})")
     return int(text)
@@ -96,9 +84,6 @@ def _plain_number(text: str) -> float:
 def rest(text: str) -> str | float | None:
     r"""Reads which frames of a trial are recorded at rest: the name of a phase, a number of seconds
     at the start of the trial, or :obj:`"none"`.
-
-    Args:
-        text (str): The argument.
     """
     if text == "none":
         return None
@@ -117,10 +102,6 @@ def rest(text: str) -> str | float | None:
 def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
     r"""Names the options of a verb in the messages of errors, where these name the arguments of
     Python functions that they become.
-
-    Args:
-        arguments (argparse.Namespace): The arguments of the verb.
-        **more (str): Options by the names of arguments that have other names.
     """
     options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
     try:
@@ -132,11 +113,7 @@ def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options for processes, threads and machines.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the options for processes, threads and machines."""
     workers = parser.add_argument_group("processes and machines")
     workers.add_argument(
         "--jobs", metavar="N", type=few, default=1, help="runs in parallel (default: 1)"

@@ -49,11 +49,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument(
         "sources", metavar="IN", nargs="+", help="files, or folders with files (.h5, .hdf5, .npz)"
     )
@@ -116,11 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile.io import BiGSFormat, read_bigs, write_recording
 
     plain = ("pattern", "fingers", "rate", "time_unit", "angle_unit", "length_unit", "quaternion")

@@ -13,11 +13,7 @@ _OPTIONS = ("fps", "every_frame", "nearest", "task", "robot_type", "add_to", "st
 
 
 def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options of LeRobot data sets.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the options of LeRobot data sets."""
     options = parser.add_argument_group("LeRobot data sets (OUT ends in .lerobot)")
     options.add_argument(
         "--fps", type=positive, metavar="N", help=f"steps per second (default: {_FPS})"
@@ -55,22 +51,13 @@ def add_lerobot_options(parser: argparse.ArgumentParser) -> None:
 
 
 def lerobot_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    r"""Returns the options that were given, by name.
-
-    Args:
-        arguments (argparse.Namespace): The arguments of the verb.
-    """
+    r"""Returns the options that were given, by name."""
     given = {name: getattr(arguments, name) for name in _OPTIONS}
     return {name: value for name, value in given.items() if value is not None}
 
 
 def run(arguments: argparse.Namespace, reading: dict[str, Any]) -> int:
-    r"""Writes the data set and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments of the verb.
-        reading (dict): How the recordings are read.
-    """
+    r"""Writes the data set and returns the exit status."""
     from torch_geometric_tactile.io import add_to_lerobot, read_recording, write_lerobot
 
     given = lerobot_options(arguments)

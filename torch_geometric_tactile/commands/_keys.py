@@ -11,9 +11,6 @@ from contextlib import contextmanager
 def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[[], None]]:
     r"""Yields a function that calls the action of each key that was pressed since the last time;
     without a terminal, there are none. Ctrl-C stays what it is.
-
-    Args:
-        actions (Mapping of str to callable): What each key does, such as :obj:`{"t": tare}`.
     """
     if sys.stdin is None or not sys.stdin.isatty():
         yield lambda: None

@@ -33,12 +33,6 @@ def lightning_verb(
 ) -> Callable[[Sequence[str]], int]:
     r"""Returns the function that runs a verb with all arguments behind it, and returns the exit
     status.
-
-    Args:
-        name (str): The verb.
-        description (str): What the verb does.
-        checkpoint (str): What :obj:`--ckpt_path` is for.
-        examples (str): Example lines.
     """
 
     def run_raw(arguments: Sequence[str]) -> int:
@@ -64,14 +58,7 @@ def lightning_verb(
 
 
 def short_help(name: str, description: str, checkpoint: str, examples: str) -> str:
-    r"""Returns the help of a verb: its most important options, and where to find the others.
-
-    Args:
-        name (str): The verb.
-        description (str): What the verb does.
-        checkpoint (str): What :obj:`--ckpt_path` is for.
-        examples (str): Example lines.
-    """
+    r"""Returns the help of a verb: its most important options, and where to find the others."""
     lines = [f"usage: tactile {name} --config FILE [options]", "", description.strip(), ""]
     lines.append("most used options:")
     for option, *texts in _OPTIONS:

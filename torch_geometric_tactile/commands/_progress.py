@@ -13,10 +13,6 @@ if TYPE_CHECKING:
 def progress(title: str, unit: str) -> Iterator["OnProgress"]:
     r"""Shows a progress bar, and yields what is to be called with each run that ended. There is
     none without a terminal, and none stays after Ctrl-C.
-
-    Args:
-        title (str): What is done.
-        unit (str): What is counted.
     """
     from tqdm import tqdm
 

@@ -25,11 +25,7 @@ _OPTIONS = (
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options of the readers of recordings.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of a verb.
-    """
+    r"""Adds the options of the readers of recordings."""
     parser.add_argument(
         "--forces",
         action="store_true",
@@ -79,9 +75,6 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
 def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
     r"""Returns the options that were given, as :func:`~torch_geometric_tactile.io.read_recording`
     takes them.
-
-    Args:
-        arguments (argparse.Namespace): The arguments of the verb.
     """
     given = {name: getattr(arguments, name) for name in _OPTIONS}
     options = {name: value for name, value in given.items() if value is not None}

@@ -15,9 +15,6 @@ _SECONDS_BETWEEN_LINES = 10.0  # where lines are kept, as in a log
 class StatusLine:
     r"""Writes to standard error: in place on a terminal, and elsewhere a line every ten seconds.
     While it is open, warnings get lines of their own.
-
-    Args:
-        out (io.TextIOBase, optional): Where to write; standard error if left out.
     """
 
     def __init__(self, out: TextIO | None = None) -> None:
@@ -31,9 +28,6 @@ class StatusLine:
     def show(self, text: str) -> None:
         r"""Shows it, in the place of what was shown before. What a narrow terminal has no room for
         is left out, part by part: parts are separated by two spaces.
-
-        Args:
-            text (str): What to show.
         """
         if self._out is None:
             return
@@ -48,11 +42,7 @@ class StatusLine:
             self._out.flush()
 
     def tell(self, text: str) -> None:
-        r"""Writes a line that stays, above what is shown.
-
-        Args:
-            text (str): The line.
-        """
+        r"""Writes a line that stays, above what is shown."""
         if self._out is None:
             return
         with self._lock:

@@ -17,12 +17,6 @@ class AllocationLimit(TorchFunctionMode):
 
     Tensors are allocated before they are filled, so that a size beyond all measure in a damaged or
     hostile file is found before it takes the memory.
-
-    Args:
-        weights (iterable of torch.Tensor): The weights in the file.
-
-    Raises:
-        ValueError: When more is asked for.
     """
 
     def __init__(self, weights: Iterable[Tensor]) -> None:

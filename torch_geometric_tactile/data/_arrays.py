@@ -28,17 +28,8 @@ def static_data_from_arrays(
     r"""Checks arrays against a layout and returns them as samples, with the names behind their
     integer attributes.
 
-    Args:
-        x (array-like): Readings :math:`(S, N, F)`, or :math:`(S, N)` for one channel.
-        layout (TaxelLayout): The taxels.
-        edge_index (array-like, optional): The edges.
-        columns (dict): Further attributes; those that are :obj:`None` are left out.
-        names (dict): The names of the classes (:obj:`"class"`), groups and sessions.
-        schema (dict): The levels of attributes that :class:`StaticData` does not know.
-
-    Raises:
-        ValueError: If an array has another shape than the layout and the number of samples ask
-            for, or holds an infinite reading, no numbers, or a name that was not given.
+    Shapes:
+        - **x:** Readings :math:`(S, N, F)`, or :math:`(S, N)` for one channel.
     """
     x = _checked_x(x, layout)
     found = {key: list(map(str, given)) for key, given in names.items() if len(given)}
@@ -67,16 +58,7 @@ def _places(layout: TaxelLayout) -> dict[str, Tensor]:
 
 
 def as_tensor(name: str, value: Any) -> Tensor:
-    r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN.
-
-    Args:
-        name (str): Name of the argument, for the message.
-        value (array-like): The numbers.
-
-    Raises:
-        ValueError: If they are no numbers, or ragged, or numbers other than readings and joint
-            angles are masked.
-    """
+    r"""Returns numbers as a tensor, without a copy if possible. Masked readings become NaN."""
     if isinstance(value, Tensor):
         return value
     if isinstance(value, np.ma.MaskedArray) and name in _MAY_MISS:
@@ -160,14 +142,7 @@ def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
 
 
 def layout_of(data: StaticData) -> TaxelLayout:
-    r"""Returns a layout with its taxels at the positions that all samples share.
-
-    Args:
-        data (StaticData): The samples.
-
-    Raises:
-        ValueError: If they share none.
-    """
+    r"""Returns a layout with its taxels at the positions that all samples share."""
     pos = data.pos
     if pos is None or pos.dim() != 2 or pos.size(1) != 3:
         found = "none" if pos is None else f"shape {tuple(pos.shape)}"

@@ -16,12 +16,6 @@ _NAMES = {"y": "class_names", "group": "group_names", "session": "session_names"
 def static_parts(dataset: Any) -> Iterator[StaticDataset]:
     r"""Yields the data sets that a data set consists of: itself, or those in a
     :class:`~torch.utils.data.Subset` or :class:`~torch.utils.data.ConcatDataset`, nested or not.
-
-    Args:
-        dataset (torch.utils.data.Dataset): The data set.
-
-    Raises:
-        TypeError: If one of them is no :class:`StaticDataset`.
     """
     if isinstance(dataset, StaticDataset):
         yield dataset
@@ -40,12 +34,8 @@ def static_parts(dataset: Any) -> Iterator[StaticDataset]:
 def static_batch(dataset: Any, index: Sequence[int]) -> StaticData:
     r"""Returns some samples of a data set in one piece, after the :obj:`transform` of each part.
 
-    Args:
-        dataset (torch.utils.data.Dataset): One that :func:`static_parts` takes.
-        index (sequence of int): Indices :math:`(B,)`.
-
-    Raises:
-        ValueError: If the samples of the parts cannot be joined.
+    Shapes:
+        - **index:** Indices :math:`(B,)`.
     """
     if isinstance(dataset, StaticDataset):
         return dataset.batch(torch.as_tensor(index, dtype=torch.long))
@@ -68,15 +58,7 @@ def static_batch(dataset: Any, index: Sequence[int]) -> StaticData:
 
 
 def check_joinable(parts: Sequence[StaticDataset]) -> None:
-    r"""Checks that the samples of several data sets can be in one batch.
-
-    Args:
-        parts (sequence of StaticDataset): The data sets.
-
-    Raises:
-        ValueError: If they differ in their layouts, edges or attributes, or in the names behind
-            labels, groups or sessions that they have.
-    """
+    r"""Checks that the samples of several data sets can be in one batch."""
     first, firsts = parts[0], None
     for i, part in enumerate(parts):
         if not first.layout.matches(part.layout):
@@ -95,17 +77,7 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
 
 
 def check_names(first: StaticDataset, other: StaticDataset, keys: Iterable[str], what: str) -> None:
-    r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets.
-
-    Args:
-        first (StaticDataset): One of them.
-        other (StaticDataset): The other.
-        keys (iterable of str): The attributes of the samples that count.
-        what (str): What the other is, for the message.
-
-    Raises:
-        ValueError: If there are other names behind their numbers.
-    """
+    r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets."""
     for key in sorted(_NAMES.keys() & {*keys}):
         names, others = (getattr(part, _NAMES[key]) for part in (first, other))
         if names != others:
@@ -136,14 +108,9 @@ def joined(batches: Sequence[StaticData], places: Sequence[Tensor]) -> StaticDat
     An attribute that each batch shares stays shared if it is the same in all; otherwise each sample
     gets its own.
 
-    Args:
-        batches (sequence of StaticData): The batches, at least one.
-        places (sequence of torch.Tensor): Where the samples of each batch shall be
-            :math:`(B_i,)`.
-
-    Raises:
-        ValueError: If they differ in their edges, in their attributes, or in what is declared to be
-            shared.
+    Shapes:
+        - **places:** Where the samples of each batch shall be
+          :math:`(B_i,)`.
     """
     first = batches[0]
     for i, other in enumerate(batches):

@@ -21,9 +21,6 @@ _EMPTY: dict[type[Data], Batch] = {Data: Batch(_base_cls=Data)}
 def to_batch(data: "StaticData") -> Batch:
     r"""Returns what :meth:`~torch_geometric.data.Batch.from_data_list` makes of the samples,
     without building a :class:`~torch_geometric.data.Data` object for each.
-
-    Args:
-        data (StaticData): The samples.
     """
     num_samples = data.num_samples
     numbers = torch.arange(num_samples + 1)

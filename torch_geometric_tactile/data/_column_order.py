@@ -13,12 +13,6 @@ _MOST_NAMES = 6
 def column_names(recording: Recording) -> dict[str, list[str]]:
     r"""Returns the names of columns in :obj:`meta["column_names"]`: those of :obj:`"tactile"`,
     taxel by taxel each with its channels, and those of :obj:`"joint"`, as far as they are known.
-
-    Args:
-        recording (Recording): The recording.
-
-    Raises:
-        ValueError: If they are not one text for each of its numbers a frame, each once.
     """
     known = recording.meta.get("column_names", {})
     sizes = (recording.num_taxels * recording.num_channels, recording.num_joints)
@@ -39,14 +33,6 @@ def column_names(recording: Recording) -> dict[str, list[str]]:
 
 def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) -> Recording:
     r"""Returns a recording with its readings and angles in the order of some names.
-
-    Args:
-        recording (Recording): The recording; one that does not know its names stays as it is.
-        columns (Mapping of str to sequence of str): The names of :obj:`"tactile"` and
-            :obj:`"joint"`, as far as they are known.
-
-    Raises:
-        ValueError: If it has other names.
 
     Examples:
         >>> columns = {"tactile": ["thumb", "index"]}

@@ -16,12 +16,6 @@ def file_state(path: PathLike) -> str:
 
     A short file that was copied or touched stays the same; a long one counts as changed, since only
     its time can tell of its middle.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        OSError: If the file cannot be read.
     """
     with Path(path).open("rb") as file:
         stat = os.fstat(file.fileno())

@@ -42,9 +42,6 @@ def describe(value: Any) -> str:
     private attributes that are data, functions, layouts or transforms, or lists, tuples, sets or
     dictionaries of such. What :obj:`__getstate__` leaves out, such as a cache, does not count.
 
-    Args:
-        value (Any): The setting.
-
     Examples:
         >>> from torch_geometric.transforms import Constant
         >>> describe(Constant(2.0))
@@ -176,11 +173,6 @@ def constructor_arguments(
 ) -> dict[str, Any]:
     r"""Returns the arguments of a constructor by name, with its defaults.
 
-    Args:
-        kind (type): The class.
-        args (sequence): The arguments given by position.
-        kwargs (Mapping): The arguments given by name.
-
     Examples:
         >>> constructor_arguments(type("A", (), {"__init__": lambda self, k, n=3: None}), [2], {})
         {'k': 2, 'n': 3}
@@ -204,10 +196,6 @@ def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     r"""Returns which settings differ, as text: :obj:`"k: 2 -> 5"`.
 
     The byte code of functions is not compared between versions of Python.
-
-    Args:
-        before (Mapping of str): The settings, as :func:`describe` describes them.
-        now (Mapping of str): Those to compare with.
     """
     return [
         f"{key}: {_short(before.get(key))} -> {_short(now.get(key))}"
@@ -231,12 +219,7 @@ def _short(text: str | None) -> str:
 
 
 def state_changes(before: Iterable[str], now: Iterable[str]) -> list[str]:
-    r"""Returns which lines :obj:`"key=value"` differ, as text: :obj:`"'a.h5' was added"`.
-
-    Args:
-        before (iterable of str): The lines.
-        now (iterable of str): Those to compare with.
-    """
+    r"""Returns which lines :obj:`"key=value"` differ, as text: :obj:`"'a.h5' was added"`."""
     old, new = (dict(line.rpartition("=")[::2] for line in lines) for lines in (before, now))
     return [
         f"'{key}' was {'added' if key not in old else 'removed' if key not in new else 'changed'}"
@@ -246,10 +229,6 @@ def state_changes(before: Iterable[str], now: Iterable[str]) -> list[str]:
 
 
 def listed(what: Sequence[str]) -> str:
-    r"""Returns the first few changes, and the number of the others.
-
-    Args:
-        what (sequence of str): The changes.
-    """
+    r"""Returns the first few changes, and the number of the others."""
     more = f" and {len(what) - _NUM_CHANGES} more" if len(what) > _NUM_CHANGES else ""
     return ", ".join(what[:_NUM_CHANGES]) + more

@@ -11,13 +11,7 @@ Level = Literal["node", "edge", "sample"]
 
 
 class Known(NamedTuple):
-    r"""What is known of an attribute by its name.
-
-    Args:
-        level (str): :obj:`"node"`, :obj:`"edge"` or :obj:`"sample"`.
-        ranks (tuple of int): The numbers of dimensions that one sample's value may have. A tensor
-            with one more than the largest has a row for each sample.
-    """
+    r"""What is known of an attribute by its name."""
 
     level: Level
     ranks: tuple[int, ...] = ()
@@ -63,11 +57,6 @@ class Schema:
     r"""The declared levels of a user's own attributes, in addition to :obj:`KNOWN_ATTRIBUTES`.
 
     A declaration takes precedence over what is known of a name.
-
-    Args:
-        node (frozenset of str): Attributes with a row for each taxel.
-        edge (frozenset of str): Attributes with a row for each edge.
-        shared (frozenset of str): Attributes with one value for all samples.
     """
 
     node: frozenset[str] = frozenset()
@@ -78,12 +67,7 @@ class Schema:
     def of(
         cls, node: Iterable[str] = (), edge: Iterable[str] = (), shared: Iterable[str] = ()
     ) -> "Schema":
-        r"""Checks the names and returns their schema.
-
-        Raises:
-            ValueError: If they are no list of names, a name is declared twice, or one that has its
-                level for good.
-        """
+        r"""Checks the names and returns their schema."""
         names = {}
         for argument, given in (("node", node), ("edge", edge), ("shared", shared)):
             listed = None if isinstance(given, str) else list(given)
@@ -151,16 +135,7 @@ class Schema:
         return None
 
     def check(self, key: str, value: Any, attributes: Mapping[str, Any]) -> None:
-        r"""Checks a value against its level and the other attributes.
-
-        Args:
-            key (str): Name of the attribute.
-            value (Any): Its value.
-            attributes (Mapping): The attributes present. An older value of :obj:`key` is ignored.
-
-        Raises:
-            ValueError: If the shape is not that of its level, or contradicts another attribute.
-        """
+        r"""Checks a value against its level and the other attributes."""
         if key in _OF_A_BATCH:
             raise ValueError(f"StaticData has no '{key}': call 'to_batch()' for a PyG batch")
         if not isinstance(value, Tensor):

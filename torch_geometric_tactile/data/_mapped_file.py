@@ -21,11 +21,6 @@ def load_mapped(path: PathLike, map_location: Any = "cpu") -> Any:
     counts all of such a mapping as memory that may be needed, and refuses it where the file is
     larger than memory, or than a limit of the process (:obj:`ulimit -d`). Then it is mapped to be
     read only: writing to a tensor in place would end the process.
-
-    Args:
-        path (str or PathLike): The file. To be mapped to be read only, it must be writable, since
-            PyTorch opens it so.
-        map_location (optional): Where to put the tensors.
     """
     try:
         return torch.load(path, map_location=map_location, mmap=True, weights_only=True)

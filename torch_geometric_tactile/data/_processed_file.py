@@ -21,15 +21,7 @@ class OtherFormatError(ValueError):
 
 
 class ProcessedFile(NamedTuple):
-    r"""The contents of a processed file.
-
-    Args:
-        data (StaticData): The samples.
-        names (dict): The names behind their integer attributes.
-        settings (dict): What the samples were made with: class, arguments and transforms, as
-            :func:`~torch_geometric_tactile.data._fingerprint.describe` describes them.
-        raw_state (list of str): The state of the raw files.
-    """
+    r"""The contents of a processed file."""
 
     data: StaticData
     names: dict[str, list[str]]
@@ -44,15 +36,7 @@ def save_static(
     settings: Mapping[str, str] | None = None,
     raw_state: Sequence[str] = (),
 ) -> None:
-    r"""Writes samples to a file, whole or not at all.
-
-    Args:
-        data (StaticData): The samples.
-        names (dict): The names behind their integer attributes.
-        path (str or PathLike): The file.
-        settings (dict, optional): What the samples were made with.
-        raw_state (sequence of str): The state of the raw files that they were read from.
-    """
+    r"""Writes samples to a file, whole or not at all."""
     attributes: dict[str, Any] = {}
     for key, value in data.to_dict().items():
         attributes[key] = value.clone() if _is_view(value) else value
@@ -79,14 +63,6 @@ def _is_view(value: Any) -> bool:
 def read_processed(path: PathLike) -> ProcessedFile:
     r"""Reads a processed file, memory-mapped, after its checksums were compared: those of a large
     one only if it has changed since. Removes what killed processes left beside it.
-
-    Args:
-        path (str or PathLike): A file of :func:`save_static`.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        OtherFormatError: If it is of another format.
-        ValueError: If it is damaged.
     """
     remove_leftovers(path)
     if Path(path).stat().st_size == 0:
@@ -124,13 +100,5 @@ def _are_texts(values: Any) -> bool:
 def load_static(path: PathLike) -> tuple[StaticData, dict[str, list[str]]]:
     r"""Reads the samples of a processed file, memory-mapped, and the names behind their integer
     attributes.
-
-    Args:
-        path (str or PathLike): A file of :func:`save_static`.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        OtherFormatError: If it is of another format.
-        ValueError: If it is damaged.
     """
     return read_processed(path)[:2]

@@ -17,14 +17,6 @@ _SECONDS = {"W": 7 * 86400, "D": 86400, "h": 3600, "m": 60, "s": 1}
 def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     r"""Returns an array of floating-point numbers, NaN where a masked array is masked; without a
     copy if the type fits.
-
-    Args:
-        name (str): Name of the argument, for messages.
-        value (array-like): The numbers.
-        dtype (data-type): The type of the result.
-
-    Raises:
-        ValueError: If they are no real numbers, or ragged.
     """
     array = _array(name, value)
     if array.dtype.kind not in _NUMBERS:
@@ -41,13 +33,9 @@ def checked_time(value: Any) -> np.ndarray:
     r"""Returns times in seconds as float64: dates as seconds since 1970, and time differences as
     they are.
 
-    Args:
-        value (array-like): Seconds as floating-point numbers, :class:`numpy.datetime64` or
-            :class:`numpy.timedelta64` :math:`(T,)`.
-
-    Raises:
-        ValueError: If they are integers, whose unit is not known, masked, missing or infinite, or
-            do not increase.
+    Shapes:
+        - **value:** Seconds as floating-point numbers, :class:`numpy.datetime64` or
+          :class:`numpy.timedelta64` :math:`(T,)`.
     """
     refuse_masked("time", value)
     time = _array("time", value)
@@ -78,15 +66,9 @@ def checked_time(value: Any) -> np.ndarray:
 def checked_rows(kind: str, value: Any, num_frames: int) -> dict[str, np.ndarray]:
     r"""Returns arrays by their names, with one row for each frame, without a copy.
 
-    Args:
-        kind (str): Name of the argument, for messages.
-        value (Mapping): Numbers, truth values or texts :math:`(T, ...)` by their names.
-        num_frames (int): The number of frames :math:`T`.
-
-    Raises:
-        ValueError: If it is no mapping, a name is no text that all file formats can hold, or an
-            array holds something else, is masked, has another number of rows, no value in a row,
-            or more than 9 dimensions.
+    Shapes:
+        - **value:** Numbers, truth values or texts :math:`(T, ...)` by their names.
+        - **num_frames:** The number of frames :math:`T`.
     """
     if not isinstance(value, Mapping):
         raise ValueError(f"'{kind}' must be a mapping (got {type(value).__name__})")
@@ -106,15 +88,7 @@ def checked_rows(kind: str, value: Any, num_frames: int) -> dict[str, np.ndarray
 
 
 def check_utf8(name: str, *texts: str) -> None:
-    r"""Checks that texts can be written to any file.
-
-    Args:
-        name (str): Name of what they are, for the message.
-        *texts (str): The texts.
-
-    Raises:
-        ValueError: If one has half of a surrogate pair.
-    """
+    r"""Checks that texts can be written to any file."""
     for text in texts:
         try:
             text.encode()
@@ -125,16 +99,7 @@ def check_utf8(name: str, *texts: str) -> None:
 
 
 def check_frames(name: str, array: np.ndarray, num_frames: int) -> None:
-    r"""Checks that an array has one row for each frame.
-
-    Args:
-        name (str): Name of the argument, for the message.
-        array (numpy.ndarray): The array.
-        num_frames (int): The number of frames.
-
-    Raises:
-        ValueError: If it has more or fewer.
-    """
+    r"""Checks that an array has one row for each frame."""
     if len(array) != num_frames:
         raise ValueError(
             f"'{name}' must have {num_frames} frames, as 'time' has (got {len(array)})"
@@ -142,15 +107,7 @@ def check_frames(name: str, array: np.ndarray, num_frames: int) -> None:
 
 
 def refuse_masked(name: str, value: Any) -> None:
-    r"""Checks that nothing is masked.
-
-    Args:
-        name (str): Name of the argument, for the message.
-        value (array-like): What may be a masked array.
-
-    Raises:
-        ValueError: If something is masked.
-    """
+    r"""Checks that nothing is masked."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         row = int(np.argwhere(np.ma.getmaskarray(value))[0][0]) if value.ndim else 0
         raise ValueError(f"'{name}' must not be masked (got a masked value in frame {row})")

@@ -14,14 +14,8 @@ _NAMED = {"y": "class_names", "group": "group_names", "session": "session_names"
 class Classes:
     r"""The classes of a stratified split: of each unit, or of each sample where units are mixed.
 
-    Args:
-        dataset (StaticDataset or StaticData): The samples.
-        key (str): The attribute of integers that is stratified by.
-        unit (numpy.ndarray): The number of the unit of each sample :math:`(S,)`.
-        by (str): What a unit is, for messages.
-
-    Raises:
-        ValueError: If the samples do not have the attribute, or it holds other numbers.
+    Shapes:
+        - **unit:** The number of the unit of each sample :math:`(S,)`.
     """
 
     def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
@@ -41,11 +35,7 @@ class Classes:
         self.num_units = np.bincount(pairs[0], minlength=len(found))
 
     def require_units(self) -> list[tuple[int, str]]:
-        r"""Returns number and name of each class.
-
-        Raises:
-            ValueError: If a unit has several classes.
-        """
+        r"""Returns number and name of each class."""
         if self.of_unit is None:
             raise ValueError(
                 f"every {self.by} must have one '{self.key}' for all its samples to be stratified "
@@ -54,14 +44,7 @@ class Classes:
         return list(enumerate(self.names))
 
     def check_folds(self, folds: int) -> None:
-        r"""Warns of classes that cannot be in every fold.
-
-        Args:
-            folds (int): Number of folds.
-
-        Raises:
-            ValueError: If no class can be in every fold.
-        """
+        r"""Warns of classes that cannot be in every fold."""
         if self.of_unit is not None and folds > self.num_units.max():
             raise ValueError(
                 f"'folds' must be at most {self.num_units.max()}, the {self.by}s of the most "
@@ -85,11 +68,8 @@ def label_classes(dataset: Samples, unit: np.ndarray, by: str, needed: int) -> C
     r"""Returns the classes of :obj:`y` where they allow to stratify: each has enough units, and
     each unit one class.
 
-    Args:
-        dataset (StaticDataset or StaticData): The samples.
-        unit (numpy.ndarray): The number of the unit of each sample :math:`(S,)`.
-        by (str): What a unit is.
-        needed (int): Number of units that each class must have.
+    Shapes:
+        - **unit:** The number of the unit of each sample :math:`(S,)`.
     """
     try:
         classes = Classes(dataset, "y", unit, by)
@@ -111,16 +91,7 @@ def _is_data(dataset: Samples) -> bool:
 
 
 def column(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
-    r"""Returns an attribute of the samples, or their numbers for :obj:`"frame"`.
-
-    Args:
-        dataset (StaticDataset or StaticData): The samples.
-        key (str): Name of the attribute.
-        how (str, optional): What it is needed for, for the message.
-
-    Raises:
-        ValueError: If the samples do not have it.
-    """
+    r"""Returns an attribute of the samples, or their numbers for :obj:`"frame"`."""
     if key == "frame":
         return np.arange(
             len(dataset) if isinstance(dataset, StaticDataset) else dataset.num_samples

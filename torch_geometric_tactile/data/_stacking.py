@@ -11,17 +11,7 @@ from torch_geometric_tactile.data._levels import KNOWN_ATTRIBUTES, TOPOLOGY, Sch
 
 
 def stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:
-    r"""Returns the attributes of many samples by their levels.
-
-    Args:
-        data_list (list of torch_geometric.data.Data): The samples.
-        schema (Schema): The levels of attributes that are not known.
-
-    Raises:
-        TypeError: If a sample is of another kind.
-        ValueError: If there is no sample, or the samples differ in their edges, their attributes
-            or their shapes.
-    """
+    r"""Returns the attributes of many samples by their levels."""
     if len(data_list) == 0:
         raise ValueError("'data_list' must hold at least one sample (got none)")
     for i, data in enumerate(data_list):

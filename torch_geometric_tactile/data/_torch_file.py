@@ -25,17 +25,7 @@ _MAX_VALUES = 1_000_000
 
 
 def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> None:
-    r"""Writes a file of :func:`torch.save`, whole or not at all.
-
-    Args:
-        content: Plain data and tensors.
-        path (str or PathLike): The file.
-        check (bool): Whether what the disk has is compared with its checksums afterwards.
-
-    Raises:
-        OSError: If the disk is full, for instance; it names the file.
-        ValueError: If the disk has something else.
-    """
+    r"""Writes a file of :func:`torch.save`, whole or not at all."""
     with atomic_path(path) as temporary:
         with _Writer(io.FileIO(temporary, "w")) as file:
             try:
@@ -64,18 +54,6 @@ def read_torch_file(
 ) -> Any:
     r"""Reads plain data and tensors from a file of :func:`torch.save`, after its checksums were
     compared. Nothing in the file runs, and no tensor is larger than what the file has for it.
-
-    Args:
-        path (str or PathLike): The file.
-        map_location (optional): Where to put the tensors.
-        mmap (bool): Whether tensors stay in the file until they are used (see
-            :func:`~torch_geometric_tactile.data._mapped_file.load_mapped`).
-        once (bool): Whether a large file is checked only if it was not yet (see
-            :func:`check_once`).
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is damaged, or holds anything but plain data and tensors.
     """
     if once:
         check_once(path)
@@ -101,13 +79,6 @@ def read_torch_file(
 def check_once(path: PathLike) -> None:
     r"""Compares a file of :func:`torch.save` with its checksums; if it is large, only if it changed
     since the last time, for which its size, time and inode are kept beside it.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged.
     """
     stat = os.stat(path)
     if stat.st_size <= _SMALL:
@@ -131,11 +102,7 @@ def check_once(path: PathLike) -> None:
 
 
 def mark_path(path: PathLike) -> Path:
-    r"""Returns where :func:`check_once` keeps that a file was checked.
-
-    Args:
-        path (str or PathLike): The file.
-    """
+    r"""Returns where :func:`check_once` keeps that a file was checked."""
     return Path(f"{path}.checked")
 
 

@@ -12,11 +12,10 @@ from torch_geometric_tactile.data.static_dataset import StaticDataset
 class TrialRuns(NamedTuple):
     r"""The trials of a data set, in the order of its samples.
 
-    Args:
-        number (torch.Tensor): The number of each trial :math:`(R,)`.
-        start (torch.Tensor): The first frame of each :math:`(R,)`.
-        length (torch.Tensor): The number of frames of each :math:`(R,)`.
-        names (sequence of str): The names behind the numbers, if known.
+    Shapes:
+        - **number:** The number of each trial :math:`(R,)`.
+        - **start:** The first frame of each :math:`(R,)`.
+        - **length:** The number of frames of each :math:`(R,)`.
     """
 
     number: Tensor
@@ -29,12 +28,6 @@ class TrialRuns(NamedTuple):
         r"""Returns the trials of a data set, after its frames were checked: those of a trial
         follow each other, in the order of their :obj:`time` or, without one, in that of the data
         set that they are chosen from.
-
-        Args:
-            dataset (StaticDataset): The frames.
-
-        Raises:
-            ValueError: If the frames belong to no trial, or are in another order.
         """
         trial = dataset.column("trial")
         if trial is None or trial.dim() != 1:
@@ -53,22 +46,13 @@ class TrialRuns(NamedTuple):
         return runs
 
     def name(self, i: int) -> str:
-        r"""Returns a text that names a trial.
-
-        Args:
-            i (int): Which of them.
-        """
+        r"""Returns a text that names a trial."""
         number = int(self.number[i])
         known = 0 <= number < len(self.names)
         return f"trial {number} ('{self.names[number]}')" if known else f"trial {number}"
 
     def name_some(self, index: Tensor, most: int = 3) -> str:
-        r"""Returns a text that names some trials, and tells how many others there are.
-
-        Args:
-            index (torch.Tensor): Which of them.
-            most (int): The number of trials that are named at most.
-        """
+        r"""Returns a text that names some trials, and tells how many others there are."""
         named = ", ".join(self.name(int(i)) for i in index[:most])
         return named if len(index) <= most else f"{named} and {len(index) - most} more"
 
@@ -80,12 +64,8 @@ class TrialRuns(NamedTuple):
     def require_constant(self, key: str, value: Tensor) -> None:
         r"""Checks that an attribute does not change within a trial.
 
-        Args:
-            key (str): Name of the attribute.
-            value (torch.Tensor): Its values :math:`(S, \ldots)`.
-
-        Raises:
-            ValueError: If it does; the message names the trial and the frame.
+        Shapes:
+            - **value:** Its values :math:`(S, \ldots)`.
         """
         before, after = value[:-1].cpu(), value[1:].cpu()
         same = (before == after) | ((before != before) & (after != after))  # NaN equals NaN here

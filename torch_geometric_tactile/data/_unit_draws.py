@@ -12,12 +12,7 @@ from torch_geometric_tactile.data._sample_classes import Classes
 
 @dataclass(frozen=True)
 class Folds:
-    r"""Random folds of units.
-
-    Args:
-        count (int): Number of folds.
-        by (str): What a unit is: :obj:`"frame"`, or what several samples may have.
-    """
+    r"""Random folds of units."""
 
     count: int
     by: str
@@ -25,14 +20,9 @@ class Folds:
     def draw(self, unit: np.ndarray, classes: Classes | None, seed: int, fold: int) -> np.ndarray:
         r"""Returns the units of a fold.
 
-        Args:
-            unit (numpy.ndarray): The number of the unit of each sample :math:`(S,)`.
-            classes (Classes, optional): The classes that every fold has its share of.
-            seed (int): Which of the random partitions.
-            fold (int): Which of its folds.
-
-        Raises:
-            ValueError: If there are fewer units than folds, or no class can be in every fold.
+        Shapes:
+            - **unit:** The number of the unit of each sample :math:`(S,)`.
+            - **classes:** The classes that every fold has its share of.
         """
         # Imported here, since it takes as long as everything else together.
         from sklearn.model_selection import (
@@ -65,13 +55,7 @@ class Folds:
 
 @dataclass(frozen=True)
 class Fractions:
-    r"""Random fractions of units, held out for validation and for the test.
-
-    Args:
-        val (float): The part for validation.
-        test (float): The part for the test.
-        by (str): What a unit is, for messages.
-    """
+    r"""Random fractions of units, held out for validation and for the test."""
 
     val: float
     test: float
@@ -82,15 +66,9 @@ class Fractions:
     ) -> tuple[np.ndarray, np.ndarray]:
         r"""Returns the units to validate and to test on.
 
-        Args:
-            units (numpy.ndarray): The units to draw from.
-            classes (Classes, optional): The classes of all units, of each of which the fractions
-                are drawn; of all units at once if left out.
-            seeds (sequence of int): Which of the random draws.
-
-        Raises:
-            ValueError: If a fraction above 0 would be empty, nothing would be left, or a unit has
-                several classes.
+        Shapes:
+            - **classes:** The classes of all units, of each of which the fractions
+              are drawn; of all units at once if left out.
         """
         if classes is not None:
             return self._draw_by_class(units, classes, seeds)

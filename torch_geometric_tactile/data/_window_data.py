@@ -19,19 +19,12 @@ class WindowData:
     :class:`~torch_geometric_tactile.data.StaticData`: the frames, where they are, and one index.
     A window is cut from them when it is asked for.
 
-    Args:
-        frames (StaticData): The frames.
-        starts (torch.Tensor): The first frame of each window :math:`(W,)`: its row in
-            :obj:`frames`, or in :obj:`order` if given.
-        length (int): Number of frames of a window :math:`T`.
-        valid (torch.Tensor, optional): The number of frames that each window has :math:`(W,)`;
-            after them there is NaN. All of :obj:`length` if left out.
-        order (torch.Tensor, optional): The rows of consecutive frames, if they are not those of
-            :obj:`frames`.
-        target (str, optional): Name of the attribute of a frame that is the :obj:`y` of a window.
-        horizon (int): How many frames after the last one of the window that frame is.
-        series (sequence of str): Names of the attributes that a window has of all its frames.
-        transform (callable, optional): Applied to each frame.
+    Shapes:
+        - **starts:** The first frame of each window :math:`(W,)`: its row in
+          :obj:`frames`, or in :obj:`order` if given.
+        - **length:** Number of frames of a window :math:`T`.
+        - **valid:** The number of frames that each window has :math:`(W,)`;
+          after them there is NaN. All of :obj:`length` if left out.
     """
 
     def __init__(
@@ -77,21 +70,13 @@ class WindowData:
         )
 
     def is_shared(self, key: str) -> bool:
-        r"""Tells whether all windows share one value of an attribute.
-
-        Args:
-            key (str): Name of the attribute.
-        """
+        r"""Tells whether all windows share one value of an attribute."""
         if key in ("y", "num_frames", "valid_frames"):
             return key == "num_frames"
         return self.frames.is_shared(key)
 
     def __getitem__(self, key: str) -> Any:
-        r"""Returns an attribute of all windows, before the transform of the frames.
-
-        Args:
-            key (str): Its name.
-        """
+        r"""Returns an attribute of all windows, before the transform of the frames."""
         if key == "num_frames":
             return self.length
         if key == "valid_frames" and self.valid is not None:
@@ -106,14 +91,7 @@ class WindowData:
         return value if self.frames.is_shared(key) else value[self._rows(self._last())]
 
     def sample(self, i: int) -> Data:
-        r"""Returns one window as PyG's :class:`~torch_geometric.data.Data`.
-
-        Args:
-            i (int): Its index.
-
-        Raises:
-            IndexError: If there is no such window.
-        """
+        r"""Returns one window as PyG's :class:`~torch_geometric.data.Data`."""
         if not -self.num_samples <= i < self.num_samples:
             raise IndexError(f"'i' must be below {self.num_samples} (got {i})")
         return self.index_select(torch.tensor([i % self.num_samples])).sample(0)
@@ -121,8 +99,8 @@ class WindowData:
     def select(self, index: Any) -> Self:
         r"""Returns some of the windows, which are not cut yet.
 
-        Args:
-            index (torch.Tensor, slice or list of int): Indices :math:`(B,)`.
+        Shapes:
+            - **index:** Indices :math:`(B,)`.
         """
         valid = None if self.valid is None else self.valid[index]
         return self._with(starts=self.starts[index], valid=valid)
@@ -130,8 +108,8 @@ class WindowData:
     def index_select(self, index: Any) -> StaticData:
         r"""Returns some of the windows, cut.
 
-        Args:
-            index (torch.Tensor, slice or list of int): Indices :math:`(B,)`.
+        Shapes:
+            - **index:** Indices :math:`(B,)`.
         """
         return self.select(index)._cut()
 
@@ -147,11 +125,7 @@ class WindowData:
         return self._with(frames=frames.clone(), starts=starts, order=order, valid=valid)
 
     def to(self, device: Any) -> Self:
-        r"""Moves the frames to a device, in place.
-
-        Args:
-            device (torch.device or str): The device.
-        """
+        r"""Moves the frames to a device, in place."""
         self.frames = copy.copy(self.frames).to(device)
         for name in ("starts", "valid", "order"):
             value = getattr(self, name)

@@ -104,9 +104,6 @@ _UNKNOWN = StaticRule()
 def static_rule(transform: Transform) -> StaticRule:
     r"""Returns which attributes a transform reads and adds: its own :obj:`static_rule`, or what is
     known of PyG's transforms.
-
-    Args:
-        transform (callable): The transform.
     """
     own = own_declaration(transform, "static_rule")
     if isinstance(own, StaticRule):
@@ -118,10 +115,6 @@ def static_rule(transform: Transform) -> StaticRule:
 def own_declaration(transform: Transform, name: str) -> Any:
     r"""Returns an attribute by which a transform declares what its :obj:`forward` does, or
     :obj:`None`. What a parent class declares does not hold for a subclass with its own.
-
-    Args:
-        transform (callable): The transform.
-        name (str): :obj:`"supports_static"` or :obj:`"static_rule"`.
 
     Examples:
         >>> from torch_geometric_tactile.transforms import ZScore
@@ -142,9 +135,6 @@ def own_declaration(transform: Transform, name: str) -> Any:
 def flat(transform: Any) -> list[Any]:
     r"""Returns the parts of a transform in their order. A subclass of PyG's :class:`Compose` is one
     part, since it may do something else than to run its parts.
-
-    Args:
-        transform (callable, optional): A transform or PyG's :class:`Compose` of transforms.
     """
     if transform is None:
         return []
@@ -209,13 +199,6 @@ def _applied(transform: Transform, data: StaticData) -> StaticData:
 def unwritten(transform: Transform, stored: Mapping[str, Any]) -> Iterator[None]:
     r"""Checks that a transform, which is called within, writes into none of the tensors that a data
     set stores: they would change for all samples, and again at every access.
-
-    Args:
-        transform (callable): The transform, for the message.
-        stored (Mapping): The attributes by their names.
-
-    Raises:
-        ValueError: If it does.
     """
     before = [(key, value, _version(value)) for key, value in stored.items()]
     yield
@@ -233,16 +216,7 @@ def _version(value: Any) -> int:
 
 
 def returned(transform: Transform, data: Data, kind: type = Data) -> Any:
-    r"""Returns what a transform makes of a sample.
-
-    Args:
-        transform (callable): The transform.
-        data (torch_geometric.data.Data): The sample, or all at once.
-        kind (type): What it must be.
-
-    Raises:
-        TypeError: If it is nothing, or something else.
-    """
+    r"""Returns what a transform makes of a sample."""
     out = transform(data)
     if out is None or not isinstance(out, kind):
         found = "None" if out is None else type(out).__name__
@@ -304,16 +278,7 @@ def _widened(x: Tensor, after: Tensor, rule: StaticRule) -> Tensor:
 def stack_like(
     samples: Sequence[Data], like: StaticData, rule: StaticRule = _UNKNOWN
 ) -> StaticData:
-    r"""Stacks samples after a transform.
-
-    Args:
-        samples (sequence of torch_geometric.data.Data): The samples, at least one.
-        like (StaticData): The samples before the transform, which tell the levels of attributes.
-        rule (StaticRule): The attributes that the transform adds.
-
-    Raises:
-        ValueError: If the samples have different topologies.
-    """
+    r"""Stacks samples after a transform."""
     added = Schema.of(rule.node, rule.edge, rule.shared)
     schema = Schema.of(**like.schema).update(added).to_dict()
     return type(like).from_data_list(samples, **schema)

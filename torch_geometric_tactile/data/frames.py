@@ -70,14 +70,12 @@ def join_frames(x: Tensor) -> Tensor:
 def cut_windows(x: Tensor, rows: Tensor | Sequence[slice | np.ndarray], num_frames: int) -> Tensor:
     r"""Returns windows of frames, in one copy.
 
-    Args:
-        x (torch.Tensor): Frames :math:`(S, N, C)`.
-        rows (torch.Tensor or sequence of slice or numpy.ndarray): The first frame of each window
-            :math:`(B,)`; or the frames of each, :obj:`num_frames` or fewer, after which there is
-            NaN.
-        num_frames (int): Number of frames of each window :math:`T`.
-
     Shapes:
+        - **x:** Frames :math:`(S, N, C)`.
+        - **rows:** The first frame of each window
+          :math:`(B,)`; or the frames of each, :obj:`num_frames` or fewer, after which there is
+          NaN.
+        - **num_frames:** Number of frames of each window :math:`T`.
         - **output:** :math:`(B, N, C \cdot T)`
     """
     shape = (len(rows), *x.shape[1:], num_frames)

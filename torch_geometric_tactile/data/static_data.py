@@ -18,14 +18,7 @@ _Index = Tensor | slice | Sequence[int] | np.ndarray
 
 
 def flat_index(index: Any) -> Tensor:
-    r"""Returns indices of samples in one dimension, also of a mask, as PyG reads them.
-
-    Args:
-        index (torch.Tensor, numpy.ndarray or sequence): Indices, or a mask, of any shape.
-
-    Raises:
-        IndexError: If it holds neither integers nor truth values.
-    """
+    r"""Returns indices of samples in one dimension, also of a mask, as PyG reads them."""
     try:
         found = torch.as_tensor(index).flatten()
     except (RuntimeError, TypeError, ValueError) as error:
@@ -127,11 +120,7 @@ class StaticData(LeveledData):
     def __getitem__(self, key: _Index) -> Self: ...
 
     def __getitem__(self, key: Any) -> Any:
-        r"""Returns an attribute by its name, a sample by its index, or several samples.
-
-        Args:
-            key (str, int, slice, torch.Tensor or list of int): The name or the indices.
-        """
+        r"""Returns an attribute by its name, a sample by its index, or several samples."""
         if isinstance(key, str):
             return super().__getitem__(key)
         if isinstance(key, (int, np.integer)) and not isinstance(key, bool):

@@ -119,15 +119,7 @@ class StaticDataset(FromArrays, ProcessedDataset):
         return self._data.sample(idx)
 
     def __getitem__(self, idx: Any) -> Any:
-        r"""Returns one sample after :obj:`transform`, or a selection of several, as PyG does.
-
-        Args:
-            idx (int or slice or sequence of int or torch.Tensor or numpy.ndarray): Its index, or
-                the indices or a mask, of any shape, of several.
-
-        Raises:
-            ValueError: If the transform writes into a tensor that the data set stores.
-        """
+        r"""Returns one sample after :obj:`transform`, or a selection of several, as PyG does."""
         if not isinstance(idx, (int, np.integer)) and not (
             isinstance(idx, (Tensor, np.ndarray)) and idx.ndim == 0
         ):

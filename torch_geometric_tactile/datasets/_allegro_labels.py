@@ -21,24 +21,13 @@ class AllegroLabels(ObjectLabels):
     """
 
     def object_names(self, trials: Sequence[Trial]) -> list[str]:
-        r"""Returns the names of the objects: those of the papers in their order, then others.
-
-        Args:
-            trials (sequence of Trial): The trials.
-        """
+        r"""Returns the names of the objects: those of the papers in their order, then others."""
         known = [item.name for item in paper8()]
         found = super().object_names(trials)
         return [name for name in known if name in found] + [n for n in found if n not in known]
 
     def properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
-        r"""Returns names and values of the properties of a trial, if they are known.
-
-        Args:
-            trial (Trial): The trial.
-
-        Raises:
-            ValueError: If they are no zeros and ones, or contradict each other.
-        """
+        r"""Returns names and values of the properties of a trial, if they are known."""
         names: tuple[str, ...] = PROPERTIES
         if trial.meta.get("label_names") is not None:
             names = checked_names(trial, "label_names")
@@ -56,39 +45,20 @@ class AllegroLabels(ObjectLabels):
         return PROPERTIES, tuple(values.values())
 
     def more(self, trials: Sequence[Trial], names: dict[str, list[str]]) -> dict[str, Tensor]:
-        r"""Returns shape, width, centre and yaw of the objects, where they are known.
-
-        Args:
-            trials (sequence of Trial): The trials.
-            names (dict): The names behind numbers, to which those of the shapes are added.
-        """
+        r"""Returns shape, width, centre and yaw of the objects, where they are known."""
         names["shape"], targets = grasp_targets(trials)
         return targets
 
     def target(
         self, data: StaticData, names: Mapping[str, list[str]], target: str, root: str
     ) -> Tensor:
-        r"""Returns what :obj:`y` is.
-
-        Args:
-            data (StaticData): The frames.
-            names (Mapping): The names behind numbers.
-            target (str): The name of the task.
-            root (str): The folder of the recordings, for messages.
-
-        Raises:
-            ValueError: If a recording does not tell it.
-        """
+        r"""Returns what :obj:`y` is."""
         if target in GRASP_TARGETS:
             return grasp_target(data, target, root)
         return super().target(data, names, target, root)
 
     def unknown_properties(self, unknown: Sequence[str]) -> str:
-        r"""Returns the message of an error about properties that are asked for, but unknown.
-
-        Args:
-            unknown (sequence of str): The objects whose properties are unknown.
-        """
+        r"""Returns the message of an error about properties that are asked for, but unknown."""
         return (
             f"the properties of {list(unknown)} are unknown: give 0 or 1 for each of "
             f"{list(PROPERTIES)} as 'labels' in the metadata of their recordings, name them as "

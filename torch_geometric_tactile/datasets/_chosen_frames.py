@@ -12,18 +12,15 @@ def frames_at_rate(time: Tensor, trial: Tensor, rate: float) -> Tensor:
     r"""Tells which frames are the nearest ones in time to the ticks of a clock that starts with the
     first frame of each trial.
 
-    Args:
-        time (torch.Tensor): Time of each frame in seconds, not falling in a trial :math:`(S,)`.
-        trial (torch.Tensor): Trial of each frame, those of one trial in a row :math:`(S,)`.
-        rate (float): Ticks a second.
-
-    Shapes:
-        - **output:** booleans :math:`(S,)`
-
     Examples:
         >>> time = torch.tensor([0.0, 0.02, 0.04, 0.06, 0.08, 0.1])
         >>> frames_at_rate(time, torch.zeros(6, dtype=torch.long), 30.0).nonzero().view(-1)
         tensor([0, 2, 3, 5])
+
+    Shapes:
+        - **time:** Time of each frame in seconds, not falling in a trial :math:`(S,)`.
+        - **trial:** Trial of each frame, those of one trial in a row :math:`(S,)`.
+        - **output:** booleans :math:`(S,)`
     """
     kept = torch.zeros(len(time), dtype=torch.bool)
     for rows in _rows(trial):
@@ -46,14 +43,9 @@ def drawn_frames(
     r"""Tells which frames are drawn: so many of each trial, or all where there are fewer. What is
     drawn of a trial follows from the seed, its name and its own frames.
 
-    Args:
-        candidate (torch.Tensor): Which frames may be drawn :math:`(S,)`.
-        trial (torch.Tensor): Trial of each frame, those of one trial in a row :math:`(S,)`.
-        names (sequence of str): The name of each trial.
-        count (int): Frames of a trial.
-        seed (int): The seed.
-
     Shapes:
+        - **candidate:** Which frames may be drawn :math:`(S,)`.
+        - **trial:** Trial of each frame, those of one trial in a row :math:`(S,)`.
         - **output:** booleans :math:`(S,)`
     """
     kept = torch.zeros(len(candidate), dtype=torch.bool)
@@ -65,16 +57,7 @@ def drawn_frames(
 
 
 def check_choice(rate: Any, samples_per_trial: Any, sample_seed: Any) -> None:
-    r"""Checks the arguments of a data set that choose frames.
-
-    Args:
-        rate (float, optional): Frames a second.
-        samples_per_trial (int, optional): Frames of a trial.
-        sample_seed (int): Which of them.
-
-    Raises:
-        ValueError: If one is not positive, or the seed negative.
-    """
+    r"""Checks the arguments of a data set that choose frames."""
     is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
     if rate is not None and not (is_number and 0 < rate < float("inf")):
         raise ValueError(f"'rate' must be frames a second, above 0, or None (got {rate!r})")

@@ -12,16 +12,6 @@ from torch_geometric_tactile._files import atomic_path, file_sha256
 def download_files(url: str, folder: Path, sha256: Mapping[str, str], progress: bool) -> None:
     r"""Downloads those of some files that a folder does not have, each whole or not at all, and
     compares their checksums.
-
-    Args:
-        url (str): Where they are.
-        folder (Path): The folder.
-        sha256 (Mapping of str to str): Their checksums by their names.
-        progress (bool): Whether to show a progress bar.
-
-    Raises:
-        ConnectionError: If one cannot be downloaded.
-        ValueError: If one is not as published.
     """
     get = pooch.HTTPDownloader(progressbar=progress, timeout=20)
     for name, published in sha256.items():
@@ -44,15 +34,7 @@ def download_files(url: str, folder: Path, sha256: Mapping[str, str], progress: 
 
 
 def verify_file(path: Path, sha256: str) -> None:
-    r"""Compares a file with the checksum of the published one.
-
-    Args:
-        path (Path): The file.
-        sha256 (str): The checksum.
-
-    Raises:
-        ValueError: If they differ.
-    """
+    r"""Compares a file with the checksum of the published one."""
     found = file_sha256(path)
     if found != sha256:
         raise ValueError(

@@ -17,9 +17,9 @@ class FrameFiles:
     r"""Named arrays with a row for each frame, each in a temporary file that nothing else sees and
     that is gone at the end.
 
-    Args:
-        folder (Path, optional): The folder of the files, which is made if need be; that of the
-            system if left out.
+    Shapes:
+        - **folder:** The folder of the files, which is made if need be; that of the
+          system if left out.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -34,13 +34,8 @@ class FrameFiles:
     def add(self, name: str, rows: np.ndarray) -> None:
         r"""Writes rows behind those that there are.
 
-        Args:
-            name (str): Name of the array.
-            rows (numpy.ndarray): The rows :math:`(T, ...)`, of the shape and type of the first.
-
-        Raises:
-            OSError: If the disk is full; it names the folder.
-            ValueError: If they are of another shape.
+        Shapes:
+            - **rows:** The rows :math:`(T, ...)`, of the shape and type of the first.
         """
         if name not in self._files:
             self._files[name] = self._open.enter_context(
@@ -62,19 +57,11 @@ class FrameFiles:
         self._shapes[name] = (length + len(rows), *shape)
 
     def shape(self, name: str) -> tuple[int, ...] | None:
-        r"""Returns the shape of an array, or nothing if it has no rows yet.
-
-        Args:
-            name (str): Its name.
-        """
+        r"""Returns the shape of an array, or nothing if it has no rows yet."""
         return self._shapes.get(name)
 
     def tensor(self, name: str) -> Tensor:
-        r"""Returns an array, memory-mapped; what is written to it stays in memory.
-
-        Args:
-            name (str): Its name.
-        """
+        r"""Returns an array, memory-mapped; what is written to it stays in memory."""
         shape, dtype = self._shapes[name], self._types[name]
         if 0 in shape:  # which cannot be mapped
             return torch.from_numpy(np.zeros(shape, dtype))

@@ -17,17 +17,7 @@ GROUPINGS = ("session", "placement", "size")
 def frame_labels(
     trials: Sequence[Trial], known: ObjectLabels, target: str | None
 ) -> tuple[dict[str, list[str]], dict[str, Tensor]]:
-    r"""Returns the names behind numbers, and the attributes of all frames.
-
-    Args:
-        trials (sequence of Trial): The trials.
-        known (ObjectLabels): What is known of their objects and properties.
-        target (str, optional): What :obj:`y` is, if neither object nor properties.
-
-    Raises:
-        ValueError: If a trial does not tell the target, or two contradict each other on the
-            properties of an object.
-    """
+    r"""Returns the names behind numbers, and the attributes of all frames."""
     num_frames = torch.tensor([trial.num_frames for trial in trials])
     objects = known.object_names(trials)
     names: dict[str, list[str]] = {

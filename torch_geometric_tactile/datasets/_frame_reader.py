@@ -21,14 +21,6 @@ _logger = logging.getLogger(__name__)
 def trial_files(folder: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> list[str]:
     r"""Returns the names of the recordings in a folder, in order; also those in its subfolders,
     with their names in front, if the pattern has a :obj:`"/"`.
-
-    Args:
-        folder (Path): The folder.
-        pattern (str): The pattern of the names.
-        suffixes (sequence of str): The suffixes of recordings.
-
-    Raises:
-        FileNotFoundError: If one is a link to a file that is not there.
     """
     if not folder.is_dir():
         return []
@@ -51,11 +43,6 @@ def trial_files(folder: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) 
 def trial_folder(root: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> Path:
     r"""Returns the folder of the recordings: :obj:`root/raw`, or :obj:`root` where only that has
     some.
-
-    Args:
-        root (Path): The folder of the data set.
-        pattern (str): The pattern of the names.
-        suffixes (sequence of str): The suffixes of recordings.
     """
     inner = root / "raw"
     if not trial_files(inner, pattern, suffixes) and trial_files(root, pattern, suffixes):
@@ -66,13 +53,7 @@ def trial_folder(root: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -
 def opened_files(
     folder: Path, paths: Sequence[str], read: Callable[[str], Recording]
 ) -> Iterator[tuple[str, str, Recording]]:
-    r"""Yields what to call each recording in messages, its name, and the recording.
-
-    Args:
-        folder (Path): The folder that the names are relative to.
-        paths (sequence of str): The files.
-        read (callable): Reads one.
-    """
+    r"""Yields what to call each recording in messages, its name, and the recording."""
     for path in paths:
         name = Path(path).relative_to(folder).with_suffix("").as_posix()
         yield f"'{path}'", name, read(path)
@@ -81,21 +62,13 @@ def opened_files(
 def opened_recordings(
     recordings: Sequence[Recording],
 ) -> Iterator[tuple[str, str, Recording]]:
-    r"""Yields what to call each recording in messages, its name, and the recording.
-
-    Args:
-        recordings (sequence of Recording): Recordings in memory.
-    """
+    r"""Yields what to call each recording in messages, its name, and the recording."""
     for i, recording in enumerate(recordings):
         yield f"recording {i}", str(i), recording
 
 
 def no_trials(root: PathLike) -> str:
-    r"""Returns the message of an error about a data set without recordings.
-
-    Args:
-        root (str or PathLike): The folder of the data set.
-    """
+    r"""Returns the message of an error about a data set without recordings."""
     return (
         f"there are no trials in '{Path(root, 'raw')}' or '{root}': put recordings there, "
         f"<object>_<number> with one of {', '.join(SUFFIXES)}"
@@ -104,17 +77,7 @@ def no_trials(root: PathLike) -> str:
 
 @dataclass(frozen=True)
 class FrameReader:
-    r"""What recordings must be to be read as frames.
-
-    Args:
-        layout (TaxelLayout): The taxels.
-        pattern (str): Regular expression for the names, see
-            :func:`~torch_geometric_tactile.datasets._trial.make_trial`.
-        needs (tuple of str): Which of :obj:`"object"` and :obj:`"trial"` must be known.
-        num_channels (int, optional): Number of channels of a taxel, if it is known.
-        num_joints (int, optional): Number of joint angles of a frame, if it is known.
-        unit (str, optional): The unit of recordings that name none.
-    """
+    r"""What recordings must be to be read as frames."""
 
     layout: TaxelLayout
     pattern: str
@@ -129,15 +92,9 @@ class FrameReader:
         r"""Returns the readings of all frames, mapped from a temporary file, and the trials.
         Columns with names are in the order of the first recording that knows them.
 
-        Args:
-            recordings (iterable of tuple): What to call each in messages, its name, and it.
-            folder (Path, optional): The folder of the temporary file; it is made if need be.
-
         Shapes:
+            - **folder:** The folder of the temporary file; it is made if need be.
             - **output:** readings :math:`(S, N, C)`
-
-        Raises:
-            ValueError: If there is none, or one does not fit the layout or the others.
         """
         trials: list[Trial] = []
         num_missing, num_channels = 0, self.num_channels

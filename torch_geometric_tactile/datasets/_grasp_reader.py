@@ -27,20 +27,7 @@ SIGNALS: Mapping[str, tuple[int | None, ...]] = {
 
 
 class Grasp(NamedTuple):
-    r"""A grasp without its frames.
-
-    Args:
-        where (str): The file in messages.
-        name (str): Its name.
-        object_name (str): The object.
-        number (int, optional): Number of the trial.
-        session (str or int, optional): The session.
-        outcome (str): :obj:`"failure"` or :obj:`"success"`.
-        num_frames (int): The number of frames.
-        synthetic (bool): Whether a simulator made it.
-        ends_after_pickup (str): Seconds from pick-up to the last frame where the file tells them in
-            place of the time of pick-up.
-    """
+    r"""A grasp without its frames."""
 
     where: str
     name: str
@@ -54,15 +41,7 @@ class Grasp(NamedTuple):
 
 
 class GraspReader:
-    r"""Reads grasps, and keeps their frames on disk.
-
-    Args:
-        layout (TaxelLayout): The electrodes of a finger.
-        pattern (str): Regular expression for the names, see
-            :func:`~torch_geometric_tactile.datasets._trial.make_trial`.
-        signals (sequence of str, optional): Which of :obj:`SIGNALS` to read; those of the first
-            file if left out.
-    """
+    r"""Reads grasps, and keeps their frames on disk."""
 
     def __init__(
         self, layout: TaxelLayout, pattern: str, signals: Sequence[str] | None = None
@@ -78,12 +57,8 @@ class GraspReader:
         r"""Returns the attributes of all frames, mapped from temporary files, the grasps, and the
         names of the objects.
 
-        Args:
-            recordings (iterable of tuple): What to call each in messages, its name, and it.
-            folder (Path, optional): The folder of the temporary files.
-
-        Raises:
-            ValueError: If one is no grasp, or does not fit the others.
+        Shapes:
+            - **folder:** The folder of the temporary files.
         """
         with FrameFiles(folder) as files:
             grasps = [self._grasp(files, *given) for given in recordings]
@@ -188,11 +163,7 @@ class GraspReader:
 
 
 def session_names(grasps: Sequence[Grasp]) -> list[str]:
-    r"""Returns the names of the sessions, integers in their order before texts.
-
-    Args:
-        grasps (sequence of Grasp): The grasps.
-    """
+    r"""Returns the names of the sessions, integers in their order before texts."""
     found = {grasp.session for grasp in grasps if grasp.session is not None}
     return list(dict.fromkeys(map(str, sorted(found, key=lambda s: (isinstance(s, str), s)))))
 

@@ -23,9 +23,6 @@ def grasp_targets(trials: Sequence[Trial]) -> tuple[list[str], dict[str, Tensor]
     of a simulation, and from :obj:`privileged["object_pose"]` and :obj:`privileged["palm_pose"]`,
     positions and quaternions :math:`(T, 7)` in the world's frame.
 
-    Args:
-        trials (sequence of Trial): The trials.
-
     Shapes:
         - **shape, width, yaw:** :math:`(S,)`
         - **centre:** :math:`(S, 3)`
@@ -51,16 +48,7 @@ def grasp_targets(trials: Sequence[Trial]) -> tuple[list[str], dict[str, Tensor]
 
 
 def grasp_target(data: StaticData, task: str, root: str) -> Tensor:
-    r"""Returns a target of the frames.
-
-    Args:
-        data (StaticData): The frames.
-        task (str): Its name, a key of :obj:`GRASP_TARGETS`.
-        root (str): The folder of the recordings, for messages.
-
-    Raises:
-        ValueError: If a recording does not know it, or no object has it.
-    """
+    r"""Returns a target of the frames."""
     target: Tensor | None = data[task] if task in data else None  # noqa: SIM401 - Data is no mapping
     if target is not None and target.isfinite().any():
         return target.clone()

@@ -90,11 +90,7 @@ class ImageDataset(StaticDataset):
 
 
 def has_image(layout: TaxelLayout) -> bool:
-    r"""Tells whether the taxels of a layout are 32 x 32 pixels, row by row.
-
-    Args:
-        layout (TaxelLayout): The layout.
-    """
+    r"""Tells whether the taxels of a layout are 32 x 32 pixels, row by row."""
     if layout.num_taxels != ROWS * COLUMNS or layout.image_map is None:
         return False
     image_map = letter_array().image_map

@@ -19,11 +19,8 @@ _LISTED = 10
 class Presses(NamedTuple):
     r"""The presses of a file.
 
-    Args:
-        grey (numpy.ndarray): Readings as parts of full scale :math:`(n, N)`.
-        letter (int): The number of their class.
-        names (list of str): What to call each.
-        file (str): The name of the file, with the letter in front.
+    Shapes:
+        - **grey:** Readings as parts of full scale :math:`(n, N)`.
     """
 
     grey: np.ndarray
@@ -33,21 +30,13 @@ class Presses(NamedTuple):
 
 
 def letter_folder(root: Path) -> Path:
-    r"""Returns the folder of the letters: :obj:`root/raw`, or :obj:`root` where there is none.
-
-    Args:
-        root (Path): The folder of the data set.
-    """
+    r"""Returns the folder of the letters: :obj:`root/raw`, or :obj:`root` where there is none."""
     inner = root / "raw"
     return inner if inner.is_dir() and (folders(inner) or not folders(root)) else root
 
 
 def folders(folder: Path) -> list[str]:
-    r"""Returns the names of the folders in a folder, in order, without hidden ones.
-
-    Args:
-        folder (Path): The folder.
-    """
+    r"""Returns the names of the folders in a folder, in order, without hidden ones."""
     if not folder.is_dir():
         return []
     found = [path.name for path in folder.iterdir() if path.is_dir()]
@@ -55,12 +44,7 @@ def folders(folder: Path) -> list[str]:
 
 
 def letter_files(folder: Path, letters: Sequence[str]) -> list[str]:
-    r"""Returns the names of the files of all letters, in order, without hidden ones.
-
-    Args:
-        folder (Path): The folder of the letters.
-        letters (sequence of str): The names of the classes.
-    """
+    r"""Returns the names of the files of all letters, in order, without hidden ones."""
     names = []
     for letter in letters:
         if (folder / letter).is_dir():
@@ -70,15 +54,7 @@ def letter_files(folder: Path, letters: Sequence[str]) -> list[str]:
 
 
 def check_folders(folder: Path, letters: Sequence[str]) -> None:
-    r"""Checks that there is a folder for each letter, and no other one.
-
-    Args:
-        folder (Path): The folder of the letters.
-        letters (sequence of str): The names of the classes.
-
-    Raises:
-        ValueError: If not.
-    """
+    r"""Checks that there is a folder for each letter, and no other one."""
     found = folders(folder)
     missing = [letter for letter in letters if letter not in found]
     unknown = [name for name in found if name not in letters]
@@ -103,12 +79,6 @@ def _listed(names: Sequence[str]) -> str:
 def is_synthetic(folder: Path) -> bool:
     r"""Tells whether a simulator says that it made the presses: :obj:`"synthetic"` in the file
     :obj:`simulation.json`.
-
-    Args:
-        folder (Path): The folder of the letters.
-
-    Raises:
-        ValueError: If the file is no JSON of an object; the message names it.
     """
     path = folder / SIMULATION
     if not path.exists():
@@ -133,16 +103,7 @@ def read_presses(
     leave_out: Callable[[str], None],
     variable: str | None = None,
 ) -> Iterator[Presses]:
-    r"""Yields the presses of each file, in order. What cannot be used is left out.
-
-    Args:
-        folder (Path): The folder of the letters.
-        letters (sequence of str): The names of the classes.
-        size (sequence of int): The size of a matrix.
-        full_scale (float): The pressure of the grey value 1.
-        leave_out (callable): Called with the name and fault of each file or matrix left out.
-        variable (str, optional): Name of the variable of MAT files.
-    """
+    r"""Yields the presses of each file, in order. What cannot be used is left out."""
     for file in letter_files(folder, letters):
         path = folder / file
         try:
@@ -168,9 +129,8 @@ def grey_values(matrices: np.ndarray, full_scale: float) -> tuple[np.ndarray, di
     Numbers of type uint8 and uint16 are parts of full scale already, of their highest number;
     others are pressures.
 
-    Args:
-        matrices (numpy.ndarray): The numbers :math:`(n, \ldots)`.
-        full_scale (float): The pressure of the grey value 1.
+    Shapes:
+        - **matrices:** The numbers :math:`(n, \ldots)`.
     """
     if matrices.dtype in (np.uint8, np.uint16):
         return (matrices / np.float32(np.iinfo(matrices.dtype).max)).astype(np.float32), {}

@@ -12,16 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(repr=False)
 class LetterSummary(Summary):
-    r"""PyG's summary of a data set, which knows letters and presses as well.
-
-    Args:
-        num_presses (int): The number of presses.
-        copies (int): How often each is stored.
-        num_samples_per_letter (dict): The number of samples of each letter.
-        num_presses_per_letter (dict): The number of presses of each letter.
-        left_out (list of str): The files and matrices that were left out, each with its fault.
-        synthetic (bool): Whether a simulator made the presses.
-    """
+    r"""PyG's summary of a data set, which knows letters and presses as well."""
 
     num_presses: int = 0
     copies: int = 1
@@ -34,9 +25,6 @@ class LetterSummary(Summary):
     def from_letters(cls, dataset: "LetterShape") -> Self:
         r"""Collects the summary of a selection, without a look at every sample: all have one
         topology.
-
-        Args:
-            dataset (LetterShape): The data set.
         """
         y, trial = dataset.column("y"), dataset.column("trial")
         assert y is not None
@@ -60,11 +48,7 @@ class LetterSummary(Summary):
         )
 
     def format(self, fmt: str = "psql") -> str:
-        r"""Formats the summary as lines of text.
-
-        Args:
-            fmt (str): Not used: there is no table.
-        """
+        r"""Formats the summary as lines of text."""
         made = "simulated" if self.synthetic else "recorded"
         letters = ", ".join(
             f"{name} {count} ({self.num_presses_per_letter[name]})"

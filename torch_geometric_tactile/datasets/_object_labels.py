@@ -14,50 +14,24 @@ class ObjectLabels:
     """
 
     def object_names(self, trials: Sequence[Trial]) -> list[str]:
-        r"""Returns the names of the objects, in the order of their numbers.
-
-        Args:
-            trials (sequence of Trial): The trials.
-        """
+        r"""Returns the names of the objects, in the order of their numbers."""
         return sorted({trial.object_name for trial in trials if trial.object_name is not None})
 
     def properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
-        r"""Returns names and values of the properties of a trial, if they are known.
-
-        Args:
-            trial (Trial): The trial.
-
-        Raises:
-            ValueError: If they are not different texts, and a 0 or 1 for each.
-        """
+        r"""Returns names and values of the properties of a trial, if they are known."""
         if trial.meta.get("labels") is None or trial.meta.get("label_names") is None:
             return None
         names = checked_names(trial, "label_names")
         return names, checked_labels(trial, names)
 
     def more(self, trials: Sequence[Trial], names: dict[str, list[str]]) -> dict[str, Tensor]:
-        r"""Returns further attributes of the frames, and adds their names to those there are.
-
-        Args:
-            trials (sequence of Trial): The trials.
-            names (dict): The names behind numbers.
-        """
+        r"""Returns further attributes of the frames, and adds their names to those there are."""
         return {}
 
     def target(
         self, data: StaticData, names: Mapping[str, list[str]], target: str, root: str
     ) -> Tensor:
-        r"""Returns what :obj:`y` is.
-
-        Args:
-            data (StaticData): The frames.
-            names (Mapping): The names behind numbers.
-            target (str): The name of the target.
-            root (str): The folder of the recordings, for messages.
-
-        Raises:
-            ValueError: If a recording does not tell it.
-        """
+        r"""Returns what :obj:`y` is."""
         if target == "object":
             return data.group.clone()
         if target != "property":
@@ -69,11 +43,7 @@ class ObjectLabels:
         return properties
 
     def unknown_properties(self, unknown: Sequence[str]) -> str:
-        r"""Returns the message of an error about properties that are asked for, but unknown.
-
-        Args:
-            unknown (sequence of str): The objects or trials whose properties are unknown.
-        """
+        r"""Returns the message of an error about properties that are asked for, but unknown."""
         return (
             f"the properties of {list(unknown)} are unknown: give 0 or 1 for each as 'labels', and "
             "the same names as 'label_names', in the metadata of all recordings"

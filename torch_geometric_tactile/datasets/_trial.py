@@ -17,19 +17,11 @@ from torch_geometric_tactile.sensors import TaxelLayout
 class Trial:
     r"""A recording without its readings, which may not fit into memory.
 
-    Args:
-        where (str): The recording in messages.
-        name (str): Its name.
-        time (numpy.ndarray): Times in seconds :math:`(T,)`.
-        joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
-        label (str or int, optional): Its label.
-        meta (Mapping): Its metadata, and what the name of its file says.
-        privileged (Mapping of str to numpy.ndarray): What has one value for each frame.
-        object_name (str, optional): The object.
-        number (int, optional): Number of the trial with this object.
-        phase (numpy.ndarray, optional): Indices into :obj:`phase_names` :math:`(T,)`.
-        phase_names (tuple of str): Names of the phases.
-        pose (Mapping of str to numpy.ndarray): Positions and quaternions :math:`(T, 7)`.
+    Shapes:
+        - **time:** Times in seconds :math:`(T,)`.
+        - **joint:** Joint angles in radians :math:`(T, J)`.
+        - **phase:** Indices into :obj:`phase_names` :math:`(T,)`.
+        - **pose:** Positions and quaternions :math:`(T, 7)`.
     """
 
     where: str
@@ -63,9 +55,6 @@ class Trial:
     def numbered_phase(self, names: Sequence[str]) -> Tensor:
         r"""Returns the phase of each frame as an index into names, or -1 if it is unknown.
 
-        Args:
-            names (sequence of str): The names.
-
         Shapes:
             - **output:** :math:`(T,)`
         """
@@ -86,14 +75,8 @@ class Trial:
         r"""Returns the label of each frame as text: the recording's own label, a value in its
         metadata, or what :obj:`privileged` says frame by frame.
 
-        Args:
-            key (str): :obj:`"label"`, or a key of the metadata or of :obj:`privileged`.
-
         Shapes:
             - **output:** texts or integers :math:`(T,)`
-
-        Raises:
-            ValueError: If there is none, or it is no text and no integer.
         """
         value = self.privileged.get(key)
         if value is None:
@@ -121,21 +104,7 @@ def make_trial(
     pattern: str,
     needs: Sequence[str] = (),
 ) -> Trial:
-    r"""Checks a recording on its own, and reads the name of its file.
-
-    Args:
-        recording (Recording): The recording.
-        layout (TaxelLayout): The taxels that it must have.
-        where (str): The recording in messages.
-        name (str): Name of its file without suffix.
-        pattern (str): Regular expression whose named groups are what the name says, such as
-            :obj:`object`, :obj:`trial` and :obj:`label`. The metadata go before it.
-        needs (sequence of str): Which of :obj:`"object"` and :obj:`"trial"` must be known.
-
-    Raises:
-        ValueError: If the recording has other taxels, no frame, wrong phases, or no object or
-            number where they are needed.
-    """
+    r"""Checks a recording on its own, and reads the name of its file."""
     try:
         recording.check(layout)
     except ValueError as error:
@@ -214,16 +183,7 @@ def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[s
 
 
 def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
-    r"""Checks that recordings go together.
-
-    Args:
-        trials (sequence of Trial): The recordings.
-        unit (str, optional): The unit of recordings that name none.
-
-    Raises:
-        ValueError: If two hold the same trial of an object, or their units or their numbers of
-            joints differ.
-    """
+    r"""Checks that recordings go together."""
     seen: dict[tuple[str, int], str] = {}
     units: dict[str | None, str] = {}
     for trial in trials:
@@ -250,15 +210,7 @@ def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
 
 
 def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
-    r"""Returns the :obj:`"labels"` in the metadata of a trial.
-
-    Args:
-        trial (Trial): The trial.
-        names (sequence of str): The names of its properties.
-
-    Raises:
-        ValueError: If they are not a 0 or 1 for each name.
-    """
+    r"""Returns the :obj:`"labels"` in the metadata of a trial."""
     labels = trial.meta["labels"]
     is_right = isinstance(labels, list) and len(labels) == len(names)
     if not is_right or not all(type(label) in (bool, int) and label in (0, 1) for label in labels):
@@ -269,15 +221,7 @@ def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:
 
 
 def checked_names(trial: Trial, key: str) -> tuple[str, ...]:
-    r"""Returns names in the metadata of a trial.
-
-    Args:
-        trial (Trial): The trial.
-        key (str): The key of the names, such as :obj:`"label_names"`.
-
-    Raises:
-        ValueError: If they are not a list of different texts.
-    """
+    r"""Returns names in the metadata of a trial."""
     return _checked_names(trial.where, trial.meta[key], key)
 
 
@@ -289,14 +233,7 @@ def _checked_names(where: str, names: Any, key: str) -> tuple[str, ...]:
 
 
 def checked_pattern(pattern: str) -> str:
-    r"""Returns a regular expression for names of files.
-
-    Args:
-        pattern (str): The expression.
-
-    Raises:
-        ValueError: If it is none.
-    """
+    r"""Returns a regular expression for names of files."""
     try:
         re.compile(pattern)
     except (re.error, RecursionError, TypeError) as error:

@@ -24,10 +24,6 @@ _PERCENT = ("accuracy", "balanced_accuracy", "f1")
 def shown_number(metric: str, value: float) -> str:
     r"""Returns a score as text, in percent where that is usual.
 
-    Args:
-        metric (str): Name of the score.
-        value (float): The score, or a difference of two.
-
     Examples:
         >>> shown_number("accuracy", 0.918), shown_number("mae", 0.00435)
         ('91.8', '0.00435')
@@ -43,9 +39,6 @@ def advice(comparison: Comparison) -> str:
     model by more than the noise (:data:`~torch_geometric_tactile.experiments.differences.RULE`).
     Where it does not, the simpler one is taken: the one with fewer weights that also predicts
     faster, or else the plain one.
-
-    Args:
-        comparison (Comparison): What came of the runs.
     """
     if comparison.best is None:
         return "No model has a result for every split yet: the same command goes on."
@@ -149,9 +142,6 @@ def _errors(comparison: Comparison, difference: Difference) -> str:
 def to_dict(comparison: Comparison) -> dict[str, Any]:
     r"""Returns a comparison as JSON values: scores as parts of one, missing numbers as
     :obj:`None`.
-
-    Args:
-        comparison (Comparison): What came of the runs.
     """
     run, plan = comparison.run, comparison.run.plan
     (protocol,) = plan.protocols

@@ -7,14 +7,7 @@ from typing import Any
 
 
 def find_class(class_path: str) -> Any:
-    r"""Returns a class by its import path.
-
-    Args:
-        class_path (str): Such as :obj:`"torch_geometric_tactile.datasets.BioTacSP"`.
-
-    Raises:
-        ValueError: If it cannot be imported.
-    """
+    r"""Returns a class by its import path."""
     module, _, name = class_path.rpartition(".")
     try:
         return getattr(import_module(module), name)
@@ -25,14 +18,7 @@ def find_class(class_path: str) -> Any:
 
 
 def argument_names(class_path: str) -> list[str] | None:
-    r"""Returns the names of a class's arguments; :obj:`None` if it takes any.
-
-    Args:
-        class_path (str): Import path of the class.
-
-    Raises:
-        ValueError: If it cannot be imported.
-    """
+    r"""Returns the names of a class's arguments; :obj:`None` if it takes any."""
     parameters = inspect.signature(find_class(class_path)).parameters.values()
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
         return None
@@ -40,15 +26,7 @@ def argument_names(class_path: str) -> list[str] | None:
 
 
 def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
-    r"""Checks that a class has arguments of some names.
-
-    Args:
-        class_path (str): Import path of the class.
-        arguments (Mapping): The arguments.
-
-    Raises:
-        ValueError: If the class cannot be imported, or lacks one; the message lists those it has.
-    """
+    r"""Checks that a class has arguments of some names."""
     known = argument_names(class_path)
     for name in arguments:
         if known is not None and name not in known:
@@ -65,12 +43,6 @@ def build(content: Any) -> Any:
     r"""Builds what plain data describes: a mapping with :obj:`class_path`, and :obj:`init_args` if
     it has arguments, becomes an object of that class, also inside lists and arguments. Everything
     else stays as it is.
-
-    Args:
-        content: Mappings, lists and plain values, as YAML has them.
-
-    Raises:
-        ValueError: If there is no such class, or it has no such argument.
 
     Examples:
         >>> build({"class_path": "torch_geometric_tactile.transforms.ZScore"})

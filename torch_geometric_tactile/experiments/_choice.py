@@ -13,17 +13,6 @@ class Choice:
     r"""How the settings of a model are chosen: each setting is trained on the
     training part without a validation part, which is cut from it by the protocol of the test, and
     scored there; the best of them (the first, of equals) is trained on the whole training part.
-
-    Args:
-        settings (sequence of dict): What is tried, each laid over the model; the model as it is if
-            left out.
-        metric (str): What is compared on the validation part: :obj:`"accuracy"`,
-            :obj:`"balanced_accuracy"`, or :obj:`"mae"` of numbers.
-        members (int): How many networks are trained on the whole training part, which differ in
-            their seeds; probabilities (or numbers) are averaged. Estimators are fitted once.
-
-    Raises:
-        ValueError: If the metric is unknown, there is no setting, or :obj:`members` is below one.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
@@ -50,10 +39,6 @@ class Choice:
 
 def laid_over(model: Mapping[str, Any], setting: Mapping[str, Any]) -> dict[str, Any]:
     r"""Returns a model with a setting: mappings are merged, anything else is replaced.
-
-    Args:
-        model (Mapping): The model, as plain data.
-        setting (Mapping): What is different.
 
     Examples:
         >>> laid_over({"init_args": {"C": 1, "kernel": "rbf"}}, {"init_args": {"C": 10}})

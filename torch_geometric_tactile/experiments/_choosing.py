@@ -62,17 +62,6 @@ class Fitted(NamedTuple):
 def run_choosing(experiment: Experiment) -> dict[str, Any]:
     r"""Tries the settings of :obj:`experiment.choice` on a validation part, trains the best of them
     on the whole training part, and predicts the test part once.
-
-    Args:
-        experiment (Experiment): What to do.
-
-    Returns:
-        dict: JSON values as of :func:`run_experiment`, with the :obj:`metrics` of
-        :func:`prediction_scores`, and :obj:`chosen`: the :obj:`setting`, its number, and the
-        :obj:`validation` scores of all; none of a single one, which there is nothing to choose of.
-
-    Raises:
-        ValueError: If no setting can be trained.
     """
     assert experiment.choice is not None
     parts = choice_parts(experiment)
@@ -136,15 +125,7 @@ def fit_and_predict(
     *,
     is_scored: bool = False,
 ) -> Fitted:
-    r"""Trains a model on one part and returns what it says of another.
-
-    Args:
-        experiment (Experiment): How.
-        model (Mapping): The model, with one of the settings.
-        train (StaticDataset): What to train on.
-        other (StaticDataset): The validation part or the test part.
-        is_scored (bool): Whether it is a validation part, whose labels may be read.
-    """
+    r"""Trains a model on one part and returns what it says of another."""
     fit = _fit_estimator if experiment.is_estimator else _fit_network
     return fit(experiment, model, train, other, is_scored)
 
@@ -247,10 +228,6 @@ def _labels(part: StaticDataset) -> Tensor:
 class TargetScale(BaseTransform):
     r"""Shifts and scales the numbers to be predicted to mean zero and standard deviation one over
     the training part.
-
-    Args:
-        center (torch.Tensor): What is subtracted.
-        scale (torch.Tensor): What is divided by.
     """
 
     supports_static = True
@@ -261,11 +238,7 @@ class TargetScale(BaseTransform):
 
     @classmethod
     def of(cls, train: StaticDataset) -> "TargetScale":
-        r"""Measures a training part.
-
-        Args:
-            train (StaticDataset): The part.
-        """
+        r"""Measures a training part."""
         y = _labels(train).double()
         scale = y.std(dim=0, correction=0)
         return cls(y.mean(dim=0), torch.where(scale > 0, scale, 1.0))
@@ -276,11 +249,7 @@ class TargetScale(BaseTransform):
         return data
 
     def back(self, y: Tensor) -> Tensor:
-        r"""Returns numbers in their own unit.
-
-        Args:
-            y (torch.Tensor): The scaled numbers.
-        """
+        r"""Returns numbers in their own unit."""
         return y.double() * self.scale + self.center
 
 
@@ -298,9 +267,6 @@ class _Edges(BaseTransform):
 def layout_edges(layout: TaxelLayout) -> Tensor:
     r"""Returns the edges of samples that have none: the layout's :obj:`"original"` or first
     adjacency, or else the six nearest neighbours of each taxel.
-
-    Args:
-        layout (TaxelLayout): The taxels.
     """
     if layout.adjacency:
         names = list(layout.adjacency)

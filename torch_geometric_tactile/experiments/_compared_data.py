@@ -31,26 +31,10 @@ def data_source(
 ) -> DataSource:
     r"""Returns the data set that a text stands for.
 
-    Args:
-        data (str or PathLike): An npz file of samples
-            (:class:`~torch_geometric_tactile.datasets.SamplesFile`), a folder of recordings
-            (:class:`~torch_geometric_tactile.datasets.RecordingFrames`), or the import path of a
-            :class:`~torch_geometric_tactile.data.StaticDataset` (of ours, the name alone).
-        layout (str, optional): The taxels of a file or folder: the name of a layout that comes with
-            the package, or a layout file.
-        grid (str, optional): Rows and columns of a planar array, such as :obj:`"28x50"`.
-        task (str, optional): What the labels of a file are: :obj:`"multiclass"` or
-            :obj:`"regression"`.
-        time_axis (int, optional): The dimension of the readings of a file that is time, where its
-            samples are windows that are already cut.
-        arguments (Mapping, optional): Further arguments of the data set.
-        stride (int, optional): Only every so manieth frame of each trial.
-        cut (FrameCut, optional): How windows of frames or whole trials are cut from its samples,
-            which must be frames; each frame is a sample if left out.
-
-    Raises:
-        FileNotFoundError: If there is no such file, folder or class.
-        ValueError: If an argument does not go with the data.
+    Shapes:
+        - **arguments:** Further arguments of the data set.
+        - **cut:** How windows of frames or whole trials are cut from its samples,
+          which must be frames; each frame is a sample if left out.
     """
     if time_axis is not None and cut is not None:
         raise ValueError(
@@ -117,14 +101,7 @@ def _grid(text: str) -> dict[str, Any]:
 
 
 def predicts_numbers(dataset: StaticDataset) -> bool:
-    r"""Tells whether numbers are predicted from the samples, not classes.
-
-    Args:
-        dataset (StaticDataset): The samples.
-
-    Raises:
-        ValueError: If the samples have no labels, or several labels each.
-    """
+    r"""Tells whether numbers are predicted from the samples, not classes."""
     y = dataset.column("y")
     if y is None:
         raise ValueError("'data' must have 'y', a class or numbers for each sample (got none)")

@@ -17,15 +17,7 @@ _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
 
 @dataclass(frozen=True)
 class ComparedModel:
-    r"""A model of a comparison.
-
-    Args:
-        name (str): What a user calls it.
-        title (str): What it is, in a few words.
-        is_graph (bool): Whether it is one of ours, which sees the layout as a graph or as places.
-        cell (callable): Its place of a table, by name, title and task.
-        lacks (callable): Why it has no place in a task; empty if it has.
-    """
+    r"""A model of a comparison."""
 
     name: str
     title: str
@@ -34,11 +26,7 @@ class ComparedModel:
     lacks: Callable[[Task], str] = lambda task: ""
 
     def to_cell(self, task: Task) -> Cell:
-        r"""Returns its place of a table.
-
-        Args:
-            task (Task): What it has to do.
-        """
+        r"""Returns its place of a table."""
         return Cell(row=self.name, column="", experiment=self.name, **self.cell(task))
 
 
@@ -285,15 +273,7 @@ _BY_NAME = {model.name: model for model in MODELS}
 
 
 def chosen_models(names: Sequence[str] | None, task: Task) -> tuple[ComparedModel, ...]:
-    r"""Returns models by their names, in the order of all.
-
-    Args:
-        names (sequence of str, optional): The names; all that have a place in the task if left out.
-        task (Task): What they have to do.
-
-    Raises:
-        ValueError: If there is no such model, or one that is named has no place in the task.
-    """
+    r"""Returns models by their names, in the order of all."""
     if names is None:
         return tuple(model for model in MODELS if not model.lacks(task))
     check_names(names)
@@ -305,14 +285,7 @@ def chosen_models(names: Sequence[str] | None, task: Task) -> tuple[ComparedMode
 
 
 def check_names(names: Sequence[str]) -> None:
-    r"""Checks that there are models of some names.
-
-    Args:
-        names (sequence of str): The names.
-
-    Raises:
-        ValueError: If there is no such model; the message lists those there are.
-    """
+    r"""Checks that there are models of some names."""
     unknown = [name for name in names if name not in _BY_NAME]
     if unknown or not names:
         got = f"'{unknown[0]}'" if unknown else "none"
@@ -320,9 +293,5 @@ def check_names(names: Sequence[str]) -> None:
 
 
 def model_of(name: str) -> ComparedModel:
-    r"""Returns a model by its name.
-
-    Args:
-        name (str): The name.
-    """
+    r"""Returns a model by its name."""
     return _BY_NAME[name]

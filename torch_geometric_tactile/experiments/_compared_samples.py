@@ -16,13 +16,7 @@ _MOST = 50
 
 
 class PartScores(NamedTuple):
-    r"""The scores of the models on the test samples of each set, session or group.
-
-    Args:
-        kind (str): :obj:`"set"`, :obj:`"session"` or :obj:`"group"`.
-        counts (dict): Number of samples of each, by its name.
-        scores (dict): The scores by the name of the model, in the order of :obj:`counts`.
-    """
+    r"""The scores of the models on the test samples of each set, session or group."""
 
     kind: str
     counts: dict[str, int]
@@ -30,11 +24,7 @@ class PartScores(NamedTuple):
 
 
 def part_scores(comparison: Comparison) -> Iterator[PartScores]:
-    r"""Yields the scores of each kind of which the test samples have 2 to 50.
-
-    Args:
-        comparison (Comparison): What came of the runs.
-    """
+    r"""Yields the scores of each kind of which the test samples have 2 to 50."""
     dataset = comparison.run.plan.data.load()
     said: dict[str, list[Judgement]] = {result.model.name: [] for result in comparison.results}
     for experiment, result in comparison.run.results:
@@ -59,11 +49,7 @@ def _score(comparison: Comparison, said: Judgement) -> float:
 
 
 def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
-    r"""Yields the header of a table with a row for each model, split and test sample, and its rows.
-
-    Args:
-        comparison (Comparison): What came of the runs.
-    """
+    r"""Yields the header of a table with a row for each model, split and test sample, and its rows."""
     dataset = comparison.run.plan.data.load()
     kinds = [kind for kind in KINDS if column_of(dataset, kind) is not None]
     y = column_of(dataset, "y")

@@ -19,21 +19,7 @@ Settings = Sequence[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Task:
-    r"""What the models of a comparison have to do.
-
-    Args:
-        layout (TaxelLayout): The taxels.
-        metric (str): What is compared: see :class:`Choice`.
-        num_train (int): Number of samples that a model is trained on, about.
-        posed (bool): Whether the taxels can be placed by joint angles.
-        epochs (int, optional): Epochs of a network; by the number of samples if left out.
-        tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, if
-            the samples have readings at rest.
-        members (int): How many networks are averaged: see :class:`Choice`.
-        num_frames (int, optional): Number of frames of a sample, if samples are windows of frames
-            or whole trials; :obj:`None` for single frames.
-        num_channels (int): Number of channels of a taxel in one frame.
-    """
+    r"""What the models of a comparison have to do."""
 
     layout: TaxelLayout
     metric: str
@@ -47,14 +33,7 @@ class Task:
 
     @classmethod
     def of(cls, dataset: StaticDataset, metric: str, part: float, **more: Any) -> "Task":
-        r"""Returns the task of a data set.
-
-        Args:
-            dataset (StaticDataset): The samples.
-            metric (str): What is compared.
-            part (float): Which part of the samples is trained on.
-            **more: Further arguments.
-        """
+        r"""Returns the task of a data set."""
         num_train = max(1, round(part * len(dataset)))
         num_frames = num_frames_of(dataset)
         width = dataset.batch(torch.tensor([0])).x.size(-1)
@@ -80,24 +59,13 @@ class Task:
         return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
 
     def choice(self, settings: Settings = ({},)) -> Choice:
-        r"""Returns what is chosen for a model.
-
-        Args:
-            settings (sequence of dict): The settings that are tried.
-        """
+        r"""Returns what is chosen for a model."""
         return Choice(settings, self.metric, self.members)
 
     def transform(
         self, *, scaled: bool, posed: bool = False, filled: bool = True
     ) -> dict[str, Any]:
-        r"""Returns what every batch goes through, as plain data.
-
-        Args:
-            scaled (bool): Whether taxels are centred and channels scaled, with one centre and one
-                scale for all frames of a sample; what is posed keeps its directions.
-            posed (bool): Whether taxels are placed by joint angles.
-            filled (bool): Whether missing readings become zero.
-        """
+        r"""Returns what every batch goes through, as plain data."""
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
         if scaled:
             of_signals = {} if self.num_frames is None else {"per": "signal"}

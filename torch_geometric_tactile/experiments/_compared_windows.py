@@ -29,18 +29,6 @@ class FrameCut:
     r"""How samples of several frames are cut from the frames of a data set: windows, or whole
     trials.
 
-    Args:
-        window (int, optional): Number of frames of a window.
-        hop (int, optional): Number of frames from the start of a window to that of the next; the
-            length of a window if left out, so that no frame is in two windows.
-        horizon (int, optional): How many frames after its last one a window takes its label from;
-            that of the last frame if left out.
-        trials (int, optional): In place of windows, whole trials resampled to so many frames.
-
-    Raises:
-        ValueError: If neither or both of :obj:`window` and :obj:`trials` are given, or a number is
-            too small or does not go with the others.
-
     Examples:
         >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})
         >>> windows = FrameCut(window=20, hop=5).cut(frames)
@@ -76,9 +64,6 @@ class FrameCut:
     def cut(self, frames: DataSource) -> DataSource:
         r"""Returns the samples as a data source. What only chose among the frames, such as a
         stride, chooses those that windows are cut from.
-
-        Args:
-            frames (DataSource): The frames.
         """
         inner = {
             "class_path": frames.class_path,
@@ -104,14 +89,9 @@ def of_frames(
     r"""Returns a source, and what is left to be tared and selected of its samples: of samples that
     are cut from frames nothing, since both is done to the frames. A stride makes other windows.
 
-    Args:
-        source (DataSource): The samples.
-        tare (Mapping, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
-        selection (Mapping, optional): Arguments that only choose among the frames.
-
-    Raises:
-        ValueError: If rest readings are of something else than trials, or it is not known how the
-            source cuts its samples.
+    Shapes:
+        - **tare:** Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
+        - **selection:** Arguments that only choose among the frames.
     """
     found = find_class(source.class_path)
     if not isinstance(found, type) or not issubclass(found, FrameView):
@@ -123,14 +103,6 @@ def of_frames(
 def without_rest(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
     r"""Returns the windows of a source with the rest reading of each trial subtracted from its
     frames, before windows are cut.
-
-    Args:
-        source (DataSource): The windows, as :meth:`FrameCut.cut` returns them.
-        tare (Mapping): Arguments of :class:`~torch_geometric_tactile.transforms.Tare` by trial.
-
-    Raises:
-        ValueError: If rest readings are of something else than trials, or it is not known how the
-            source cuts its samples.
     """
     given = dict(tare)
     if given.pop("key", "session") != "trial":
@@ -153,11 +125,6 @@ def tared_frames(
 ) -> StaticDataset:
     r"""Returns a data set whose frames have the rest reading of their trial subtracted, which is
     measured on that trial alone.
-
-    Args:
-        dataset (StaticDataset): The frames.
-        first (int, optional): As of :class:`~torch_geometric_tactile.transforms.Tare`.
-        seconds (float, optional): Likewise.
     """
     tare = Tare("trial", first=first, seconds=seconds).fit(dataset, dataset.transform)
     out = copy.copy(dataset)
@@ -168,10 +135,6 @@ def tared_frames(
 def with_stride(frames: DataSource, stride: int) -> DataSource:
     r"""Returns every so manieth frame of each trial of a source: by an argument of its class, if it
     has one of this name.
-
-    Args:
-        frames (DataSource): The frames.
-        stride (int): How many.
     """
     names = argument_names(frames.class_path)
     if names is None or "stride" in names:
@@ -181,12 +144,7 @@ def with_stride(frames: DataSource, stride: int) -> DataSource:
 
 
 def strided_frames(dataset: StaticDataset, stride: int) -> StaticDataset:
-    r"""Returns every so manieth sample of each trial of a data set, in their order.
-
-    Args:
-        dataset (StaticDataset): The samples; without trials they count as one.
-        stride (int): How many.
-    """
+    r"""Returns every so manieth sample of each trial of a data set, in their order."""
     trial = dataset.column("trial")
     trial = torch.zeros(len(dataset)) if trial is None else trial
     order = trial.argsort(stable=True)
@@ -196,16 +154,7 @@ def strided_frames(dataset: StaticDataset, stride: int) -> StaticDataset:
 
 
 def check_cut(dataset: StaticDataset, by: str) -> None:
-    r"""Checks that a split puts no frame into two parts.
-
-    Args:
-        dataset (StaticDataset): The samples; single frames pass.
-        by (str): :obj:`"trial"`, :obj:`"group"`, :obj:`"frame"` or :obj:`"given"`.
-
-    Raises:
-        ValueError: If windows that overlap are split one by one, or frames of one trial are of
-            several groups or parts.
-    """
+    r"""Checks that a split puts no frame into two parts."""
     if not isinstance(dataset, FrameView):
         return
     if by == "frame" and isinstance(dataset, Windows):
@@ -239,11 +188,7 @@ def _check_one_part(frames: StaticDataset, key: str) -> None:
 
 
 def describe_left_out(dataset: StaticDataset) -> str:
-    r"""Returns in words what was left out when samples were cut; an empty text if nothing was.
-
-    Args:
-        dataset (StaticDataset): The samples.
-    """
+    r"""Returns in words what was left out when samples were cut; an empty text if nothing was."""
     parts = []
     if isinstance(dataset, FrameView) and dataset.too_short:
         parts.append(f"trials shorter than a window: {len(dataset.too_short)}")
@@ -254,9 +199,6 @@ def describe_left_out(dataset: StaticDataset) -> str:
 
 def describe_cut(source: DataSource) -> str:
     r"""Returns in words what a sample is; an empty text for single frames.
-
-    Args:
-        source (DataSource): The samples.
 
     Examples:
         >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})

@@ -27,19 +27,6 @@ class DataSource:
     r"""A :class:`~torch_geometric_tactile.data.StaticDataset`, ours or a user's, by its class and
     arguments. That of a view, such as :class:`~torch_geometric_tactile.data.Trials`, has the data
     set that it shows as the argument :obj:`dataset`.
-
-    Args:
-        class_path (str): Import path of the class.
-        arguments (dict): Its arguments as plain data; objects in them as mappings with
-            :obj:`class_path` and :obj:`init_args`.
-        selection (dict): Further arguments, which only choose among the samples, such as
-            :obj:`stride`: splits are drawn before, so that they move no sample to another part.
-            With them, the data set must select as PyG's data sets do, by its :meth:`indices`.
-        kind (str): One word that labels the numbers, such as :obj:`"measured"`; if empty, what the
-            data set says of itself.
-        caption (str): Where the samples come from, as a sentence.
-        fingerprint (str): A code of the content of its files or tensors, wherever they lie; empty
-            until :meth:`resolve` is called.
     """
 
     class_path: str
@@ -55,9 +42,8 @@ class DataSource:
         r"""Returns the source with other or further arguments. Those that a view does not have,
         such as :obj:`root`, are given to the data set that it shows.
 
-        Args:
-            arguments (Mapping): Laid over the arguments.
-            selection (Mapping, optional): Laid over the selection.
+        Shapes:
+            - **selection:** Laid over the selection.
         """
         return replace(
             self,
@@ -70,10 +56,6 @@ class DataSource:
         r"""Loads the data set, which processes or downloads it if that was not done before, so that
         many processes can read it at once. Returns the source with its fingerprint, kind and
         caption, and what it holds.
-
-        Raises:
-            FileNotFoundError: If there is no data; the message tells the next step.
-            ValueError: If there is no such class or argument, or the data cannot be read.
         """
         check_arguments(self.class_path, {**self.arguments, **self.selection})
         dataset = self._build(self.arguments)
@@ -96,16 +78,7 @@ class DataSource:
     def parts(
         self, protocol: Protocol, seed: int, fold: int
     ) -> tuple[StaticDataset, StaticDataset]:
-        r"""Returns the samples to train on, and those to test on.
-
-        Args:
-            protocol (Protocol): What is held out.
-            seed (int): Which of the random splits.
-            fold (int): Which of the folds is tested on.
-
-        Raises:
-            ValueError: If the samples cannot be split so, or nothing is left of a part.
-        """
+        r"""Returns the samples to train on, and those to test on."""
         dataset = self.load()
         train, _, test = protocol.split(dataset, seed, fold)
         if self.selection:
@@ -142,18 +115,7 @@ class DataSource:
 
 @dataclass(frozen=True)
 class DataFacts:
-    r"""What a data source holds.
-
-    Args:
-        num_samples (int): Number of samples, after the selection.
-        num_trials (int): Number of trials; 0 if the samples belong to none.
-        num_groups (int): Number of groups (objects); 0 if the samples belong to none.
-        num_classes (int): Number of classes or labels.
-        class_names (tuple of str): Their names, where the data set has them.
-        session_names (tuple of str): Names of the recording sessions.
-        num_frames (int, optional): Number of frames of a sample, if samples are windows of frames
-            or whole trials; :obj:`None` for single frames.
-    """
+    r"""What a data source holds."""
 
     num_samples: int
     num_trials: int
@@ -167,9 +129,8 @@ class DataFacts:
     def of(cls, dataset: StaticDataset, used: StaticDataset | None = None) -> Self:
         r"""Returns the facts of a data set.
 
-        Args:
-            dataset (StaticDataset): The data set.
-            used (StaticDataset, optional): The same with a selection of the samples.
+        Shapes:
+            - **used:** The same with a selection of the samples.
         """
         counts = [_count(dataset.column(key)) for key in ("trial", "group")]
         return cls(
@@ -184,11 +145,7 @@ class DataFacts:
 
 
 def num_frames_of(dataset: StaticDataset) -> int | None:
-    r"""Returns the number of frames that each sample says it has, or :obj:`None` of single frames.
-
-    Args:
-        dataset (StaticDataset): The samples.
-    """
+    r"""Returns the number of frames that each sample says it has, or :obj:`None` of single frames."""
     number = dataset.column("num_frames")
     return None if number is None else int(torch.as_tensor(number).view(-1)[0])
 
@@ -221,9 +178,6 @@ def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
 def innermost(dataset: StaticDataset) -> StaticDataset:
     r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
     itself if it is no view.
-
-    Args:
-        dataset (StaticDataset): The data set.
     """
     while isinstance(dataset, FrameView):
         dataset = dataset.dataset

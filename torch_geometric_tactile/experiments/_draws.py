@@ -13,15 +13,6 @@ class Draws:
     Convolutional Neural Networks for Tactile Object Recognition with a Multi-Fingered Hand" paper
     has them: ten, each of 1,500 of the 2,500 samples. The model is one, trained once.
 
-    Args:
-        count (int): How many draws.
-        part (float): Which part of the samples each of them has.
-        seed (int): Decides which.
-
-    Raises:
-        ValueError: If there are less than two draws, the part is not between 0 and 1, or the seed
-            is negative.
-
     Examples:
         >>> round(100**2 * Draws().variance(0.5, 2500), 2), round(Draws().num_drawn(2500))
         (0.67, 1500)
@@ -42,19 +33,11 @@ class Draws:
             raise ValueError(f"'part' of draws must be between 0 and 1 (got {self.part!r})")
 
     def num_drawn(self, num_samples: int) -> int:
-        r"""Returns how many samples a draw has.
-
-        Args:
-            num_samples (int): Number of samples tested on.
-        """
+        r"""Returns how many samples a draw has."""
         return max(1, round(self.part * num_samples))
 
     def accuracies(self, judgement: Judgement) -> np.ndarray:
-        r"""Returns the accuracy of each draw, from 0 to 1.
-
-        Args:
-            judgement (Judgement): What the model said of all samples.
-        """
+        r"""Returns the accuracy of each draw, from 0 to 1."""
         right = judgement.prediction == judgement.y
         right = right if right.ndim == 1 else right.all(axis=1)
         rng, size = np.random.default_rng(self.seed), self.num_drawn(len(right))
@@ -64,9 +47,6 @@ class Draws:
     def metrics(self, judgement: Judgement) -> dict[str, float]:
         r"""Returns :obj:`draws_accuracy`, the mean over the draws, and :obj:`draws_variance`, the
         unbiased estimate of their variance, of accuracies from 0 to 1.
-
-        Args:
-            judgement (Judgement): What the model said of all samples.
         """
         found = self.accuracies(judgement)
         return {"draws_accuracy": float(found.mean()), "draws_variance": float(found.var(ddof=1))}
@@ -79,10 +59,6 @@ class Draws:
             \frac{p (1 - p)}{n} \cdot \frac{N - n}{N - 1}
 
         which is largest for :math:`p = 1/2`.
-
-        Args:
-            accuracy (float): The accuracy on all samples, from 0 to 1.
-            num_samples (int): Number of samples tested on.
         """
         size = self.num_drawn(num_samples)
         rest = (num_samples - size) / max(num_samples - 1, 1)

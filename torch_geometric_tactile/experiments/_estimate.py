@@ -26,10 +26,6 @@ def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
     r"""Returns for how many seconds one process will be busy with the runs of each model that are
     not finished, about: each model is trained on a few samples, and its time is extrapolated.
     The test parts are not read.
-
-    Args:
-        plan (Plan): What is to be run.
-        out (str or PathLike): Folder of the results.
     """
     store = RunStore(Path(out) / "runs")
     todo = [e for e in plan.experiments if not store.path(e).is_file()]

@@ -17,11 +17,6 @@ from torch_geometric_tactile.transforms import fit_transform
 def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
     r"""Builds an estimator. Its :obj:`layout`, if it has such an argument, is that of the data; its
     random state, if it is left open, is the seed.
-
-    Args:
-        model (Mapping): :obj:`{"class_path", "init_args"}`.
-        layout (TaxelLayout): The taxels of the samples.
-        seed (int): The seed.
     """
     arguments = dict(model.get("init_args") or {})
     if "layout" in inspect.signature(find_class(model["class_path"])).parameters:
@@ -39,9 +34,6 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
 def samples_of(part: StaticDataset) -> StaticData:
     r"""Returns all samples of a part in memory, behind the :obj:`transform` of their data set, as
     networks see them.
-
-    Args:
-        part (StaticDataset): The part.
     """
     data: StaticData = part.data
     return data if part.transform is None else apply_transform(part.transform, data)
@@ -53,11 +45,8 @@ def fitted_samples(
     r"""Returns all samples of a part in memory, behind the transform of their data set and another,
     which is fitted on them.
 
-    Args:
-        transform (BaseTransform, optional): The other.
-        part (StaticDataset): The part.
-        adapt (bool): Whether it was fitted before, and only what is measured of every part is
-            measured of this one, too.
+    Shapes:
+        - **transform:** The other.
     """
     return fit_transform(transform, samples_of(part), adapt=adapt)
 
@@ -65,10 +54,6 @@ def fitted_samples(
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
     r"""Returns what an estimator is fitted on: samples if its first step takes them, readings
     :math:`(S, N, F)` if its tags tell that it knows taxels, and otherwise rows of numbers.
-
-    Args:
-        estimator (sklearn.base.BaseEstimator): The estimator.
-        samples (StaticData): The samples.
     """
     first = estimator.steps[0][1] if hasattr(estimator, "steps") else estimator
     if getattr(first, "takes_samples", False):
@@ -78,13 +63,7 @@ def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndar
 
 
 def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
-    r"""Returns scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`.
-
-    Args:
-        estimator (sklearn.base.BaseEstimator): The estimator, fitted.
-        x (array-like): Its input.
-        num_classes (int): Number of classes, of which the training part may lack some.
-    """
+    r"""Returns scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`."""
     method = "decision_function" if hasattr(estimator, "decision_function") else "predict_proba"
     scores: np.ndarray = getattr(estimator, method)(x)
     if scores.ndim == 1 or scores.shape[1] == num_classes:
@@ -96,14 +75,7 @@ def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
 
 
 def positive_score(score: np.ndarray) -> np.ndarray:
-    r"""Returns one number a sample :math:`(S,)`, higher where class 1 of two is expected.
-
-    Args:
-        score (numpy.ndarray): Of :func:`class_scores`.
-
-    Raises:
-        ValueError: If there are not two classes.
-    """
+    r"""Returns one number a sample :math:`(S,)`, higher where class 1 of two is expected."""
     if score.ndim == 2 and score.shape[1] != 2:
         raise ValueError(f"'threshold' must be None unless of two classes (got {score.shape[1]})")
     return score if score.ndim == 1 else np.asarray(score[:, 1])
@@ -112,9 +84,6 @@ def positive_score(score: np.ndarray) -> np.ndarray:
 def num_numbers(estimator: Any) -> int | None:
     r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
     support vectors with their weights, nodes of trees, visual words; :obj:`None` for others.
-
-    Args:
-        estimator (sklearn.base.BaseEstimator): The estimator, fitted.
     """
     last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
     last = getattr(last, "regressor_", last)

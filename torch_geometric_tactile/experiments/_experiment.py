@@ -22,32 +22,9 @@ from torch_geometric_tactile.experiments._data_source import DataSource
 class Experiment:
     r"""What is trained and tested.
 
-    Args:
-        name (str): Its name in the table.
-        data (DataSource): The samples.
-        protocol (Protocol): What is held out.
-        protocol_name (str): What the table calls it.
-        model (dict): The :obj:`model` section of a configuration, which a
-            :class:`~torch_geometric_tactile.training.TactileClassifier` is built from; or a
-            scikit-learn classifier as :obj:`{"class_path", "init_args"}`.
-        transform (dict, optional): What every batch goes through, as :obj:`{"class_path",
-            "init_args"}`; fitted on the training part.
-        seed (int): Seed of the split and of the training.
-        fold (int): Which of the protocol's folds is tested on.
-        epochs (int): Number of epochs; 0 for scikit-learn.
-        batch_size (int): Number of samples of a batch.
-        trainer (dict): Further arguments of :class:`lightning.Trainer`.
-        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
-        threads (int): Threads of torch.
-        measure_memory (bool): Whether it needs a process of its own, which measures its memory.
-        choice (Choice, optional): What is chosen on a validation part before the test; nothing if
-            left out.
-        threshold (str, optional): Of two classes, the metric by which the probability above which
-            class 1 is predicted is chosen on a validation part, a fifth of the training part (see
-            :func:`~torch_geometric_tactile.training._threshold.choose_threshold`); one half if left
-            out.
-        studies (list of dict): What else is looked at in the model, each as :obj:`{"class_path",
-            "init_args"}` of a :class:`~torch_geometric_tactile.experiments.studies.Study`.
+    Shapes:
+        - **choice:** What is chosen on a validation part before the test; nothing if
+          left out.
     """
 
     name: str
@@ -123,11 +100,7 @@ class Experiment:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds an experiment from what :meth:`to_dict` returns.
-
-        Args:
-            content (Mapping): The arguments.
-        """
+        r"""Builds an experiment from what :meth:`to_dict` returns."""
         values = {
             "data": DataSource(**content["data"]),
             "protocol": Protocol.from_dict(content["protocol"]),

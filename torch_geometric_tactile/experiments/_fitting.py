@@ -32,17 +32,7 @@ def fit_classifier(
     epochs: int,
     *callbacks: L.Callback,
 ) -> TactileClassifier:
-    r"""Trains the classifier of a configuration; nothing is shown, logged or kept.
-
-    Args:
-        model (dict): The :obj:`model` section of the configuration; sizes that it leaves out are
-            those of the data.
-        data (TactileDataModule): The samples.
-        seed (int): Seed of weights and batches.
-        settings (dict): Arguments of :class:`lightning.Trainer`, at least :obj:`accelerator`.
-        epochs (int): Number of epochs.
-        *callbacks (lightning.Callback): Called while it trains.
-    """
+    r"""Trains the classifier of a configuration; nothing is shown, logged or kept."""
     L.seed_everything(seed, verbose=False)
     # jsonargparse writes into the configuration.
     classifier = classifier_from_config(copy.deepcopy(model), data)
@@ -69,11 +59,7 @@ def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
 
 @cache
 def warm_up(accelerator: str) -> None:
-    r"""Trains a tiny model once in a process.
-
-    Args:
-        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
-    """
+    r"""Trains a tiny model once in a process."""
     # What is loaded at a process's first training is not to count as memory or time of a model.
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
     classifier = TactileClassifier(_Linear())

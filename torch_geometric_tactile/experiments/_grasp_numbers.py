@@ -27,23 +27,14 @@ class Judged(NamedTuple):
 
 @dataclass(frozen=True)
 class Score:
-    r"""Mean and standard deviation over the seeds; NaN for one seed, whose deviation is not zero.
-
-    Args:
-        mean (float): The mean.
-        spread (float): The standard deviation.
-    """
+    r"""Mean and standard deviation over the seeds; NaN for one seed, whose deviation is not zero."""
 
     mean: float
     spread: float
 
 
 def grasp_judgements(run: PlanRun) -> dict[Judged, Judgement]:
-    r"""Returns what every model said, the folds of a protocol joined.
-
-    Args:
-        run (PlanRun): A finished run of the table :obj:`bts3`.
-    """
+    r"""Returns what every model said, the folds of a protocol joined."""
     cells = {cell.experiment: cell for cell in run.plan.table.cells}
     judged = {}
     for part, results in finished_parts(run).items():
@@ -56,10 +47,6 @@ def grasp_judgements(run: PlanRun) -> dict[Judged, Judgement]:
 def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator[dict[str, Any]]:
     r"""Yields a record for each model, protocol, kind of readings and seed, and for each recording
     session of a given test part.
-
-    Args:
-        judgements (dict): Of :func:`grasp_judgements`.
-        run (PlanRun): What was run.
     """
     given = {entry.name for entry in run.plan.protocols if entry.protocol.by == "given"}
     for key, judgement in judgements.items():
@@ -84,11 +71,7 @@ def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator
 def grasp_summary(
     records: list[dict[str, Any]],
 ) -> dict[str, dict[str, dict[str, dict[str, Score]]]]:
-    r"""Returns the scores by model, protocol, kind of readings and metric.
-
-    Args:
-        records (list of dict): Of :func:`grasp_records`.
-    """
+    r"""Returns the scores by model, protocol, kind of readings and metric."""
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for record in records:
         key = (record["model"], record["protocol"], record["readings"])
@@ -106,14 +89,7 @@ def grasp_summary(
 def grasp_differences(
     run: PlanRun, readings: str, first: str, second: str
 ) -> dict[str, Difference]:
-    r"""Returns the accuracy of a model less that of another on the same readings, by protocol.
-
-    Args:
-        run (PlanRun): A finished run of the table :obj:`bts3`.
-        readings (str): The kind of readings.
-        first (str): The one model.
-        second (str): The other.
-    """
+    r"""Returns the accuracy of a model less that of another on the same readings, by protocol."""
     names = {cell.row: cell.experiment for cell in run.plan.table.cells if cell.column == readings}
     found = {
         entry.name: run_difference(run, names[first], names[second], entry.name)

@@ -20,14 +20,6 @@ _GENERATED = {"num_samples": 2000, "num_test": 600, "num_objects": 20}
 def grasp_table(root: PathLike | None = None, generated: bool = False) -> Table:
     r"""Returns the table :obj:`bts3` with its data found or downloaded, or with generated data,
     labelled so, if it cannot be downloaded.
-
-    Args:
-        root (str or PathLike, optional): Folder of the data; downloaded if left out.
-        generated (bool): Whether to generate it in any case.
-
-    Raises:
-        FileNotFoundError: If :obj:`root` is no folder.
-        ValueError: If the data is damaged.
     """
     table = load_table("bts3")
     reason = "generated data was asked for"

@@ -12,25 +12,17 @@ class TaxelNetWithoutEdges(TaxelNet):
     else, the weights drawn from a seed among it, is the same, so that the difference between the
     two is what the edges bring.
 
-    Args:
-        layout (TaxelLayout, str or PathLike): The layout.
-        out_channels (int): Number of labels or classes :math:`C`.
-        in_channels (int): Features of each taxel :math:`F`.
-        depth (int): Blocks of each level.
-        taxel_dropout (float): Part of the taxels that read nothing in training.
-
-    Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-          :math:`(B \cdot N, F)`
-        - **output:** logits :math:`(B, C)`
-
-    Raises:
-        ValueError: If :obj:`layout` is a number, a size is below one, or :obj:`x` has other taxels
-            or features.
-
     Examples:
         >>> TaxelNetWithoutEdges("biotac_sp", 2, depth=1)
         TaxelNetWithoutEdges(24, 2, in_channels=3, widths=(32,), taxels=(24,), head='all')
+
+    Shapes:
+        - **layout:** The layout.
+        - **out_channels:** Number of labels or classes :math:`C`.
+        - **in_channels:** Features of each taxel :math:`F`.
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+          :math:`(B \cdot N, F)`
+        - **output:** logits :math:`(B, C)`
     """
 
     def __init__(

@@ -29,16 +29,6 @@ def balanced_protocol(
 ) -> Protocol:
     r"""Returns folds by frame, trial or group, with every class in every fold where that is
     possible.
-
-    Args:
-        dataset (StaticDataset): The samples.
-        by (str): :obj:`"frame"`, :obj:`"trial"` or :obj:`"group"`.
-        folds (int): Number of folds, at most; fewer if there are fewer units, in all or of the most
-            frequent class.
-        quiet (bool): Whether to leave out the warning of classes with fewer units than folds.
-
-    Raises:
-        ValueError: If the samples lack the attribute, or there are fewer than two units.
     """
     count = num_units(dataset, by)
     if count < 2:
@@ -62,15 +52,7 @@ def balanced_protocol(
 
 
 def num_units(dataset: StaticDataset, by: str) -> int:
-    r"""Returns how many units there are that a split never tears apart.
-
-    Args:
-        dataset (StaticDataset): The samples.
-        by (str): :obj:`"frame"`, :obj:`"trial"` or :obj:`"group"`.
-
-    Raises:
-        ValueError: If the samples lack the attribute.
-    """
+    r"""Returns how many units there are that a split never tears apart."""
     if by == "frame":
         return len(dataset)
     unit = dataset.column(by)
@@ -83,15 +65,7 @@ def num_units(dataset: StaticDataset, by: str) -> int:
 
 
 def check_units(dataset: StaticDataset, by: str) -> None:
-    r"""Checks that there is something to train, to choose and to test on.
-
-    Args:
-        dataset (StaticDataset): The samples.
-        by (str): :obj:`"frame"`, :obj:`"trial"` or :obj:`"group"`.
-
-    Raises:
-        ValueError: If there are too few units, or the samples lack the attribute.
-    """
+    r"""Checks that there is something to train, to choose and to test on."""
     count = num_units(dataset, by)
     if count < _LEAST:
         others = {"group": "trial or by frame", "trial": "frame"}.get(by)
@@ -105,12 +79,6 @@ def check_units(dataset: StaticDataset, by: str) -> None:
 def choice_parts(experiment: Experiment) -> Parts:
     r"""Returns the parts of an experiment. The validation part is a fifth of the training part, cut
     by what the test is held out by; given parts bring their own.
-
-    Args:
-        experiment (Experiment): The experiment.
-
-    Raises:
-        ValueError: If the samples cannot be split so.
     """
     protocol = experiment.protocol
     if protocol.by == "given":
@@ -131,11 +99,6 @@ def choice_parts(experiment: Experiment) -> Parts:
 
 
 def column_of(dataset: StaticDataset, key: str) -> np.ndarray | None:
-    r"""Returns an attribute of the samples as an array, or :obj:`None` if there is no such.
-
-    Args:
-        dataset (StaticDataset): The samples.
-        key (str): Its name.
-    """
+    r"""Returns an attribute of the samples as an array, or :obj:`None` if there is no such."""
     column = dataset.column(key)
     return None if column is None else np.asarray(column.numpy(force=True))

@@ -17,16 +17,16 @@ from torch_geometric_tactile.training.metrics import macro_f1, positive_scores
 class Judgement:
     r"""What a model said of :math:`S` samples, and what they are.
 
-    Args:
-        score (numpy.ndarray): Probabilities of :math:`C` classes or labels :math:`(S, C)`; or one
-            number a sample :math:`(S,)`, higher where class 1 of two is expected.
-        prediction (numpy.ndarray): The predicted class :math:`(S,)`, or 0 and 1 for each label
-            :math:`(S, C)`.
-        y (numpy.ndarray): The classes :math:`(S,)` or labels :math:`(S, C)`.
-        session (numpy.ndarray, optional): The recording session of each sample :math:`(S,)`.
-        trial (numpy.ndarray, optional): The trial of each sample :math:`(S,)`.
-        index (numpy.ndarray, optional): The place of each sample in its data set :math:`(S,)`; the
-            same ones in all judgements that are compared, if left out.
+    Shapes:
+        - **score:** Probabilities of :math:`C` classes or labels :math:`(S, C)`; or one
+          number a sample :math:`(S,)`, higher where class 1 of two is expected.
+        - **prediction:** The predicted class :math:`(S,)`, or 0 and 1 for each label
+          :math:`(S, C)`.
+        - **y:** The classes :math:`(S,)` or labels :math:`(S, C)`.
+        - **session:** The recording session of each sample :math:`(S,)`.
+        - **trial:** The trial of each sample :math:`(S,)`.
+        - **index:** The place of each sample in its data set :math:`(S,)`; the
+          same ones in all judgements that are compared, if left out.
     """
 
     score: np.ndarray
@@ -44,18 +44,14 @@ class Judgement:
     def select(self, mask: np.ndarray) -> Self:
         r"""Returns the judgement of some of the samples.
 
-        Args:
-            mask (numpy.ndarray): Which ones :math:`(S,)`.
+        Shapes:
+            - **mask:** Which ones :math:`(S,)`.
         """
         return type(self)(**{name: value[mask] for name, value in self._arrays().items()})
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        r"""Returns several judgements as one, such as the folds of a data set.
-
-        Args:
-            parts (sequence of Judgement): The judgements, of the same kind.
-        """
+        r"""Returns several judgements as one, such as the folds of a data set."""
         arrays = [part._arrays() for part in parts]
         return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
@@ -110,11 +106,7 @@ class Judgement:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a judgement from what :meth:`to_dict` returns.
-
-        Args:
-            content (Mapping): The arrays.
-        """
+        r"""Builds a judgement from what :meth:`to_dict` returns."""
         return cls(
             **{
                 name: np.frombuffer(

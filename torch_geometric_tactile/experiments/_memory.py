@@ -21,9 +21,6 @@ class PeakMemory:
     whole life of the process, and work that stays below what came before counts as nothing: use a
     process of its own. On a GPU it is what torch has allocated there.
 
-    Args:
-        device (torch.device or str): Where the work is done.
-
     Examples:
         >>> memory = PeakMemory()
         >>> memory.start()

@@ -54,11 +54,7 @@ class Part(NamedTuple):
 
 
 def finished_parts(run: PlanRun) -> dict[Part, list[dict[str, Any]]]:
-    r"""Returns the results of all folds of each part, where no fold is missing.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
-    """
+    r"""Returns the results of all folds of each part, where no fold is missing."""
     planned = Counter(Part(e.name, e.protocol_name, e.seed) for e in run.plan.experiments)
     found: dict[Part, list[dict[str, Any]]] = defaultdict(list)
     for e, result in run.results:
@@ -67,20 +63,13 @@ def finished_parts(run: PlanRun) -> dict[Part, list[dict[str, Any]]]:
 
 
 def pooled_judgement(results: list[dict[str, Any]]) -> Judgement:
-    r"""Joins the folds of a part, so that every sample is judged once.
-
-    Args:
-        results (list of dict): The results of its folds.
-    """
+    r"""Joins the folds of a part, so that every sample is judged once."""
     return Judgement.join([Judgement.from_dict(result["predictions"]) for result in results])
 
 
 def table_numbers(run: PlanRun) -> list[Number]:
     r"""Returns all numbers of a table, in the order of its cells. Accuracies and F1 scores are in
     percent. Folds are pooled before they are scored.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     measured: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for part, results in finished_parts(run).items():

@@ -10,14 +10,7 @@ from torch_geometric_tactile.experiments.tables import Ordering
 
 @dataclass(frozen=True)
 class Comparison:
-    r"""Two models of an ordering by one protocol.
-
-    Args:
-        ordering (Ordering): The ordering.
-        protocol (str): The protocol.
-        pair (tuple of str): Two experiments, of which the first should be better.
-        difference (Difference): The accuracy of the first less that of the second.
-    """
+    r"""Two models of an ordering by one protocol."""
 
     ordering: Ordering
     protocol: str
@@ -37,9 +30,6 @@ class Comparison:
 def compare_orderings(run: PlanRun) -> list[Comparison]:
     r"""Compares the pairs of all orderings of a table, by each protocol, on the splits that are
     finished for both.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     compared = []
     for ordering in run.plan.table.orderings:
@@ -54,9 +44,6 @@ def compare_orderings(run: PlanRun) -> list[Comparison]:
 def class_shares(run: PlanRun) -> dict[str, float]:
     r"""Returns the part of the positive class among the samples tested on, by protocol, over the
     splits of the first experiment that is finished.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     shares: dict[str, list[float]] = {}
     for part, results in finished_parts(run).items():

@@ -47,22 +47,6 @@ def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -
     Peak memory is the growth from before the model is built, with the recordings loaded and the
     scaling fitted, to the highest point of training: parameters, gradients, the optimizer's state,
     activations and one batch.
-
-    Args:
-        experiment (Experiment): What to do.
-        checkpoint (str or PathLike, optional): Where to save the trained classifier.
-
-    Returns:
-        dict: JSON values: :obj:`metrics` (of :func:`classification_metrics`; of a scikit-learn
-        model those of :class:`Judgement`), :obj:`predictions` (of :meth:`Judgement.to_dict`),
-        :obj:`label_names`, :obj:`num_train` and :obj:`num_test` (samples),
-        :obj:`frames_per_second` of training, :obj:`peak_memory_mb` and what it :obj:`measures`,
-        :obj:`num_parameters`, :obj:`train_seconds` and :obj:`seconds` in all, :obj:`machine`, and
-        what its :obj:`studies` found.
-        What was not measured is :obj:`None`.
-
-    Raises:
-        ValueError: If the experiment cannot be run, or a scikit-learn model is to be saved.
     """
     start = time.perf_counter()
     if experiment.accelerator == "gpu" and not torch.cuda.is_available():
@@ -243,12 +227,7 @@ def _finite(metrics: dict[str, float]) -> dict[str, float | None]:
 
 @cache
 def machine(accelerator: str, threads: int) -> str:
-    r"""Describes this machine in a few words.
-
-    Args:
-        accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
-        threads (int): Threads of torch.
-    """
+    r"""Describes this machine in a few words."""
     name = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():

@@ -15,33 +15,18 @@ _KEYS = {"experiment", "finished", "identity", "result"}
 
 
 class RunStore:
-    r"""The finished runs of a folder, one JSON file each, whole or absent.
-
-    Args:
-        folder (str or PathLike): The folder.
-    """
+    r"""The finished runs of a folder, one JSON file each, whole or absent."""
 
     def __init__(self, folder: PathLike) -> None:
         self.folder = Path(folder)
         self._paths = {path.stem.rpartition("_")[2]: path for path in self.folder.glob("*.json")}
 
     def path(self, experiment: Experiment) -> Path:
-        r"""Returns where a run is or would be.
-
-        Args:
-            experiment (Experiment): What was run, under whatever name.
-        """
+        r"""Returns where a run is or would be."""
         return self._paths.get(experiment.code, self.folder / experiment.file_name)
 
     def read(self, experiment: Experiment) -> dict[str, Any] | None:
-        r"""Returns the result of a run, or :obj:`None` if it is not finished.
-
-        Args:
-            experiment (Experiment): What was run.
-
-        Raises:
-            ValueError: If its file is damaged.
-        """
+        r"""Returns the result of a run, or :obj:`None` if it is not finished."""
         path = self.path(experiment)
         if not path.is_file():
             return None
@@ -59,12 +44,7 @@ class RunStore:
         return result
 
     def write(self, experiment: Experiment, result: dict[str, Any]) -> None:
-        r"""Writes the result of a run, whole or not at all.
-
-        Args:
-            experiment (Experiment): What was run.
-            result (dict): Its result.
-        """
+        r"""Writes the result of a run, whole or not at all."""
         content = {
             "experiment": experiment.name,
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -76,11 +56,7 @@ class RunStore:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
     def clean(self, experiments: Sequence[Experiment]) -> None:
-        r"""Removes what killed runs had begun to write, and nothing of a run that is alive.
-
-        Args:
-            experiments (sequence of Experiment): Those that were to be run.
-        """
+        r"""Removes what killed runs had begun to write, and nothing of a run that is alive."""
         for experiment in experiments:
             remove_leftovers(self.folder / experiment.file_name)
 

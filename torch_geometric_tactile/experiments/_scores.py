@@ -10,14 +10,12 @@ def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> d
     the part that was found) and :obj:`f1` (macro) of classes; :obj:`mae`, :obj:`rmse` and
     :obj:`r2` of numbers.
 
-    Args:
-        y (numpy.ndarray): Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
-        prediction (numpy.ndarray): What was predicted, in the same shape.
-        numbers (bool): Whether they are numbers.
-
     Examples:
         >>> prediction_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 0, 0]), numbers=False)
         {'accuracy': 0.75, 'balanced_accuracy': 0.5, 'f1': 0.42857142857142855}
+
+    Shapes:
+        - **y:** Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
     """
     if numbers:
         return regression_metrics(np.ascontiguousarray(prediction).reshape(y.shape), y)
@@ -36,14 +34,12 @@ def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> d
 def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndarray:
     r"""Returns what each sample adds to a score, such that their mean is the score :math:`(S,)`.
 
-    Args:
-        y (numpy.ndarray): Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
-        prediction (numpy.ndarray): What was predicted, in the same shape.
-        metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
-
     Examples:
         >>> sample_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 1, 1]), "balanced_accuracy")
         array([0.66666667, 0.66666667, 0.        , 2.        ])
+
+    Shapes:
+        - **y:** Classes :math:`(S,)`, or numbers :math:`(S,)` or :math:`(S, C)`.
     """
     if metric == "mae":
         error = np.abs(prediction.reshape(y.shape).astype(np.float64) - y)

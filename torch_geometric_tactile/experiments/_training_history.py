@@ -26,20 +26,13 @@ class TrainingHistory(Study):
         self._watch: _Watch | None = None
 
     def callback(self, data: Any) -> L.Callback:
-        r"""Returns what watches the training.
-
-        Args:
-            data (TactileDataModule): The samples.
-        """
+        r"""Returns what watches the training."""
         self._watch = _Watch(data)
         return self._watch
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
         r"""Returns :obj:`train_loss`, :obj:`test_loss`, :obj:`test_accuracy` (one number an epoch)
         and :obj:`gradients`, the quantiles of each layer.
-
-        Args:
-            trained (Trained): The model and its samples.
         """
         if self._watch is None or not trained.is_network:
             return None

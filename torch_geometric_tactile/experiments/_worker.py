@@ -32,11 +32,6 @@ _mine = threading.local()  # a worker of a cluster may run several jobs in threa
 def run_safely(experiment: Experiment, parent: int | None = None) -> dict[str, Any]:
     r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed: in a
     process of its own if its memory is to be measured, and otherwise here.
-
-    Args:
-        experiment (Experiment): What to do.
-        parent (int, optional): Process without which nobody waits for the result: this process ends
-            with it.
     """
     _end_with(parent)
     return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
@@ -45,9 +40,6 @@ def run_safely(experiment: Experiment, parent: int | None = None) -> dict[str, A
 def run_here(experiment: Experiment) -> dict[str, Any]:
     r"""Runs an experiment in this process and returns its result, or :obj:`{"error": ...}` if it
     failed.
-
-    Args:
-        experiment (Experiment): What to do.
     """
     try:
         return run_experiment(experiment)
@@ -61,9 +53,6 @@ def run_in_process(experiment: Experiment) -> dict[str, Any]:
 
     The process is used again for the next experiment of this thread, which saves its start, if it
     can measure the peak memory of each.
-
-    Args:
-        experiment (Experiment): What to do.
     """
     while True:
         process = getattr(_mine, "process", None)

@@ -13,14 +13,7 @@ _FIELD = re.compile(r"\s*(?P<names>[^\[\]]+?)\s*(?:\[(?P<order>[^\[\]]*)\])?\s*"
 
 @dataclass(frozen=True)
 class StoredArray:
-    r"""Under which name, or names, an array is stored, and in which order.
-
-    Args:
-        names (tuple of str): Its name; or three, those of the arrays of the fingers left, middle
-            and right.
-        order (str, optional): Its axes, such as :obj:`"frame (finger electrode)"`: axes in brackets
-            are one dimension, of which the last changes fastest.
-    """
+    r"""Under which name, or names, an array is stored, and in which order."""
 
     names: tuple[str, ...]
     order: str | None = None
@@ -28,13 +21,6 @@ class StoredArray:
     @classmethod
     def of(cls, key: str, text: str) -> "StoredArray":
         r"""Reads :obj:`"NAME"`, :obj:`"NAME [ORDER]"` or :obj:`"LEFT | MIDDLE | RIGHT [ORDER]"`.
-
-        Args:
-            key (str): Our name of the field, for messages.
-            text (str): The text.
-
-        Raises:
-            ValueError: If it is none of them.
 
         Examples:
             >>> StoredArray.of("electrodes", "biotac/elec [frame (finger electrode)]")
@@ -52,14 +38,6 @@ class StoredArray:
 
 def parsed_order(key: str, order: str, axes: Sequence[str]) -> list[list[str]]:
     r"""Returns the axes in each dimension.
-
-    Args:
-        key (str): Our name of the field, for messages.
-        order (str): The order, such as :obj:`"frame (finger electrode)"`.
-        axes (sequence of str): The axes that it must name, each once.
-
-    Raises:
-        ValueError: If it names others, or its brackets do not match.
 
     Examples:
         >>> parsed_order("electrodes", "frame (finger electrode)", ["frame", "electrode", "finger"])
@@ -91,17 +69,7 @@ def parsed_order(key: str, order: str, axes: Sequence[str]) -> list[list[str]]:
 def arranged(
     where: str, array: np.ndarray, groups: Sequence[Sequence[str]], sizes: Mapping[str, int | None]
 ) -> np.ndarray:
-    r"""Returns an array with one dimension for each axis, in the order of :obj:`sizes`.
-
-    Args:
-        where (str): File and field in messages.
-        array (numpy.ndarray): The array.
-        groups (sequence of sequence of str): The axes in each of its dimensions.
-        sizes (Mapping of str to int): The sizes of the axes; :obj:`None` if any will do.
-
-    Raises:
-        ValueError: If it has other sizes.
-    """
+    r"""Returns an array with one dimension for each axis, in the order of :obj:`sizes`."""
     stated = " ".join(g[0] if len(g) == 1 else f"({' '.join(g)})" for g in groups)
     if array.ndim != len(groups):
         raise ValueError(

@@ -19,15 +19,7 @@ from torch_geometric_tactile.io.bigs_format import (
 
 
 class BiGSFields:
-    r"""The fields of one file.
-
-    Args:
-        path (Path): The file.
-        layout (BiGSFormat): Its names and orders.
-
-    Raises:
-        ValueError: If the file cannot be read.
-    """
+    r"""The fields of one file."""
 
     def __init__(self, path: Path, layout: BiGSFormat) -> None:
         self.path = path
@@ -60,15 +52,7 @@ class BiGSFields:
         )
 
     def array(self, key: str, sizes: dict[str, int | None]) -> np.ndarray | None:
-        r"""Returns an array in our order, or nothing if it is not there.
-
-        Args:
-            key (str): Our name of it.
-            sizes (dict): The number of frames, if it is known.
-
-        Raises:
-            ValueError: If it was named and is not there, or has another shape or type.
-        """
+        r"""Returns an array in our order, or nothing if it is not there."""
         stored = self.stored[key]
         there = [self.arrays[name] for name in stored.names if name in self.arrays]
         if len(there) < len(stored.names):
@@ -123,12 +107,6 @@ class BiGSFields:
     def value(self, key: str) -> Any:
         r"""Returns a single value: what is stated for all files, then what the file holds, then
         what its name tells; nothing if none of them does.
-
-        Args:
-            key (str): Our name of it.
-
-        Raises:
-            ValueError: If it was named and is not there, or is an array.
         """
         if key in self.layout.values:
             return self.layout.values[key]

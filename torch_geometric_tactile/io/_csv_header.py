@@ -26,9 +26,6 @@ _logger = logging.getLogger(__name__)
 def has_names(row: Sequence[str]) -> bool:
     r"""Tells whether a line is a header: if most of its cells are no numbers. One wrong cell does
     not make a line of numbers a header.
-
-    Args:
-        row (sequence of str): The cells of the line.
     """
     return sum(not is_number(cell) for cell in row) > len(row) / 2
 
@@ -36,9 +33,6 @@ def has_names(row: Sequence[str]) -> bool:
 def is_counted(row: Sequence[str]) -> bool:
     r"""Tells whether a line is ``0,1,2,...``, as the header that pandas writes without names; also
     after the empty cell above its index.
-
-    Args:
-        row (sequence of str): The cells of the line.
     """
     names = [cell.strip() for cell in row]
     if len(names) > 1 and not names[0]:
@@ -47,16 +41,7 @@ def is_counted(row: Sequence[str]) -> bool:
 
 
 def refuse_counted(path: Path, row: Sequence[str], options: str) -> None:
-    r"""Checks that a first line is no header of numbers.
-
-    Args:
-        path (Path): The file, for the message.
-        row (sequence of str): The cells of the line.
-        options (str): What to do if it is meant, for the message.
-
-    Raises:
-        ValueError: If it is.
-    """
+    r"""Checks that a first line is no header of numbers."""
     if is_counted(row):
         raise ValueError(
             f"'{path}', line 1 must be names of columns or a frame (got 0, 1, 2, ..., which pandas "
@@ -66,16 +51,7 @@ def refuse_counted(path: Path, row: Sequence[str], options: str) -> None:
 
 
 def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -> None:
-    r"""Checks that no column is the index that pandas writes in front of the columns.
-
-    Args:
-        path (Path): The file, for the message.
-        names (sequence of str): The names of the columns.
-        ignore (sequence of str): Columns that are not read.
-
-    Raises:
-        ValueError: If it is.
-    """
+    r"""Checks that no column is the index that pandas writes in front of the columns."""
     for column, name in enumerate(names, 1):
         unnamed = (column == 1 and not name) or re.fullmatch(r"Unnamed: [0-9]+", name)
         if unnamed and len(names) > 1 and name not in ignore:
@@ -86,15 +62,7 @@ def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -
 
 
 def refuse_twice(path: Path, names: Sequence[str]) -> None:
-    r"""Checks that all columns have names of their own.
-
-    Args:
-        path (Path): The file, for the message.
-        names (sequence of str): The names of the columns.
-
-    Raises:
-        ValueError: If two have the same.
-    """
+    r"""Checks that all columns have names of their own."""
     twice = [name for name, number in Counter(names).items() if number > 1]
     if twice:
         raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
@@ -102,9 +70,6 @@ def refuse_twice(path: Path, names: Sequence[str]) -> None:
 
 def time_unit(name: str) -> str | None:
     r"""Returns the unit of a column of the time, which its name says; nothing for other columns.
-
-    Args:
-        name (str): Name of the column.
 
     Examples:
         >>> time_unit("Time"), time_unit("timestamp_ns"), time_unit("thumb")
@@ -115,11 +80,7 @@ def time_unit(name: str) -> str | None:
 
 
 def is_clock(name: str) -> bool:
-    r"""Tells whether a name is that of a time whose unit it does not say, or of a number of frames.
-
-    Args:
-        name (str): Name of the column.
-    """
+    r"""Tells whether a name is that of a time whose unit it does not say, or of a number of frames."""
     name = name.lower()
     return time_unit(name) is None and _CLOCK.fullmatch(name) is not None
 
@@ -127,10 +88,8 @@ def is_clock(name: str) -> bool:
 def warn_of_unit(path: Path, seconds: np.ndarray, mend: str) -> None:
     r"""Logs a warning if frames are as far apart as those of a time in milliseconds.
 
-    Args:
-        path (Path): The file, for the message.
-        seconds (numpy.ndarray): The times, taken as seconds :math:`(T,)`.
-        mend (str): What to do then, for the message.
+    Shapes:
+        - **seconds:** The times, taken as seconds :math:`(T,)`.
     """
     step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
     if step >= 1:
@@ -140,17 +99,7 @@ def warn_of_unit(path: Path, seconds: np.ndarray, mend: str) -> None:
 
 
 def cell_to_seconds(path: Path, line: int, cell: str, unit: str) -> float:
-    r"""Returns the number of a cell in seconds, rounded once.
-
-    Args:
-        path (Path): The file, for the message.
-        line (int): Number of the line, for the message.
-        cell (str): The cell, a finite number.
-        unit (str): Its unit, one of :obj:`TIME_UNITS`.
-
-    Raises:
-        ValueError: If it is no plausible time in this unit.
-    """
+    r"""Returns the number of a cell in seconds, rounded once."""
     cell = cell.strip()
     if "e" in cell.lower():
         seconds = float(cell) / 10 ** _PLACES[unit]

@@ -20,9 +20,6 @@ def safe_cell(text: str) -> str:
     formula: with an apostrophe in front if it begins like one. Numbers are to be written as they
     are, not through this function.
 
-    Args:
-        text (str): The text.
-
     Examples:
         >>> safe_cell("mug"), safe_cell("=1+1")
         ('mug', "'=1+1")
@@ -35,25 +32,13 @@ def safe_cell(text: str) -> str:
 def shown(text: str) -> str:
     r"""Returns a text of a file for a message: in quotes, not too long, and without characters that
     a terminal would obey.
-
-    Args:
-        text (str): The text.
     """
     short = text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
     return f"'{short}'" if short.isprintable() else ascii(short)
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    r"""Yields line number and cells of each line.
-
-    Args:
-        path (Path): The file.
-
-    Raises:
-        ValueError: If the file is no text, has no line or a single column whose cells are separated
-            by something else than commas, a line is empty, such that a frame may be missing, a
-            cell has a line break, or the file has no final newline, as a truncated one.
-    """
+    r"""Yields line number and cells of each line."""
     with path.open("rb") as file:
         if file.seek(0, 2):
             file.seek(-1, 2)
@@ -96,17 +81,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def check_width(path: Path, line: int, row: Sequence[str], width: int) -> None:
-    r"""Checks that a line has a number of cells.
-
-    Args:
-        path (Path): The file, for messages.
-        line (int): Number of the line.
-        row (sequence of str): Its cells.
-        width (int): The number of cells.
-
-    Raises:
-        ValueError: If it has not.
-    """
+    r"""Checks that a line has a number of cells."""
     if len(row) != width:
         raise ValueError(
             f"'{path}', line {line} must have {width} cells (got {len(row)}): is the file "
@@ -121,18 +96,7 @@ def csv_numbers(
     names: Sequence[str],
     columns: Sequence[int] | None = None,
 ) -> np.ndarray:
-    r"""Returns the numbers of a line, NaN for empty cells.
-
-    Args:
-        path (Path): The file, for messages.
-        line (int): Number of the line.
-        row (sequence of str): Its cells.
-        names (sequence of str): Names of the columns, for messages.
-        columns (sequence of int, optional): The columns to read; all of them if left out.
-
-    Raises:
-        ValueError: If there is another number of cells, or a cell is no finite number.
-    """
+    r"""Returns the numbers of a line, NaN for empty cells."""
     check_width(path, line, row, len(names))
     places = range(len(row)) if columns is None else columns
     cells = row if columns is None else [row[i] for i in columns]
@@ -156,11 +120,7 @@ def csv_numbers(
 
 
 def is_number(cell: str) -> bool:
-    r"""Tells whether a cell holds a number, or nothing.
-
-    Args:
-        cell (str): The cell.
-    """
+    r"""Tells whether a cell holds a number, or nothing."""
     if not cell.isascii() or "_" in cell:
         return False
     try:

@@ -28,12 +28,7 @@ _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz"}
 
 
 class Fields(NamedTuple):
-    r"""What a file holds.
-
-    Args:
-        arrays (dict): The arrays that were asked for, and are there, by their names.
-        names (list of str): Names that there are, the first dozen of them, for messages.
-    """
+    r"""What a file holds."""
 
     arrays: dict[str, np.ndarray]
     names: list[str]
@@ -42,17 +37,6 @@ class Fields(NamedTuple):
 def read_fields(path: Path, wanted: Iterable[str]) -> Fields:
     r"""Reads arrays by their names. A name with an :obj:`"@"` is an attribute of an HDF5 file:
     :obj:`"grasp@success"` of the group or array :obj:`grasp`, :obj:`"@success"` of the file.
-
-    Args:
-        path (Path): An HDF5 or npz file, which its first bytes tell.
-        wanted (iterable of str): The names; those that are not there are left out.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ImportError: If h5py is missing for an HDF5 file.
-        ValueError: If the file is neither, truncated or damaged, or an array refers to other files,
-            is of no numbers, truth values or texts, or larger than the file bears out. The message
-            names the file.
     """
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; give the path of an HDF5 or npz file")

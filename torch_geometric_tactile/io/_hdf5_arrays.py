@@ -12,11 +12,7 @@ _ELEMENTS = 64  # texts of version 1 that are read at once: each may be as long 
 
 
 def as_stored(array: np.ndarray) -> np.ndarray:
-    r"""Returns an array of a recording as a file keeps it: texts as UTF-8 of a fixed length.
-
-    Args:
-        array (numpy.ndarray): The array.
-    """
+    r"""Returns an array of a recording as a file keeps it: texts as UTF-8 of a fixed length."""
     if array.dtype.kind != "U":
         return array
     texts: np.ndarray = np.char.encode(array, "utf-8")
@@ -24,28 +20,14 @@ def as_stored(array: np.ndarray) -> np.ndarray:
 
 
 def with_room(array: np.ndarray) -> np.ndarray:
-    r"""Returns texts with room for longer ones in frames to come, and other arrays as they are.
-
-    Args:
-        array (numpy.ndarray): As :func:`as_stored` returns it.
-    """
+    r"""Returns texts with room for longer ones in frames to come, and other arrays as they are."""
     if array.dtype.kind != "S":
         return array
     return array.astype(f"S{max(_SHORTEST_TEXT, 2 * array.itemsize)}")
 
 
 def create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> Any:
-    r"""Writes an array as a data set whose first dimension is resizable.
-
-    Args:
-        file (h5py.File): The open file.
-        name (str): The name of the data set.
-        array (numpy.ndarray): As :func:`as_stored` returns it.
-        growing (bool): With a block for each frame, and not compressed.
-
-    Returns:
-        h5py.Dataset: The data set.
-    """
+    r"""Writes an array as a data set whose first dimension is resizable."""
     import h5py
 
     texts = array.dtype.kind == "S"
@@ -65,16 +47,7 @@ def create_dataset(file: Any, name: str, array: np.ndarray, growing: bool) -> An
 
 
 def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
-    r"""Reads the first rows of a data set. Texts of a fixed length stay as they are stored.
-
-    Args:
-        dataset (h5py.Dataset): The data set.
-        num_frames (int): How many rows.
-        max_bytes (int): The most that its texts may take in memory.
-
-    Raises:
-        ValueError: If they take more.
-    """
+    r"""Reads the first rows of a data set. Texts of a fixed length stay as they are stored."""
     if dataset.dtype.kind == "O":
         return _long_texts(dataset, num_frames, max_bytes)
     array: np.ndarray = dataset[:num_frames]
@@ -82,14 +55,7 @@ def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
 
 
 def as_texts(array: np.ndarray) -> np.ndarray:
-    r"""Returns texts for UTF-8 of a fixed length, and other arrays as they are.
-
-    Args:
-        array (numpy.ndarray): As :func:`read_rows` returns it.
-
-    Raises:
-        ValueError: If it holds no UTF-8.
-    """
+    r"""Returns texts for UTF-8 of a fixed length, and other arrays as they are."""
     return np.char.decode(array, "utf-8") if array.dtype.kind == "S" else array
 
 

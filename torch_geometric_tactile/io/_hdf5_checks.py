@@ -21,16 +21,7 @@ _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
 
 
 def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
-    r"""Returns the data sets of a recording by their names, after a look at what they are.
-
-    Args:
-        path (Path): The file, for messages.
-        file (h5py.File): The open file.
-
-    Raises:
-        ValueError: If one is missing, leads to another file, or is of a type or a compression that
-            recordings do not have.
-    """
+    r"""Returns the data sets of a recording by their names, after a look at what they are."""
     there = list(file)
     names: list[str] = [name for name in ("time", "tactile", "joint") if name in there]
     for name in ("time", "tactile"):
@@ -47,16 +38,7 @@ def checked_datasets(path: Path, file: Any) -> dict[str, Any]:
 
 
 def checked_dataset(path: Path, file: Any, name: str) -> Any:
-    r"""Returns a data set after a look at what it is.
-
-    Args:
-        path (Path): The file, for messages.
-        file (h5py.File): The open file.
-        name (str): The name of the data set.
-
-    Raises:
-        ValueError: As :func:`checked_datasets`.
-    """
+    r"""Returns a data set after a look at what it is."""
     if name not in file:
         raise missing_field(path, name)
     h5py = _h5py()
@@ -78,16 +60,7 @@ def checked_dataset(path: Path, file: Any, name: str) -> Any:
 
 
 def check_storage(path: Path, dataset: Any, name: str) -> None:
-    r"""Checks that a data set holds its numbers itself, compressed as HDF5 can without more.
-
-    Args:
-        path (Path): The file, for messages.
-        dataset (h5py.Dataset): The data set.
-        name (str): Its name.
-
-    Raises:
-        ValueError: If it is virtual or external, or of another compression.
-    """
+    r"""Checks that a data set holds its numbers itself, compressed as HDF5 can without more."""
     created = dataset.id.get_create_plist()
     if created.get_layout() == _h5py().h5d.VIRTUAL or created.get_external_count():
         raise ValueError(
@@ -111,15 +84,6 @@ def check_sizes(
 ) -> int:
     r"""Checks that frames were written and that there is a limit to what they take in memory, and
     returns this limit.
-
-    Args:
-        path (Path): The file, for messages.
-        datasets (dict): As :func:`checked_datasets` returns them.
-        num_frames (int): The number of frames to read.
-        max_bytes (int, optional): The most that the arrays may take in memory.
-
-    Raises:
-        ValueError: If frames are missing, or the arrays are larger.
     """
     limit = max(MAX_BYTES, MAX_EXPANSION * path.stat().st_size) if max_bytes is None else max_bytes
     total = 0
@@ -154,16 +118,7 @@ def check_sizes(
 
 
 def text_attribute(path: Path, attrs: Any, name: str) -> str:
-    r"""Returns an attribute that is one text.
-
-    Args:
-        path (Path): The file, for messages.
-        attrs (h5py.AttributeManager): The attributes of the file.
-        name (str): The name of the attribute.
-
-    Raises:
-        ValueError: If it is missing or something else.
-    """
+    r"""Returns an attribute that is one text."""
     attribute = _attribute(path, attrs, name)
     h5py = _h5py()
     found = attribute.get_type()
@@ -179,16 +134,7 @@ def text_attribute(path: Path, attrs: Any, name: str) -> str:
 
 
 def integer_attribute(path: Path, attrs: Any, name: str) -> int:
-    r"""Returns an attribute that is one integer, not negative.
-
-    Args:
-        path (Path): The file, for messages.
-        attrs (h5py.AttributeManager): The attributes of the file.
-        name (str): The name of the attribute.
-
-    Raises:
-        ValueError: If it is missing or something else.
-    """
+    r"""Returns an attribute that is one integer, not negative."""
     attribute = _attribute(path, attrs, name)
     if attribute.shape == () and attribute.get_type().get_class() == _h5py().h5t.INTEGER:
         value = attrs[name]
@@ -203,15 +149,7 @@ def integer_attribute(path: Path, attrs: Any, name: str) -> int:
 
 
 def check_format(path: Path, file: Any) -> None:
-    r"""Checks that an HDF5 file says of itself that it is a recording.
-
-    Args:
-        path (Path): The file, for messages.
-        file (h5py.File): The open file.
-
-    Raises:
-        ValueError: If it does not.
-    """
+    r"""Checks that an HDF5 file says of itself that it is a recording."""
     attrs = file.attrs
     if "format" not in attrs or text_attribute(path, attrs, "format") != FORMAT:
         raise ValueError(
@@ -221,15 +159,7 @@ def check_format(path: Path, file: Any) -> None:
 
 
 def hdf5_file(path: Any) -> Path:
-    r"""Returns the path of an HDF5 file that exists.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is no HDF5 file.
-    """
+    r"""Returns the path of an HDF5 file that exists."""
     path = checked_file(path)
     if not _h5py().is_hdf5(path):
         raise ValueError(
@@ -240,16 +170,7 @@ def hdf5_file(path: Any) -> Path:
 
 
 def check_hard_link(path: Path, file: Any, name: str) -> None:
-    r"""Checks that a name is of something in the file itself.
-
-    Args:
-        path (Path): The file, for messages.
-        file (h5py.File): The open file.
-        name (str): The name.
-
-    Raises:
-        ValueError: If it is a link to another place or file.
-    """
+    r"""Checks that a name is of something in the file itself."""
     # A link of another kind leads to another place or file.
     link = file.get(name, getlink=True)
     if not isinstance(link, _h5py().HardLink):

@@ -22,12 +22,6 @@ def head_checksum(
 ) -> np.uint32:
     r"""Returns the CRC-32 of the attributes of a file, and of the names, types and shapes of its
     arrays.
-
-    Args:
-        version (int): The version of the format.
-        num_frames (int): The number of frames.
-        texts (dict): ``label`` and ``meta`` as the file holds them.
-        datasets (dict): The data sets by their names.
     """
     fields = [[name, d.dtype.str, *d.shape[1:]] for name, d in sorted(datasets.items())]
     content = [FORMAT, version, num_frames, texts["label"], texts["meta"], fields]
@@ -37,11 +31,8 @@ def head_checksum(
 def frame_checksums(stored: Mapping[str, np.ndarray]) -> np.ndarray:
     r"""Returns the CRC-32 of each frame, over the arrays in the order of their names.
 
-    Args:
-        stored (dict): The arrays by their names, with the bytes that the file holds.
-
-    Returns:
-        numpy.ndarray: Checksums, uint32 :math:`(T,)`.
+    Shapes:
+        - **returns:** numpy.ndarray: Checksums, uint32 :math:`(T,)`.
     """
     rows = [_bytes_of_frames(array) for _, array in sorted(stored.items())]
     sums = [0] * len(rows[0])
@@ -51,16 +42,7 @@ def frame_checksums(stored: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def check_frames(path: Path, stored: Mapping[str, np.ndarray], sums: np.ndarray) -> None:
-    r"""Compares frames with their checksums.
-
-    Args:
-        path (Path): The file, for messages.
-        stored (dict): The arrays by their names, as the file holds them.
-        sums (numpy.ndarray): The checksums in the file.
-
-    Raises:
-        ValueError: If one differs.
-    """
+    r"""Compares frames with their checksums."""
     other = np.flatnonzero(frame_checksums(stored) != sums)
     if len(other):
         raise ValueError(

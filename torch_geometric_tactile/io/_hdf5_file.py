@@ -14,11 +14,7 @@ CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structur
 
 
 def require_h5py() -> Any:
-    r"""Returns the library of HDF5.
-
-    Raises:
-        ImportError: If it is missing.
-    """
+    r"""Returns the library of HDF5."""
     try:
         import h5py
     except ImportError as error:
@@ -28,16 +24,7 @@ def require_h5py() -> Any:
 
 @contextmanager
 def opened(path: Path, mode: str) -> Iterator[Any]:
-    r"""Opens a file, locked against other processes; what is changed in it is written as a whole.
-
-    Args:
-        path (Path): The file.
-        mode (str): :obj:`"r"` to read it, or :obj:`"r+"` to change it.
-
-    Raises:
-        BlockingIOError: If another process writes it.
-        ValueError: If it is damaged.
-    """
+    r"""Opens a file, locked against other processes; what is changed in it is written as a whole."""
     h5py = require_h5py()
     handle, release = _locked(path, exclusive=mode == "r+")
     try:

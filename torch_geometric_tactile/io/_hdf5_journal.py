@@ -22,11 +22,7 @@ _ENTRY = struct.Struct("<QI")  # where, how many bytes
 
 
 class PatchedFile(io.RawIOBase):
-    r"""A file of which all changes are kept in memory.
-
-    Args:
-        handle (int): Descriptor of the file.
-    """
+    r"""A file of which all changes are kept in memory."""
 
     def __init__(self, handle: int) -> None:
         self.handle = handle
@@ -75,11 +71,7 @@ class PatchedFile(io.RawIOBase):
         return self.size
 
     def commit(self) -> None:
-        r"""Writes the changes to the file, all or none of them.
-
-        Raises:
-            OSError: If the disk is full, for instance. The file reads as before.
-        """
+        r"""Writes the changes to the file, all or none of them."""
         old, end = self._stored, max(self._stored, self.size)
         inside = self._changes(0, old)
         if not inside and self.size == old:
@@ -163,9 +155,6 @@ class PatchedFile(io.RawIOBase):
 def ends_in_journal(path: Path) -> bool:
     r"""Returns whether a file may end in a journal, so that it is to be read with
     :class:`PatchedFile`.
-
-    Args:
-        path (Path): The file.
     """
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)

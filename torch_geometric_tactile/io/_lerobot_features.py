@@ -18,11 +18,7 @@ _SCHEMA_KEY = b"huggingface"
 
 
 def require_pyarrow() -> Any:
-    r"""Returns pyarrow, with its parts for Parquet and computing.
-
-    Raises:
-        ImportError: If it is missing.
-    """
+    r"""Returns pyarrow, with its parts for Parquet and computing."""
     try:
         import pyarrow
         import pyarrow.compute
@@ -37,22 +33,19 @@ def require_pyarrow() -> Any:
 def taxel_names(num_taxels: int, num_channels: int) -> list[str]:
     r"""Returns the names of the readings of one frame, as in wide CSV.
 
-    Args:
-        num_taxels (int): Number of taxels :math:`N`.
-        num_channels (int): Number of channels of a taxel :math:`C`.
-
     Examples:
         >>> taxel_names(2, 1)
         ['taxel_0_x', 'taxel_1_x']
+
+    Shapes:
+        - **num_taxels:** Number of taxels :math:`N`.
+        - **num_channels:** Number of channels of a taxel :math:`C`.
     """
     return wide_csv_header(num_taxels, num_channels, 0)[1:]
 
 
 def shape_of_names(names: Any) -> tuple[int, int] | None:
     r"""Returns the numbers of taxels and channels if the names are those of :func:`taxel_names`.
-
-    Args:
-        names (object): The names of a feature.
 
     Examples:
         >>> shape_of_names(["taxel_0_x", "taxel_0_y", "taxel_1_x", "taxel_1_y"])
@@ -68,23 +61,12 @@ def shape_of_names(names: Any) -> tuple[int, int] | None:
 
 
 def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -> dict[str, Any]:
-    r"""Returns the description of a feature of one dimension.
-
-    Args:
-        size (int): Number of values of a step.
-        names (list of str, optional): Their names.
-        dtype (str): Their type.
-    """
+    r"""Returns the description of a feature of one dimension."""
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
 def touch_features(recording: Recording, rows: int) -> dict[str, Any]:
-    r"""Returns the features of the readings.
-
-    Args:
-        recording (Recording): A recording.
-        rows (int): Most frames of a step, or 0 without them.
-    """
+    r"""Returns the features of the readings."""
     shape = (recording.num_taxels, recording.num_channels)
     out = {TACTILE: feature(shape[0] * shape[1], taxel_names(*shape))}
     if rows:
@@ -96,8 +78,8 @@ def touch_features(recording: Recording, rows: int) -> dict[str, Any]:
 def column(values: np.ndarray) -> Any:
     r"""Returns the column of a feature as LeRobot has it: one value a step is no list.
 
-    Args:
-        values (numpy.ndarray): Values :math:`(T, ...)`.
+    Shapes:
+        - **values:** Values :math:`(T, ...)`.
     """
     pa = require_pyarrow()
     array = pa.array(np.ascontiguousarray(values).ravel())
@@ -110,9 +92,8 @@ def schema_metadata(
 ) -> dict[bytes, bytes]:
     r"""Returns the metadata of a Parquet file with which :obj:`datasets` reads it.
 
-    Args:
-        features (Mapping): Descriptions of features of one dimension.
-        metadata (Mapping, optional): Those of an existing file, to which the features are added.
+    Shapes:
+        - **metadata:** Those of an existing file, to which the features are added.
     """
     content: dict[str, Any] = {}
     if metadata is not None:

@@ -33,24 +33,13 @@ _BYTES = 8  # of a value in memory, at most
 
 
 def is_list(kind: Any) -> bool:
-    r"""Returns whether a type of Arrow is that of lists.
-
-    Args:
-        kind (pyarrow.DataType): The type.
-    """
+    r"""Returns whether a type of Arrow is that of lists."""
     types = require_pyarrow().types
     return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
 
 
 def num_rows(path: Path) -> int:
-    r"""Returns the number of rows that a Parquet file declares.
-
-    Args:
-        path (pathlib.Path): The file.
-
-    Raises:
-        ValueError: If it cannot be read.
-    """
+    r"""Returns the number of rows that a Parquet file declares."""
     return int(_read(path, lambda file: file.metadata.num_rows))
 
 
@@ -59,16 +48,6 @@ def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False
 
     A few bytes can stand for millions of equal values, so how many there are is compared with what
     there must be, before they are read.
-
-    Args:
-        path (pathlib.Path): The file.
-        sizes (Mapping of str to int): By column, how many numbers each row must have.
-        allow_large (bool): Whether the table may take more than 1 GiB and more than 200 times the
-            size of the file.
-
-    Raises:
-        ValueError: If it cannot be read, a column is missing or has another number of values, or
-            the table is too large.
     """
 
     def read(file: Any) -> Any:
@@ -82,16 +61,7 @@ def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False
 
 
 def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
-    r"""Returns a column of numbers and one of texts of a Parquet file; equal texts are held once.
-
-    Args:
-        path (pathlib.Path): The file.
-        number (str): Name of the column of numbers.
-        texts (tuple of str): Known names of that of texts; if there is none of them, the only one.
-
-    Raises:
-        ValueError: If it cannot be read, a column is missing, or the table is too large.
-    """
+    r"""Returns a column of numbers and one of texts of a Parquet file; equal texts are held once."""
     pa = require_pyarrow()
 
     def find(file: Any) -> str:
@@ -115,15 +85,7 @@ def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
 
 
 def read_whole(path: Path, allow_large: bool = False) -> Any:
-    r"""Returns a whole Parquet file.
-
-    Args:
-        path (pathlib.Path): The file.
-        allow_large (bool): As of :func:`read_numbers`.
-
-    Raises:
-        ValueError: If it cannot be read or is too large.
-    """
+    r"""Returns a whole Parquet file."""
 
     def read(file: Any) -> Any:
         groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
@@ -195,25 +157,13 @@ def _check_size(path: Path, size: int, allow_large: bool) -> None:
 
 
 def check_new_folder(root: Path) -> None:
-    r"""Raises an error unless a folder is missing or empty.
-
-    Args:
-        root (pathlib.Path): The folder.
-
-    Raises:
-        FileExistsError: If it is a file or holds one.
-    """
+    r"""Raises an error unless a folder is missing or empty."""
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
         raise FileExistsError(f"'{root}' must be a new or empty folder (got one that is not)")
 
 
 def write_table(table: Any, path: Path) -> None:
-    r"""Writes a Parquet file with checksums.
-
-    Args:
-        table (pyarrow.Table): The table.
-        path (pathlib.Path): The file.
-    """
+    r"""Writes a Parquet file with checksums."""
     with atomic_path(path) as temporary:
         require_pyarrow().parquet.write_table(
             table, temporary, compression="snappy", use_dictionary=True, write_page_checksum=True
@@ -221,11 +171,6 @@ def write_table(table: Any, path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    r"""Writes a text file.
-
-    Args:
-        path (pathlib.Path): The file.
-        text (str): Its contents.
-    """
+    r"""Writes a text file."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

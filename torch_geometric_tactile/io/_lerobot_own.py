@@ -15,29 +15,14 @@ _ADVICE = "remove it if another program changed the data set"
 
 @dataclass
 class OwnContent:
-    r"""The contents of a file.
-
-    Args:
-        path (pathlib.Path): The file.
-        shape (tuple of int, optional): Numbers of taxels and channels, if it has them.
-        episodes (dict of int): The label, metadata, length and task of each episode.
-    """
+    r"""The contents of a file."""
 
     path: Path
     shape: tuple[int, int] | None = None
     episodes: dict[int, dict[str, Any]] = field(default_factory=dict)
 
     def of(self, number: int, length: int, task: str) -> dict[str, Any]:
-        r"""Returns the label and metadata of an episode.
-
-        Args:
-            number (int): Its number.
-            length (int): Its number of steps, in the data.
-            task (str): Its task, in the data.
-
-        Raises:
-            ValueError: If the file is about another episode.
-        """
+        r"""Returns the label and metadata of an episode."""
         known = self.episodes.get(number)
         if known is None:
             return {"label": task, "meta": {"episode": number}}
@@ -53,14 +38,7 @@ class OwnContent:
 def own_content(
     recordings: Sequence[Recording], lengths: Sequence[int], tasks: Sequence[str], rows: int
 ) -> dict[str, Any]:
-    r"""Returns the contents of a new file.
-
-    Args:
-        recordings (sequence of Recording): The recordings of the episodes.
-        lengths (sequence of int): Their numbers of steps.
-        tasks (sequence of str): Their tasks.
-        rows (int): Most frames of a step, or 0 without them.
-    """
+    r"""Returns the contents of a new file."""
     shape = [recordings[0].num_taxels, recordings[0].num_channels]
     out: dict[str, Any] = {"version": 2, "feature": TACTILE, "shape": shape}
     if rows:
@@ -82,16 +60,7 @@ def own_content(
 
 
 def read_own(root: Path, num_episodes: int, tasks: Sequence[str]) -> OwnContent:
-    r"""Reads the file of a data set, or nothing if there is none.
-
-    Args:
-        root (pathlib.Path): The folder of the data set.
-        num_episodes (int): Its number of episodes.
-        tasks (sequence of str): Its tasks.
-
-    Raises:
-        ValueError: If the file cannot be read, or is about other episodes.
-    """
+    r"""Reads the file of a data set, or nothing if there is none."""
     path = root / PATH
     if not path.is_file():
         return OwnContent(path)
@@ -129,23 +98,12 @@ def _shape(path: Path, content: dict[str, Any]) -> tuple[int, int]:
 
 
 def task_of_label(label: str | int | None) -> str:
-    r"""Returns the task of a recording that is given none.
-
-    Args:
-        label (str or int, optional): Its label.
-    """
+    r"""Returns the task of a recording that is given none."""
     return "touch" if label is None else str(label)
 
 
 def read_object(path: Path) -> dict[str, Any]:
-    r"""Reads a JSON object.
-
-    Args:
-        path (pathlib.Path): The file.
-
-    Raises:
-        ValueError: If it holds none.
-    """
+    r"""Reads a JSON object."""
     try:
         content = read_json(path)
     except ValueError as error:

@@ -17,15 +17,7 @@ _Any = TypeVar("_Any")
 
 
 def read_info(root: Path) -> dict[str, Any]:
-    r"""Reads :obj:`meta/info.json` of a data set.
-
-    Args:
-        root (pathlib.Path): The folder of the data set.
-
-    Raises:
-        FileNotFoundError: If there is none.
-        ValueError: If the version is not 3, or something is missing.
-    """
+    r"""Reads :obj:`meta/info.json` of a data set."""
     path = root / "meta" / "info.json"
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; give the folder of a LeRobot data set")
@@ -50,16 +42,7 @@ def read_info(root: Path) -> dict[str, Any]:
 
 
 def data_files(root: Path, info: dict[str, Any]) -> list[Path]:
-    r"""Returns the files of a data set with the frames.
-
-    Args:
-        root (pathlib.Path): The folder of the data set.
-        info (dict): What :func:`read_info` returns.
-
-    Raises:
-        FileNotFoundError: If there are none.
-        ValueError: If they declare another number of frames than the data set.
-    """
+    r"""Returns the files of a data set with the frames."""
     paths = sorted(root.glob("data/*/*.parquet"))
     if not paths:
         raise FileNotFoundError(f"'{root}' must hold 'data/chunk-.../file-....parquet' (got none)")
@@ -72,15 +55,7 @@ def data_files(root: Path, info: dict[str, Any]) -> list[Path]:
 
 
 def episodes_of(path: Path, table: Any) -> Iterator[tuple[int, Any]]:
-    r"""Yields the number and the rows of each episode.
-
-    Args:
-        path (pathlib.Path): The file.
-        table (pyarrow.Table): Its rows.
-
-    Raises:
-        ValueError: If the numbers are no integers.
-    """
+    r"""Yields the number and the rows of each episode."""
     numbers = integers(path, table, "episode_index")
     bounds = np.flatnonzero(np.diff(numbers)) + 1
     for start, stop in pairwise([0, *bounds.tolist(), len(numbers)]):
@@ -89,16 +64,7 @@ def episodes_of(path: Path, table: Any) -> Iterator[tuple[int, Any]]:
 
 
 def in_order(root: Path, info: dict[str, Any], found: list[tuple[int, _Any]]) -> list[_Any]:
-    r"""Returns what was found of each episode, by their numbers.
-
-    Args:
-        root (pathlib.Path): The folder of the data set.
-        info (dict): What :func:`read_info` returns.
-        found (list of tuple): Number of an episode, and something of it.
-
-    Raises:
-        ValueError: If it is not each episode of the data set once.
-    """
+    r"""Returns what was found of each episode, by their numbers."""
     numbers = sorted(number for number, _ in found)
     if len(numbers) != info["total_episodes"] or numbers != [*range(len(numbers))]:
         raise ValueError(
@@ -110,30 +76,12 @@ def in_order(root: Path, info: dict[str, Any], found: list[tuple[int, _Any]]) ->
 
 
 def integers(path: Path, table: Any, name: str) -> np.ndarray:
-    r"""Returns a column of integers.
-
-    Args:
-        path (pathlib.Path): The file.
-        table (pyarrow.Table): Rows of it.
-        name (str): Name of the column.
-
-    Raises:
-        ValueError: If it has other values.
-    """
+    r"""Returns a column of integers."""
     return _numbers(path, table, name, "iu", "integers")
 
 
 def step_times(path: Path, table: Any, fps: float) -> np.ndarray:
-    r"""Returns the times of the steps of an episode in seconds.
-
-    Args:
-        path (pathlib.Path): The file.
-        table (pyarrow.Table): The rows of the episode.
-        fps (float): Steps per second.
-
-    Raises:
-        ValueError: If they are not the steps from 0 on, or come at another rate.
-    """
+    r"""Returns the times of the steps of an episode in seconds."""
     index = integers(path, table, "frame_index")
     wrong = np.flatnonzero(index != np.arange(len(index)))
     if len(wrong):
@@ -167,15 +115,6 @@ def _numbers(path: Path, table: Any, name: str, kinds: str, words: str) -> np.nd
 def row_values(path: Path, table: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     r"""Returns a column of numbers in float32, with NaN where one is missing.
 
-    Args:
-        path (pathlib.Path): The file.
-        table (pyarrow.Table): Rows of it.
-        name (str): Name of the column.
-        shape (tuple of int): Shape of a row, a list for each dimension; one value may be no list.
-
-    Raises:
-        ValueError: If it has other values.
-
     Shapes:
         - **output:** values :math:`(T, *)`
     """
@@ -203,15 +142,7 @@ def row_values(path: Path, table: Any, name: str, shape: tuple[int, ...]) -> np.
 
 
 def read_tasks(root: Path) -> dict[int, str]:
-    r"""Reads the tasks of a data set.
-
-    Args:
-        root (pathlib.Path): The folder of the data set.
-
-    Raises:
-        FileNotFoundError: If there is no file of them.
-        ValueError: If it holds no names, or a number twice.
-    """
+    r"""Reads the tasks of a data set."""
     path = root / "meta" / "tasks.parquet"
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; a LeRobot data set must have its tasks")

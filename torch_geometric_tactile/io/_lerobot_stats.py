@@ -18,8 +18,8 @@ def feature_stats(values: np.ndarray) -> Stats:
     Each value of a step has its own. Those of frames since the last step are pooled over their
     rows. A value without any reading has zeros.
 
-    Args:
-        values (numpy.ndarray): The values :math:`(T,)`, :math:`(T, D)` or :math:`(T, R, D)`.
+    Shapes:
+        - **values:** The values :math:`(T,)`, :math:`(T, D)` or :math:`(T, R, D)`.
     """
     rows = values.reshape(len(values), -1) if values.ndim == 1 else values
     rows = rows.reshape(-1, rows.shape[-1]).astype(np.float64)
@@ -41,9 +41,6 @@ def feature_stats(values: np.ndarray) -> Stats:
 def joined_stats(episodes: Sequence[Mapping[str, Stats]]) -> dict[str, Stats]:
     r"""Returns the statistics of a data set from those of its episodes, as LeRobot joins them: by
     the numbers of frames; quantiles are averages.
-
-    Args:
-        episodes (sequence of Mapping): Statistics by feature, of each episode.
     """
     out = {}
     for name in episodes[0]:
@@ -64,11 +61,7 @@ def joined_stats(episodes: Sequence[Mapping[str, Stats]]) -> dict[str, Stats]:
 
 
 def stats_json(stats: Mapping[str, Stats]) -> str:
-    r"""Returns statistics as LeRobot's :obj:`meta/stats.json`.
-
-    Args:
-        stats (Mapping): Statistics by feature.
-    """
+    r"""Returns statistics as LeRobot's :obj:`meta/stats.json`."""
     content: dict[str, Any] = {
         name: {key: value.tolist() for key, value in part.items()} for name, part in stats.items()
     }

@@ -19,13 +19,7 @@ _SLACK = 1e-3
 
 
 def regular_steps(time: np.ndarray, fps: float, whole: bool = False) -> np.ndarray:
-    r"""Returns the times of a regular clock that starts with the first frame, in seconds since it.
-
-    Args:
-        time (numpy.ndarray): Times of the frames in seconds, increasing.
-        fps (float): Steps per second.
-        whole (bool): Whether the last step comes after the last frame instead of before it.
-    """
+    r"""Returns the times of a regular clock that starts with the first frame, in seconds since it."""
     steps = (time[-1] - time[0]) * fps
     count = math.ceil(steps - _SLACK) if whole else math.floor(steps + _SLACK)
     return np.arange(count + 1) / fps
@@ -34,14 +28,7 @@ def regular_steps(time: np.ndarray, fps: float, whole: bool = False) -> np.ndarr
 def frames_of_steps(
     time: np.ndarray, steps: np.ndarray, fps: float, nearest: bool = False
 ) -> np.ndarray:
-    r"""Returns which frame stands for each step, or -1 for steps before the first frame.
-
-    Args:
-        time (numpy.ndarray): Times of the frames in seconds, increasing.
-        steps (numpy.ndarray): Times of the steps by the same clock, increasing.
-        fps (float): Steps per second.
-        nearest (bool): The nearest frame; if false the last one up to the step, as a robot has it.
-    """
+    r"""Returns which frame stands for each step, or -1 for steps before the first frame."""
     last = np.searchsorted(time, steps + _SLACK / fps, side="right") - 1
     if not nearest:
         return last
@@ -50,13 +37,7 @@ def frames_of_steps(
 
 
 def frames_since(time: np.ndarray, steps: np.ndarray, fps: float) -> list[np.ndarray]:
-    r"""Returns the frames since the last step, for each step.
-
-    Args:
-        time (numpy.ndarray): Times of the frames in seconds, increasing.
-        steps (numpy.ndarray): Times of the steps by the same clock, increasing.
-        fps (float): Steps per second.
-    """
+    r"""Returns the frames since the last step, for each step."""
     last = frames_of_steps(time, np.append(steps[0] - 1 / fps, steps), fps)
     return [np.arange(a + 1, b + 1) for a, b in pairwise(last.tolist())]
 
@@ -66,15 +47,10 @@ def touch_columns(
 ) -> dict[str, np.ndarray]:
     r"""Returns the readings, and joint angles if there are, at each of :math:`S` steps.
 
-    Args:
-        recording (Recording): The recording.
-        steps (numpy.ndarray): Times of the steps by its clock, increasing :math:`(S,)`.
-        fps (float): Steps per second.
-        rows (int): If not 0, the frames since the last step come as well, in so many rows
-            :math:`R`: the oldest first, and rows that are missing before it.
-        nearest (bool): Whether to take the nearest frame.
-
     Shapes:
+        - **steps:** Times of the steps by its clock, increasing :math:`(S,)`.
+        - **rows:** If not 0, the frames since the last step come as well, in so many rows
+          :math:`R`: the oldest first, and rows that are missing before it.
         - **output:** by feature: readings :math:`(S, N \cdot C)`, angles :math:`(S, J)`, and with
           rows :math:`(S, R, N \cdot C)`, :math:`(S, R, J)` and the times :math:`(S, R)` of the
           frames in seconds after the step, 0 or below

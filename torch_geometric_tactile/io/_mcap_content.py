@@ -58,15 +58,7 @@ class Damaged(Exception):  # noqa: N818 - never leaves the readers
 
 
 def parsed(kind: int, content: bytes) -> Iterable[Record]:
-    r"""Returns the records of a chunk after its checksum was compared, or the record itself.
-
-    Args:
-        kind (int): The type of the record.
-        content (bytes): Its content.
-
-    Raises:
-        Damaged: If it is not whole.
-    """
+    r"""Returns the records of a chunk after its checksum was compared, or the record itself."""
     try:
         if kind == CHUNK:
             return _chunk_records(content)
@@ -77,15 +69,7 @@ def parsed(kind: int, content: bytes) -> Iterable[Record]:
 
 
 def record_of(kind: int, content: memoryview) -> Record | None:
-    r"""Returns a record, or :obj:`None` for those that readers need not know.
-
-    Args:
-        kind (int): The type of the record.
-        content (bytes): Its content.
-
-    Raises:
-        Damaged: If it is not whole; so do :class:`struct.error` and :class:`UnicodeDecodeError`.
-    """
+    r"""Returns a record, or :obj:`None` for those that readers need not know."""
     if kind == MESSAGE:
         channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(content)
         data = content[_MESSAGE_HEAD.size :]
@@ -150,14 +134,7 @@ def _chunk_records(content: bytes) -> Iterator[Record]:
 
 
 def walk(data: bytes) -> Iterator[tuple[int, memoryview]]:
-    r"""Yields types and contents of records that are one behind the other.
-
-    Args:
-        data (bytes): The records.
-
-    Raises:
-        Damaged: If they are not whole.
-    """
+    r"""Yields types and contents of records that are one behind the other."""
     view, place = memoryview(data), 0
     while place < len(data):
         kind, length = HEAD.unpack_from(data, place)

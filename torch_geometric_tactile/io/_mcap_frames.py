@@ -55,13 +55,7 @@ class _Column:
 
 
 class FrameRows:
-    r"""Collects the frames of a file.
-
-    Args:
-        expected (int): How many frames are expected: the memory that is reserved.
-        file_size (int): Size of the file, which limits what may be asked for.
-        allow_large (bool): Whether to lift that limit.
-    """
+    r"""Collects the frames of a file."""
 
     def __init__(self, expected: int, file_size: int, allow_large: bool) -> None:
         self.num_frames = 0
@@ -72,15 +66,7 @@ class FrameRows:
         self._frame_bytes = 0
 
     def add(self, data: memoryview) -> None:
-        r"""Takes a message of a frame.
-
-        Args:
-            data (bytes): The message.
-
-        Raises:
-            MemoryError: If the frames take absurdly much memory for the size of the file.
-            ValueError: If it is no frame, or one of another shape than those before.
-        """
+        r"""Takes a message of a frame."""
         values = _values(decode(FRAME, data))
         for name, value in values.items():
             column = self._columns.get(name)

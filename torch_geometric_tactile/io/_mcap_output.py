@@ -11,11 +11,7 @@ _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 def require_mcap() -> Any:
-    r"""Returns the writer's module of the library of MCAP.
-
-    Raises:
-        ImportError: If it is missing, or has no compression.
-    """
+    r"""Returns the writer's module of the library of MCAP."""
     try:
         import mcap.writer
         import zstandard  # noqa: F401 - the compression of chunks
@@ -27,20 +23,6 @@ def require_mcap() -> Any:
 class McapOutput:
     r"""A new file that is written from its beginning to its end. When that fails, it is cut back to
     what was whole.
-
-    Args:
-        path (Path): The file.
-        overwrite (bool): Whether to replace one that exists.
-        lock (bool): Whether to refuse a file that another one with a lock writes.
-
-    Attributes:
-        error (OSError or None): What went wrong. Each call after it raises it again.
-        closed (bool): Whether it is closed.
-
-    Raises:
-        BlockingIOError: If another process writes it.
-        FileExistsError: If it exists, and :obj:`overwrite` is false.
-        OSError: If it cannot be made.
     """
 
     def __init__(self, path: Path, overwrite: bool, lock: bool) -> None:
@@ -67,14 +49,7 @@ class McapOutput:
         return self._place
 
     def write(self, data: bytes | memoryview) -> int:
-        r"""Writes bytes.
-
-        Args:
-            data (bytes): The bytes.
-
-        Raises:
-            OSError: If the disk is full, or was before.
-        """
+        r"""Writes bytes."""
         if self.error is not None:
             raise self.error
         view = memoryview(data)

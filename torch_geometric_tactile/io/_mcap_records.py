@@ -46,17 +46,7 @@ _READ = {HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, METADAT
 
 @dataclass
 class Scan:
-    r"""The records of a file in their order, and what was wrong with it.
-
-    Args:
-        path (Path): The file.
-
-    Attributes:
-        damage (list of str): What cannot be read; filled while :meth:`batches` goes on.
-        finished (bool): Whether the file has its end.
-        skipped (int): Bytes in which nothing could be read.
-        chunks (int): Chunks that were whole.
-    """
+    r"""The records of a file in their order, and what was wrong with it."""
 
     path: Path
     damage: list[str] = field(default_factory=list)
@@ -65,11 +55,7 @@ class Scan:
     chunks: int = 0
 
     def batches(self) -> Iterator[Iterable[Record]]:
-        r"""Yields records: those of a chunk together, all others alone.
-
-        Raises:
-            ValueError: If it is no MCAP file.
-        """
+        r"""Yields records: those of a chunk together, all others alone."""
         with self.path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
@@ -213,9 +199,6 @@ def _found(block: bytes) -> Iterator[int]:
 def summary_records(path: Path) -> list[Record]:
     r"""Returns the topics thx, if it is there and whole: for a file whose
     beginning is damaged.
-
-    Args:
-        path (Path): The file.
     """
     footer_size = HEAD.size + 20 + len(MAGIC)
     with path.open("rb") as file:
@@ -243,9 +226,6 @@ def count_messages(path: Path) -> dict[int, int]:
     r"""Returns how many messages the indices behind the chunks of a file tell of, by channel.
 
     Only heads are read, and nothing is checked: for the memory to reserve.
-
-    Args:
-        path (Path): The file.
     """
     counts: dict[int, int] = {}
     with path.open("rb") as file:

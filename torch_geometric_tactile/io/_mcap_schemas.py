@@ -128,12 +128,6 @@ FLOAT32 = _NUMERIC_TYPE.index("FLOAT32")
 def schema_of(message: str) -> bytes:
     r"""Returns the schema of a message and of all that it refers to: a serialized
     :obj:`FileDescriptorSet` of protobuf.
-
-    Args:
-        message (str): Its name, one of :obj:`TOPICS`.
-
-    Raises:
-        ImportError: If protobuf is missing.
     """
     pb = _descriptors()
     out = pb.FileDescriptorSet()
@@ -147,14 +141,7 @@ def schema_of(message: str) -> bytes:
 
 
 def check_schema(data: bytes) -> str:
-    r"""Compares the schema of a file's frames with ours.
-
-    Args:
-        data (bytes): The schema.
-
-    Returns:
-        str: What is different, or nothing.
-    """
+    r"""Compares the schema of a file's frames with ours."""
     if data == schema_of(FRAME):
         return ""
     pb = _descriptors()
@@ -226,12 +213,7 @@ def _describe(pb: Any, message: Any, fields: Mapping[str, Field]) -> None:
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytes:
-    r"""Returns a message in protobuf's format.
-
-    Args:
-        message (str): Its name, a key of :obj:`MESSAGES`.
-        values (Mapping): Its fields; those that are missing or :obj:`None` are left out.
-    """
+    r"""Returns a message in protobuf's format."""
     out = bytearray()
     for name, field in MESSAGES[message].items():
         value = values.get(name)
@@ -288,13 +270,6 @@ def _varint(value: int) -> bytes:
 def decode(message: str, data: bytes | memoryview) -> dict[str, Any]:
     r"""Reads a message: texts, numbers, dictionaries, and arrays of floating-point numbers, which
     share the memory of :obj:`data`. Fields that are not known are passed over.
-
-    Args:
-        message (str): Its name, a key of :obj:`MESSAGES`.
-        data (bytes): The message.
-
-    Raises:
-        ValueError: If it is no such message.
     """
     known, repeated = _TABLES[message]
     out: dict[str, Any] = {name: [] for name in repeated}

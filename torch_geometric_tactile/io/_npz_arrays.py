@@ -54,17 +54,7 @@ class ArrayHeader(NamedTuple):
 
 
 class NpzArrays:
-    r"""The arrays of an npz file that is open.
-
-    Args:
-        path (Path): The file.
-        archive (zipfile.ZipFile): The same file, open.
-        allow_large (bool): Whether arrays may be however large for the size of the file.
-
-    Raises:
-        ValueError: If the file holds anything else than arrays of numbers and texts, an array has
-            another size than its header says, or all of them are absurdly large.
-    """
+    r"""The arrays of an npz file that is open."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile, allow_large: bool = False) -> None:
         self._archive = archive
@@ -107,14 +97,7 @@ class NpzArrays:
         return header
 
     def read(self, name: str) -> np.ndarray:
-        r"""Returns an array. All of its bytes are compared with its checksum.
-
-        Args:
-            name (str): Its name.
-
-        Raises:
-            ValueError: If it is not whole, or a text is none.
-        """
+        r"""Returns an array. All of its bytes are compared with its checksum."""
         header = self._headers[name]
         numbers = np.empty(math.prod(header.shape), dtype=header.dtype)
         memory = numbers.view(np.uint8)
@@ -142,16 +125,7 @@ def _num_entries(path: Path) -> int:
 
 
 def read_array_header(file: IO[bytes], name: str) -> tuple[ArrayHeader, int]:
-    r"""Returns the header of an array in numpy's format, and where its numbers begin.
-
-    Args:
-        file (IO): The file, at its beginning.
-        name (str): The name of the array, for messages.
-
-    Raises:
-        ValueError: If it is an array of anything else than numbers and texts, or of a newer version
-            of the format. A damaged header raises any of :obj:`UNREADABLE`.
-    """
+    r"""Returns the header of an array in numpy's format, and where its numbers begin."""
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
@@ -171,16 +145,7 @@ def read_array_header(file: IO[bytes], name: str) -> tuple[ArrayHeader, int]:
 
 @contextmanager
 def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
-    r"""Yields the arrays of an npz file, while it is open.
-
-    Args:
-        path (Path): The file.
-        allow_large (bool): Whether arrays may be however large for the size of the file.
-
-    Raises:
-        ValueError: If it is no npz file, truncated or damaged, holds pickled objects, or would take
-            absurdly much memory. The message names the file.
-    """
+    r"""Yields the arrays of an npz file, while it is open."""
     if not zipfile.is_zipfile(path):
         raise ValueError(
             f"'{path}' is no whole npz file (is it truncated?): copy or write it again"

@@ -10,15 +10,7 @@ _BOOLEANS, _INTEGERS, _BYTE, _DOUBLE, _BINARY, _STRUCT = (1, 2), (4, 5, 6), 3, 7
 
 
 def check_pages(path: Path, chunks: list[Any]) -> None:
-    r"""Raises an error unless the pages of columns hold what the footer of the file declares.
-
-    Args:
-        path (pathlib.Path): The file.
-        chunks (list of pyarrow.parquet.ColumnChunkMetaData): What the footer says of the columns.
-
-    Raises:
-        ValueError: If they hold more, or others.
-    """
+    r"""Raises an error unless the pages of columns hold what the footer of the file declares."""
     with path.open("rb") as file:
         size = path.stat().st_size
         for chunk in chunks:

@@ -31,14 +31,7 @@ GROUPS = (PRIVILEGED, EXTRA)
 
 
 def checked_file(path: PathLike) -> Path:
-    r"""Returns the path of a file that exists.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-    """
+    r"""Returns the path of a file that exists."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; give the path of a recording")
@@ -46,11 +39,7 @@ def checked_file(path: PathLike) -> Path:
 
 
 def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
-    r"""Returns the arrays of a recording by their names in a file.
-
-    Args:
-        recording (Recording): The recording.
-    """
+    r"""Returns the arrays of a recording by their names in a file."""
     arrays = {"time": recording.time, "tactile": recording.tactile}
     if recording.joint is not None:
         arrays["joint"] = recording.joint
@@ -59,11 +48,7 @@ def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def recording_to_texts(recording: Recording) -> dict[str, str]:
-    r"""Returns label and metadata of a recording as JSON texts by their names in a file.
-
-    Args:
-        recording (Recording): The recording.
-    """
+    r"""Returns label and metadata of a recording as JSON texts by their names in a file."""
     return {
         "label": json.dumps(recording.label, ensure_ascii=False),
         "meta": json.dumps(dict(recording.meta), ensure_ascii=False),
@@ -71,15 +56,7 @@ def recording_to_texts(recording: Recording) -> dict[str, str]:
 
 
 def check_version(path: Path, version: Any) -> None:
-    r"""Checks that this package can read a file of a version.
-
-    Args:
-        path (Path): The file.
-        version (int): The version of the file.
-
-    Raises:
-        ValueError: If it cannot.
-    """
+    r"""Checks that this package can read a file of a version."""
     is_whole = isinstance(version, int | np.integer) and not isinstance(version, bool)
     if not is_whole or version != VERSION:
         raise ValueError(
@@ -91,16 +68,7 @@ def check_version(path: Path, version: Any) -> None:
 def recording_from_fields(
     path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, Any]
 ) -> Recording:
-    r"""Builds the recording that a file holds.
-
-    Args:
-        path (Path): The file, for messages.
-        arrays (Mapping of str to numpy.ndarray): As :meth:`recording_to_arrays` gives them.
-        texts (Mapping of str to str): As :meth:`recording_to_texts` gives them.
-
-    Raises:
-        ValueError: If something is missing, or does not fit together.
-    """
+    r"""Builds the recording that a file holds."""
     for name in ("time", "tactile"):
         if name not in arrays:
             raise missing_field(path, name)
@@ -140,12 +108,7 @@ def _group(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarra
 
 
 def missing_field(path: Path, name: str) -> ValueError:
-    r"""Returns the error for a file that lacks something.
-
-    Args:
-        path (Path): The file.
-        name (str): What it lacks.
-    """
+    r"""Returns the error for a file that lacks something."""
     return ValueError(
         f"'{path}' must hold '{name}', as every recording (got none): write it with "
         "torch_geometric_tactile.io.write_recording"

@@ -22,11 +22,7 @@ class SequenceNumbers:
         self._last = 0
 
     def unwrapped(self, number: int) -> tuple[int, int]:
-        r"""Returns the number without wraps, and how many before it are missing.
-
-        Args:
-            number (int): The number, from 0 to :math:`2^{32} - 1`.
-        """
+        r"""Returns the number without wraps, and how many before it are missing."""
         missing = 0
         if self._device is None:
             self._last = number

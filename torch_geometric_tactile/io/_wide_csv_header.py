@@ -44,14 +44,14 @@ class WideColumns(NamedTuple):
 def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int) -> list[str]:
     r"""Returns the names of the columns: :obj:`time`, :obj:`taxel_0_x`, ..., :obj:`joint_0`, ...
 
-    Args:
-        num_taxels (int): Number of taxels :math:`N`.
-        num_channels (int): Number of channels of a taxel :math:`C`; up to three are axes.
-        num_joints (int): Number of joints :math:`J`.
-
     Examples:
         >>> wide_csv_header(1, 2, 1)
         ['time', 'taxel_0_x', 'taxel_0_y', 'joint_0']
+
+    Shapes:
+        - **num_taxels:** Number of taxels :math:`N`.
+        - **num_channels:** Number of channels of a taxel :math:`C`; up to three are axes.
+        - **num_joints:** Number of joints :math:`J`.
     """
     return [
         "time",
@@ -61,12 +61,7 @@ def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int) -> list
 
 
 def columns_by_place(sizes: tuple[int, int, int], time: bool) -> WideColumns:
-    r"""Returns the columns of a file without names: those of :func:`wide_csv_header`.
-
-    Args:
-        sizes (tuple of int): Numbers of taxels, channels and joints.
-        time (bool): Whether the first column is the time.
-    """
+    r"""Returns the columns of a file without names: those of :func:`wide_csv_header`."""
     num_readings, first = sizes[0] * sizes[1], int(time)
     return WideColumns(
         names=wide_csv_header(*sizes)[1 - first :],
@@ -82,15 +77,7 @@ def columns_by_place(sizes: tuple[int, int, int], time: bool) -> WideColumns:
 
 
 def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
-    r"""Returns the columns that a header names, which may be in any order.
-
-    Args:
-        path (Path): The file, for messages.
-        header (sequence of str): The cells of its first line.
-
-    Raises:
-        ValueError: If a name is not understood, named twice, or missing.
-    """
+    r"""Returns the columns that a header names, which may be in any order."""
     names = [cell.strip() for cell in header]
     keys = [name.lower() for name in names]
     times = [i for i, key in enumerate(keys) if time_unit(key)]
@@ -142,21 +129,12 @@ def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
 
 
 def is_wide_name(name: str) -> bool:
-    r"""Tells whether a name is meant as one of a taxel, with whatever behind it.
-
-    Args:
-        name (str): Name of a column.
-    """
+    r"""Tells whether a name is meant as one of a taxel, with whatever behind it."""
     return re.match(r"taxel_[0-9]", name.strip().lower()) is not None
 
 
 def not_understood(path: Path, name: str) -> ValueError:
-    r"""Returns the error for a header with a name that is not known.
-
-    Args:
-        path (Path): The file.
-        name (str): The name.
-    """
+    r"""Returns the error for a header with a name that is not known."""
     return ValueError(
         f"'{path}', line 1 must name the columns 'time', 'taxel_0_x', 'taxel_0_y', 'taxel_0_z', "
         "'taxel_1_x', ..., 'joint_0', ... in any order, with units 'time_ms', 'time_us', "

@@ -68,14 +68,7 @@ class FlexiTacDecoder(HeaderDecoder):
 
 
 def checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    r"""Returns numbers of rows and columns, from 1 to 1024 each.
-
-    Args:
-        shape (tuple of int): The numbers.
-
-    Raises:
-        ValueError: If they are not.
-    """
+    r"""Returns numbers of rows and columns, from 1 to 1024 each."""
     if len(shape) != 2 or not all(1 <= size <= 1024 for size in shape):
         raise ValueError(f"'shape' must be rows and columns, from 1 to 1024 each (got {shape})")
     return int(shape[0]), int(shape[1])

@@ -159,14 +159,7 @@ def write_lerobot(
 
 
 def check_alike(recordings: Sequence[Recording]) -> None:
-    r"""Raises an error unless there are recordings with frames, of the same shapes and unit.
-
-    Args:
-        recordings (sequence of Recording): The recordings.
-
-    Raises:
-        ValueError: If not.
-    """
+    r"""Raises an error unless there are recordings with frames, of the same shapes and unit."""
     if not recordings:
         raise ValueError("'recordings' must hold at least one recording (got none)")
     shapes = [(r.num_taxels, r.num_channels, r.num_joints) for r in recordings]

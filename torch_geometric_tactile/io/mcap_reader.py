@@ -89,11 +89,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
 
 
 def told(problems: list[str]) -> str:
-    r"""Returns the first few of some problems as one text.
-
-    Args:
-        problems (list of str): The problems.
-    """
+    r"""Returns the first few of some problems as one text."""
     more = len(problems) - _MOST_TOLD
     few = "; ".join(printable(problem) for problem in problems[:_MOST_TOLD])
     return f"{few}; and {more} more" if more > 0 else few

@@ -139,14 +139,6 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
 def chosen_format(path: PathLike, options: Iterable[str]) -> str:
     r"""Returns the format that a file is read as with some options, which decide between the kinds
     of CSV.
-
-    Args:
-        path (str or PathLike): The file.
-        options (iterable of str): The names of the options.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the suffix is unknown.
     """
     name, given = recording_format(path), {*options}
     if not name.endswith("CSV"):
@@ -159,9 +151,6 @@ def chosen_format(path: PathLike, options: Iterable[str]) -> str:
 
 def format_options(name: str) -> list[str]:
     r"""Returns the names of the options of a format's reader.
-
-    Args:
-        name (str): The format, as :func:`recording_format` names it.
 
     Examples:
         >>> format_options("XELA messages")

@@ -308,11 +308,7 @@ def _metadata(
 
 
 def texts_checksum(texts: Mapping[str, str]) -> int:
-    r"""Returns the CRC-32 of names and texts.
-
-    Args:
-        texts (Mapping of str to str): The texts.
-    """
+    r"""Returns the CRC-32 of names and texts."""
     return zlib.crc32(json.dumps(sorted(texts.items())).encode())
 
 

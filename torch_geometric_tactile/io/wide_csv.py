@@ -224,9 +224,6 @@ def _seconds(
 def has_own_names(row: Sequence[str]) -> bool:
     r"""Tells whether a first line is a header whose names and number are not those of a recording
     that :func:`read_wide_csv` reads without arguments, or refuses since they are meant so.
-
-    Args:
-        row (sequence of str): The cells of the line.
     """
     if not row or not has_names(row) or any(map(is_wide_name, row)):
         return False

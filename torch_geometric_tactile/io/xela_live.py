@@ -77,8 +77,8 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
 def integers_as_text(counts: np.ndarray) -> bytes:
     r"""Returns counts as JSON writes them, with commas between them.
 
-    Args:
-        counts (numpy.ndarray): Whole numbers from 0 to 65535, of any type :math:`(K,)`.
+    Shapes:
+        - **counts:** Whole numbers from 0 to 65535, of any type :math:`(K,)`.
     """
     if _orjson is None:
         return b",".join([b"%d" % count for count in counts.tolist()])

@@ -133,9 +133,6 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
 def is_xela_log(header: Sequence[str]) -> bool:
     r"""Tells whether a first line names what only a XELA log has, or lacks a part of.
 
-    Args:
-        header (sequence of str): Its cells.
-
     Examples:
         >>> is_xela_log(["1X", "1Y", "1Z", "Send_time"]), is_xela_log(["time", "thumb"])
         (True, False)

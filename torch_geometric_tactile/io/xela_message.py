@@ -118,11 +118,7 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
 
 
 def sensor_keys(message: Mapping[str, Any]) -> list[str]:
-    r"""Returns the keys of the sensors of a message, by their numbers.
-
-    Args:
-        message (Mapping): The message.
-    """
+    r"""Returns the keys of the sensors of a message, by their numbers."""
     names = tuple(message)
     return list(_usual_keys(names) if len(names) <= _USUAL_KEYS else _keys(names))
 
@@ -153,11 +149,7 @@ def _is_number(value: Any) -> bool:
 
 
 def few(value: Any) -> str:
-    r"""Returns what a value of a message looks like, for an error message: not too long.
-
-    Args:
-        value (Any): The value.
-    """
+    r"""Returns what a value of a message looks like, for an error message: not too long."""
     try:
         text = repr(value)
     except (RecursionError, ValueError):  # Python writes no integer of thousands of digits
@@ -233,9 +225,6 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
 def float_numbers(values: list[Any]) -> np.ndarray | None:
     r"""Returns numbers as float32, NaN for :obj:`None` and infinity, or :obj:`None` if some are no
     numbers.
-
-    Args:
-        values (list): The numbers.
     """
     try:  # numbers only, and faster than an array of a list
         data = struct.pack(f"{len(values)}d", *values)

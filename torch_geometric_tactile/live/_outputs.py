@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 class Outputs:
     r"""The recorder and the viewer of a session, as far as there are some; called by any thread.
 
-    Args:
-        stream (Stream): What is recorded and shown.
-        layout (TaxelLayout, str or PathLike, optional): The taxels.
+    Shapes:
+        - **layout:** The taxels.
     """
 
     def __init__(self, stream: Stream, layout: "TaxelLayout | PathLike | None") -> None:
@@ -35,13 +34,7 @@ class Outputs:
         self._lock = threading.RLock()
 
     def view(self, host: str, port: int, on_tare: Callable[[], None]) -> str:
-        r"""Starts the viewer, and returns the address of its page.
-
-        Args:
-            host (str): Address to serve at.
-            port (int): Its port; any free one if zero.
-            on_tare (callable): What its tare button does.
-        """
+        r"""Starts the viewer, and returns the address of its page."""
         from torch_geometric_tactile.live.viewer import Viewer
 
         viewer = Viewer(self._stream, self._layout, host=host, port=port)
@@ -85,11 +78,7 @@ class Outputs:
             return path
 
     def judgement(self, judgement: Judgement) -> None:
-        r"""Writes and shows a judgement.
-
-        Args:
-            judgement (Judgement): The judgement.
-        """
+        r"""Writes and shows a judgement."""
         with self._lock:
             if self.recorder is not None:
                 self.recorder.judgement(judgement)
@@ -97,12 +86,7 @@ class Outputs:
             self.viewer.judgement(judgement)
 
     def event(self, kind: str, text: str) -> None:
-        r"""Writes and shows an event.
-
-        Args:
-            kind (str): What kind of event.
-            text (str): More about it.
-        """
+        r"""Writes and shows an event."""
         with self._lock:
             if self.recorder is not None:
                 self.recorder.event(kind, text)
@@ -112,8 +96,8 @@ class Outputs:
     def rest(self, rest: np.ndarray | None) -> None:
         r"""Shows readings relative to another rest.
 
-        Args:
-            rest (numpy.ndarray, optional): Readings at rest :math:`(N, C)`.
+        Shapes:
+            - **rest:** Readings at rest :math:`(N, C)`.
         """
         with self._lock:
             self._rest = rest

@@ -35,13 +35,8 @@ class PosedPoints:
     :obj:`shear` the length of that of the two others, if there are three; with any other number of
     channels :obj:`pressure` is that of the first.
 
-    Args:
-        layout (TaxelLayout, str or PathLike): The layout, its name or file.
-        meta (Mapping): Metadata of the stream; :obj:`"joint_names"` gives the order of the angles,
-            that of the hand if left out.
-
-    Raises:
-        ValueError: If there is no such layout.
+    Shapes:
+        - **layout:** The layout, its name or file.
     """
 
     def __init__(
@@ -66,12 +61,8 @@ class PosedPoints:
     def __call__(self, frame: LiveFrame, rest: np.ndarray) -> Points:
         r"""Returns the points of a frame.
 
-        Args:
-            frame (LiveFrame): The frame.
-            rest (numpy.ndarray): The readings at rest :math:`(N, C)`.
-
-        Raises:
-            ValueError: If the frame has another number of taxels than the layout.
+        Shapes:
+            - **rest:** The readings at rest :math:`(N, C)`.
         """
         if len(frame.tactile) != self.layout.num_taxels:
             raise ValueError(

@@ -13,9 +13,6 @@ from torch_geometric_tactile._typing import PathLike
 class PredictorModel:
     r"""A :class:`~torch_geometric_tactile.Predictor` that takes frame after frame, as
     :class:`OnnxModel` does.
-
-    Args:
-        predictor (Predictor or str or PathLike): The predictor, which is copied, or its file.
     """
 
     def __init__(self, predictor: Any) -> None:

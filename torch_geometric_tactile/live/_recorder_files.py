@@ -22,11 +22,7 @@ class RecordingFile:
     r"""A file that grows frame by frame. One thread at a time writes it."""
 
     def frame(self, frame: LiveFrame) -> None:
-        r"""Writes a frame.
-
-        Args:
-            frame (LiveFrame): The frame.
-        """
+        r"""Writes a frame."""
         raise NotImplementedError
 
     def idle(self) -> None:
@@ -38,46 +34,20 @@ class RecordingFile:
         raise NotImplementedError
 
     def prediction(self, judgement: Any) -> None:
-        r"""Writes what a model said, if the format can.
-
-        Args:
-            judgement (Judgement): What it said.
-        """
+        r"""Writes what a model said, if the format can."""
 
     def health(self, now: float, health: Any) -> None:
-        r"""Writes how the stream fares, if the format can.
-
-        Args:
-            now (float): When, on the monotonic clock in seconds.
-            health (Health): How it fares.
-        """
+        r"""Writes how the stream fares, if the format can."""
 
     def event(self, now: float, kind: str, text: str) -> None:
-        r"""Writes that something happened, if the format can.
-
-        Args:
-            now (float): When, on the monotonic clock in seconds.
-            kind (str): What kind of event.
-            text (str): More about it.
-        """
+        r"""Writes that something happened, if the format can."""
 
     def points(self, now: float, points: Any) -> None:
-        r"""Writes the taxels in space, if the format can.
-
-        Args:
-            now (float): When, on the monotonic clock in seconds.
-            points (Points): The taxels.
-        """
+        r"""Writes the taxels in space, if the format can."""
 
 
 class McapFile(RecordingFile):
-    r"""An MCAP file, which is handed on every quarter of a second and holds all that comes.
-
-    Args:
-        path (Path): The file.
-        overwrite (bool): Whether to replace one that exists.
-        **content: The arguments of :class:`~torch_geometric_tactile.io.McapWriter`.
-    """
+    r"""An MCAP file, which is handed on every quarter of a second and holds all that comes."""
 
     def __init__(self, path: Path, overwrite: bool, **content: Any) -> None:
         from torch_geometric_tactile.io import McapWriter
@@ -116,16 +86,7 @@ class McapFile(RecordingFile):
 
 
 class Hdf5File(RecordingFile):
-    r"""An HDF5 file, to which the frames of a second are added at once. It holds frames only.
-
-    Args:
-        path (Path): The file.
-        overwrite (bool): Whether to replace one that exists.
-        meta (Mapping): Metadata.
-        anchor (tuple of int): One moment in nanoseconds since 1970, and on the monotonic clock.
-        label (str or int, optional): What the trial is an example of.
-        layout (str, optional): Not kept apart from the metadata.
-    """
+    r"""An HDF5 file, to which the frames of a second are added at once. It holds frames only."""
 
     def __init__(
         self,
@@ -202,26 +163,12 @@ def _value(value: np.ndarray | None, first: np.ndarray, name: str) -> np.ndarray
 
 
 def new_file(path: Path, overwrite: bool, **content: Any) -> RecordingFile:
-    r"""Returns a new file of the format that its suffix names.
-
-    Args:
-        path (Path): The file.
-        overwrite (bool): Whether to replace one that exists.
-        **content: Metadata, anchor, layout and label.
-    """
+    r"""Returns a new file of the format that its suffix names."""
     return (McapFile if path.suffix.lower() == ".mcap" else Hdf5File)(path, overwrite, **content)
 
 
 def require_format(path: Path) -> None:
-    r"""Checks that files of a suffix can be written.
-
-    Args:
-        path (Path): The file.
-
-    Raises:
-        ImportError: If the extra that it needs is missing.
-        ValueError: If the suffix is unknown.
-    """
+    r"""Checks that files of a suffix can be written."""
     from torch_geometric_tactile.io._hdf5_file import require_h5py
     from torch_geometric_tactile.io._mcap_output import require_mcap
 

@@ -15,14 +15,9 @@ _DRIFT_SECONDS = 0.25  # between two frames whose distance from the rest is meas
 class RestedJudge:
     r"""Gives frames to a judge as soon as there is a rest, if something needs one.
 
-    Args:
-        judge (Judge, optional): The judge; without one nothing is judged.
-        rest (Rest, optional): What measures the sensor at rest; that of the judge if left out.
-        tare (bool): Whether to subtract the rest from the readings.
-        on_event (callable): Called with kind and text of what happens to the rest.
-
-    Raises:
-        ValueError: If there is no rest for :obj:`tare`.
+    Shapes:
+        - **judge:** The judge; without one nothing is judged.
+        - **rest:** What measures the sensor at rest; that of the judge if left out.
     """
 
     def __init__(
@@ -72,11 +67,7 @@ class RestedJudge:
         return self._rest is not None
 
     def watch_drift(self, frame: LiveFrame) -> None:
-        r"""Compares some of the frames with the rest.
-
-        Args:
-            frame (LiveFrame): A frame.
-        """
+        r"""Compares some of the frames with the rest."""
         if self._rest is not None and frame.time >= self._next_drift:
             self._next_drift = frame.time + _DRIFT_SECONDS
             self._rest.drift(frame)

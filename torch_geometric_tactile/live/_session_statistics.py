@@ -11,12 +11,8 @@ def cut_windows(frames: np.ndarray, length: int, hop: int) -> np.ndarray:
     r"""Returns windows of frames, each taxel with all frames of its first channel, then all of its
     second, and so on.
 
-    Args:
-        frames (numpy.ndarray): The frames :math:`(T, N, C)`.
-        length (int): Number of frames of a window.
-        hop (int): Number of frames from one window to the next.
-
     Shapes:
+        - **frames:** The frames :math:`(T, N, C)`.
         - **output:** :math:`(W, N, C \cdot T)`
     """
     starts = range(0, len(frames) - length + 1, hop)
@@ -32,14 +28,9 @@ def session_statistics(
     :class:`~torch_geometric_tactile.transforms.SessionZScore`. A reading that was never there has
     the centre NaN.
 
-    Args:
-        samples (numpy.ndarray): Readings :math:`(S, N, F)`.
-        time (numpy.ndarray): Time of each in seconds :math:`(S,)`.
-        rule (Mapping): What the transform measures: :obj:`"first"`, :obj:`"seconds"`, :obj:`"per"`
-            and :obj:`"has_scale"`.
-        num_frames (int): Number of frames of a sample, if it is a window.
-
     Shapes:
+        - **samples:** Readings :math:`(S, N, F)`.
+        - **time:** Time of each in seconds :math:`(S,)`.
         - **output:** :math:`(N, F)` each, double; :math:`(1, F)` of channels, :math:`(N, C)` of
           signals
     """

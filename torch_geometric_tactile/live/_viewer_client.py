@@ -22,11 +22,6 @@ _LEAD = 0.004  # seconds that a sleep may be late
 class ViewerClient:
     r"""Sends one page the newest frame, and the next one only after the page has shown it: however
     slow the page is, nothing waits in between, and what it shows is new.
-
-    Args:
-        socket (ServerConnection): The connection of the page.
-        screen (ViewerScreen): What all pages show.
-        turn (asyncio.Lock): Held while a button of any page is heeded.
     """
 
     def __init__(self, socket: Any, screen: ViewerScreen, turn: asyncio.Lock) -> None:

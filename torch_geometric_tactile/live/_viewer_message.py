@@ -13,10 +13,6 @@ def pack_message(head: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | Non
     r"""Returns a message to the page: the number of bytes of the head (32 bits, little-endian), the
     head as JSON, and the arrays as float32, little-endian. The head names the arrays and their
     shapes in order, under :obj:`"arrays"`; they begin at a multiple of four bytes.
-
-    Args:
-        head (Mapping): JSON values. A number that is not finite is :obj:`null`.
-        arrays (Mapping of str to numpy.ndarray, optional): Arrays; NaN stays NaN.
     """
     arrays = arrays or {}
     shapes = [[name, list(array.shape)] for name, array in arrays.items()]

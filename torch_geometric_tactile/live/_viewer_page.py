@@ -16,13 +16,7 @@ class ViewerPage:
         self._page, self._policy = _page()
 
     def answer(self, connection: Any, request: Any, full: bool) -> Any:
-        r"""Returns the answer to a request; :obj:`None` if it may go on as a web socket.
-
-        Args:
-            connection (ServerConnection): Where it came in.
-            request (Request): The request.
-            full (bool): Whether as many pages are open as there may be.
-        """
+        r"""Returns the answer to a request; :obj:`None` if it may go on as a web socket."""
         path = request.path.partition("?")[0]
         if path == "/live":
             return connection.respond(503, "Too many pages are open.\n") if full else None

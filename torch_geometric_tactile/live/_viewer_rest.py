@@ -11,9 +11,9 @@ class ViewerRest:
     While that second is not over, the mean so far serves. Readings that are missing in all of its
     frames stay missing. One thread asks for readings; any may ask for another rest.
 
-    Attributes:
-        given (numpy.ndarray, optional): What the caller gives :math:`(N, C)`; it goes first.
-        mean (numpy.ndarray, optional): What was measured :math:`(N, C)`.
+    Shapes:
+        - **given:** What the caller gives :math:`(N, C)`; it goes first.
+        - **mean:** What was measured :math:`(N, C)`.
     """
 
     def __init__(self) -> None:
@@ -38,9 +38,8 @@ class ViewerRest:
     def relative(self, time: float, tactile: np.ndarray) -> np.ndarray:
         r"""Returns readings relative to the rest.
 
-        Args:
-            time (float): Time of the frame in seconds.
-            tactile (numpy.ndarray): Its readings :math:`(N, C)`.
+        Shapes:
+            - **tactile:** Its readings :math:`(N, C)`.
         """
         given = self.given
         if given is not None and given.shape == tactile.shape:

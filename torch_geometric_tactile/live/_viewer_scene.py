@@ -20,21 +20,15 @@ _FLAT_VIEW = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class Scene:
     r"""The taxels on their links, and how the links move.
 
-    Args:
-        name (str): Name of the layout; empty without one.
-        form (str): :obj:`"hand"` (posed by joint angles), :obj:`"pads"` (a layout that does not
-            move) or :obj:`"numbers"` (no layout: a grid of the taxels by number).
-        pos (numpy.ndarray): Places in the frame of the link :math:`(N, 3)`.
-        axes (numpy.ndarray): Unit axes :math:`x`, :math:`y` and normal, likewise
-            :math:`(N, 3, 3)`.
-        size (numpy.ndarray): Distance to the nearest taxel of the patch :math:`(N,)`.
-        link (numpy.ndarray): Index of the link :math:`(N,)`.
-        pose (numpy.ndarray): Pose of the links without joint angles: rows of the rotation, and the
-            translation :math:`(L, 12)`.
-        view (sequence): The viewer's axes to the right, up and towards himself.
-        bodies (sequence of Mapping): Boxes and spheres of the links.
-        labels (sequence of Mapping): Names, each with its link and place.
-        kinematics (HandKinematics, optional): What poses the links.
+    Shapes:
+        - **pos:** Places in the frame of the link :math:`(N, 3)`.
+        - **axes:** Unit axes :math:`x`, :math:`y` and normal, likewise
+          :math:`(N, 3, 3)`.
+        - **size:** Distance to the nearest taxel of the patch :math:`(N,)`.
+        - **link:** Index of the link :math:`(N,)`.
+        - **pose:** Pose of the links without joint angles: rows of the rotation, and the
+          translation :math:`(L, 12)`.
+        - **kinematics:** What poses the links.
     """
 
     name: str
@@ -62,8 +56,8 @@ class Scene:
     def posed(self, joint: np.ndarray) -> np.ndarray:
         r"""Returns the poses of the links as :obj:`pose` has them.
 
-        Args:
-            joint (numpy.ndarray): Joint angles in radians :math:`(J,)`.
+        Shapes:
+            - **joint:** Joint angles in radians :math:`(J,)`.
         """
         import torch
 
@@ -91,8 +85,8 @@ class Scene:
 def number_scene(num_taxels: int) -> Scene:
     r"""Returns a grid of the taxels by number, row by row from the top left.
 
-    Args:
-        num_taxels (int): Number of taxels :math:`N`.
+    Shapes:
+        - **num_taxels:** Number of taxels :math:`N`.
     """
     columns = math.ceil(math.sqrt(num_taxels))
     row, column = np.divmod(np.arange(num_taxels), columns)
@@ -115,16 +109,9 @@ def layout_scene(
 ) -> Scene:
     r"""Returns the scene of a layout: on the hand that carries its links, or pad beside pad.
 
-    Args:
-        layout (TaxelLayout): The layout.
-        kinematics (HandKinematics, optional): The hand. The Allegro hand, if it has the links of
-            the layout.
-        joint (numpy.ndarray, optional): Joint angles to show while frames carry none; those of an
-            open hand if left out.
-
-    Raises:
-        ValueError: If a link of the layout is not one of :obj:`kinematics`, or :obj:`joint` has
-            another number of angles.
+    Shapes:
+        - **kinematics:** The hand. The Allegro hand, if it has the links of
+          the layout.
     """
     from torch_geometric_tactile._texts import read_json
     from torch_geometric_tactile.sensors import HandKinematics, stock_path

@@ -30,12 +30,10 @@ class ViewerScreen:
     r"""The scene, the rest, the notes and the last judgement, for any number of pages. Frames are
     asked for by one thread; notes and judgements may come from any.
 
-    Args:
-        stream (Stream): The stream.
-        layout (TaxelLayout, str or PathLike, optional): Its layout; the one that the source names
-            if left out.
-        joint (numpy.ndarray, optional): Joint angles to show while frames carry none.
-        kinematics (HandKinematics, optional): The hand that carries the layout.
+    Shapes:
+        - **layout:** Its layout; the one that the source names
+          if left out.
+        - **kinematics:** The hand that carries the layout.
     """
 
     def __init__(
@@ -63,19 +61,15 @@ class ViewerScreen:
             self._layout_scene = layout_scene(self._layout, kinematics, joint)
 
     def note(self, text: str) -> None:
-        r"""Keeps a line for the pages.
-
-        Args:
-            text (str): The line.
-        """
+        r"""Keeps a line for the pages."""
         self._numbers += 1
         self.notes.append((self._numbers, time.time(), text))
 
     def scene(self, num_taxels: int) -> Scene:
         r"""Returns the scene of frames with this number of taxels; the same one if asked again.
 
-        Args:
-            num_taxels (int): Number of taxels :math:`N`.
+        Shapes:
+            - **num_taxels:** Number of taxels :math:`N`.
         """
         with self._lock:
             if self._scene is None or self._scene.num_taxels != num_taxels:
@@ -116,12 +110,7 @@ class ViewerScreen:
             self.note(f"Layout {name} needs PyTorch: shown by number")
 
     def pose(self, scene: Scene, joint: np.ndarray | None) -> np.ndarray:
-        r"""Returns the poses of the links; the same array while the joints do not move.
-
-        Args:
-            scene (Scene): The scene.
-            joint (numpy.ndarray, optional): The joint angles of a frame.
-        """
+        r"""Returns the poses of the links; the same array while the joints do not move."""
         kept = self._posed
         if (
             joint is None
@@ -137,9 +126,8 @@ class ViewerScreen:
     def layout_message(self, scene: Scene, channels: int) -> bytes:
         r"""Returns what a page is told once: where the taxels are, and what they read.
 
-        Args:
-            scene (Scene): The scene.
-            channels (int): Number of channels :math:`C`.
+        Shapes:
+            - **channels:** Number of channels :math:`C`.
         """
         head = {
             "kind": "layout",
@@ -151,19 +139,11 @@ class ViewerScreen:
         return pack_message(head, scene.arrays())
 
     def relative(self, frame: LiveFrame) -> np.ndarray:
-        r"""Returns the readings of a frame relative to the rest, float32 :math:`(N, C)`.
-
-        Args:
-            frame (LiveFrame): The frame.
-        """
+        r"""Returns the readings of a frame relative to the rest, float32 :math:`(N, C)`."""
         return self.rest.relative(frame.time, frame.tactile).astype(np.float32)
 
     def facts(self, since_note: int) -> dict[str, Any]:
-        r"""Returns what changes beside the readings.
-
-        Args:
-            since_note (int): Number of the last note that the page has.
-        """
+        r"""Returns what changes beside the readings."""
         since = self.recording_since
         return {
             "source": self.stream.source.name,
@@ -204,11 +184,7 @@ class ViewerScreen:
             self._call(self.on_tare, "The tare")
 
     def record(self, wanted: bool) -> None:
-        r"""Calls :obj:`on_record`, if this would change what is recorded.
-
-        Args:
-            wanted (bool): Whether to record.
-        """
+        r"""Calls :obj:`on_record`, if this would change what is recorded."""
         if self.on_record is not None and wanted != (self.recording_since is not None):
             self._call(self.on_record, "The recording")
 

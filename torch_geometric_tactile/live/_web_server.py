@@ -17,23 +17,6 @@ _LARGEST_MESSAGE = 1024  # bytes that a client may send at once
 class WebServer:
     r"""Serves WebSockets in a thread of its own, however many clients there are. A page of another
     site is refused, and so is a client when there are too many.
-
-    Args:
-        serve (callable): Serves a connection; called with it in the loop of the thread.
-        host (str): Address to serve on.
-        port (int): Port to serve on; any free one if 0, and known once it is served.
-        name (str): What serves, for errors.
-        most (int): Most clients at a time.
-        closing (float): Seconds that a client is waited for when it is closed.
-        page (callable, optional): Answers a request of whoever may ask; called with the connection,
-            the request, and whether there are too many clients. Returns :obj:`None` if it may go on
-            as a WebSocket.
-
-    Attributes:
-        clients (int): The number of clients that are connected.
-
-    Raises:
-        ImportError: If websockets is missing.
     """
 
     def __init__(
@@ -59,11 +42,7 @@ class WebServer:
         self._stop: asyncio.Event | None = None
 
     def start(self) -> None:
-        r"""Begins to serve; does nothing if it does already.
-
-        Raises:
-            OSError: If the port is taken or the address is not one of this machine.
-        """
+        r"""Begins to serve; does nothing if it does already."""
         if self._thread is not None:
             return
         listening = self._listening()
@@ -145,11 +124,6 @@ def foreign(connection: Any, request: Any, host: str) -> str:
 
     A name that a foreign site has made lead here (DNS rebinding) is not one. The port of the name
     may be another one, since ports are forwarded; that of :obj:`Origin` may not.
-
-    Args:
-        connection (ServerConnection): Where it came in.
-        request (Request): The request.
-        host (str): The name or address that is served on.
     """
     name = _only(request.headers.get_all("Host"))
     origin = request.headers.get_all("Origin")

@@ -19,13 +19,6 @@ class WebSocket:
     r"""The client's end of a WebSocket. The protocol is that of websockets, whose own client has a
     thread of its own: handing messages over would cost more than reading them. Needs the extra
     :obj:`live`.
-
-    Args:
-        url (str): Address of the server.
-
-    Raises:
-        ImportError: If the extra is missing.
-        ValueError: If :obj:`url` is no address of a WebSocket.
     """
 
     def __init__(self, url: str) -> None:
@@ -48,14 +41,7 @@ class WebSocket:
         self._timeout = math.inf
 
     def open(self, timeout: float) -> None:
-        r"""Connects.
-
-        Args:
-            timeout (float): How long it may take in seconds.
-
-        Raises:
-            OSError: If no server answers, or what answers is none.
-        """
+        r"""Connects."""
         from websockets.client import ClientProtocol
 
         deadline = time.perf_counter() + timeout
@@ -79,15 +65,7 @@ class WebSocket:
             raise
 
     def receive(self, timeout: float) -> bytes | None:
-        r"""Returns the next message, or :obj:`None` if none came in time.
-
-        Args:
-            timeout (float): How long to wait in seconds.
-
-        Raises:
-            EOFError: If the server has closed the connection.
-            OSError: If the connection is lost.
-        """
+        r"""Returns the next message, or :obj:`None` if none came in time."""
         deadline = time.perf_counter() + timeout
         while not self._messages:
             if self._closed:

@@ -149,10 +149,6 @@ class Judge:
     def __call__(self, frame: LiveFrame, *, wanted: bool = True) -> Judgement | None:
         r"""Returns the judgement of a frame, or :obj:`None` as long as the window is not full or
         the rest is not there.
-
-        Args:
-            frame (LiveFrame): The frame, the one after those before.
-            wanted (bool): Whether an answer is wanted; without, the frame is part of windows only.
         """
         start = perf_counter_ns()
         self._check(frame)

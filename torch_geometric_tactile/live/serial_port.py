@@ -64,11 +64,7 @@ def list_ports() -> list[SerialPort]:
 
 
 def find_port(path: str) -> SerialPort | None:
-    r"""Returns the port of a path, which may be a link such as one in :obj:`/dev/serial/by-id`.
-
-    Args:
-        path (str): The path or name.
-    """
+    r"""Returns the port of a path, which may be a link such as one in :obj:`/dev/serial/by-id`."""
     real = os.path.normcase(os.path.realpath(path))
     for port in list_ports():
         if real == os.path.normcase(os.path.realpath(port.device)):
@@ -77,11 +73,7 @@ def find_port(path: str) -> SerialPort | None:
 
 
 def find_again(port: SerialPort) -> SerialPort | None:
-    r"""Returns where a USB device is now, by its vendor, product and serial number.
-
-    Args:
-        port (SerialPort): Where it was.
-    """
+    r"""Returns where a USB device is now, by its vendor, product and serial number."""
     same = (port.vid, port.pid, port.serial_number)
     for other in list_ports():
         if (other.vid, other.pid, other.serial_number) == same:

@@ -43,11 +43,7 @@ class Status(NamedTuple):
 
 
 def described(judgement: Judgement) -> str:
-    r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`.
-
-    Args:
-        judgement (Judgement): What it says.
-    """
+    r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`."""
     probability = judgement.probability
     if np.isnan(probability).any():
         return "no answer (readings are missing)"

@@ -19,12 +19,7 @@ from torch_geometric_tactile.loader._random_states import (
 
 
 class KeyedIndex(NamedTuple):
-    r"""What a batch is cut by.
-
-    Args:
-        index (int or sequence of int): Indices of its samples.
-        seed (int, optional): What random transforms draw by; if left out, by the global states.
-    """
+    r"""What a batch is cut by."""
 
     index: Any
     seed: int | None
@@ -35,11 +30,6 @@ class EpochOrder:
 
     The random states at the start of an epoch tell its order; they are what :meth:`state_dict`
     keeps.
-
-    Args:
-        sampler (iterable): Yields the indices of each batch.
-        generator (torch.Generator, optional): What the sampler draws from, if not the global one.
-        keyed (bool): Whether each batch has a seed, which follows from the epoch and its number.
     """
 
     def __init__(
@@ -96,25 +86,14 @@ class EpochOrder:
         return int(torch.empty((), dtype=torch.int64).random_(generator=generator))
 
     def state_dict(self, num_batches: int) -> dict[str, Any]:
-        r"""Returns where the epoch is, as plain values and tensors.
-
-        Args:
-            num_batches (int): Number of batches that were yielded.
-        """
+        r"""Returns where the epoch is, as plain values and tensors."""
         if self._start is None:
             return {"num_batches": 0}
         states, own = self._start
         return {"num_batches": num_batches, "start": states.to_dict(), "generator": own}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        r"""Lets the next epoch be one that was begun before, without the batches that it had.
-
-        Args:
-            state_dict (Mapping): What :meth:`state_dict` returned.
-
-        Raises:
-            ValueError: If it is something else.
-        """
+        r"""Lets the next epoch be one that was begun before, without the batches that it had."""
         num_batches = state_dict.get("num_batches")
         if not isinstance(num_batches, int) or num_batches < 0:
             raise ValueError(
@@ -130,12 +109,7 @@ class EpochOrder:
 
 
 class CutBatches(Dataset):
-    r"""Whole batches, where a data set has samples.
-
-    Args:
-        dataset (torch.utils.data.Dataset): One that
-            :func:`~torch_geometric_tactile.data._batches.static_parts` takes.
-    """
+    r"""Whole batches, where a data set has samples."""
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset

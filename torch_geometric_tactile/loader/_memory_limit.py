@@ -15,10 +15,6 @@ _OWN = "/proc/self/cgroup"
 def memory_limit(cgroups: PathLike = _CGROUPS, own: PathLike = _OWN) -> int | None:
     r"""Returns the bytes of memory that this process may use: those of the machine or, if less, of
     its control group (of a container or a job). It is :obj:`None` where neither is known.
-
-    Args:
-        cgroups (str or PathLike): Folder of the control groups.
-        own (str or PathLike): The file that tells the group of this process.
     """
     found = [_group_limit(Path(cgroups), line) for line in _lines(Path(own))]
     with suppress(AttributeError, OSError, ValueError):  # not on Windows
@@ -27,13 +23,7 @@ def memory_limit(cgroups: PathLike = _CGROUPS, own: PathLike = _OWN) -> int | No
 
 
 def exceeds_memory(dataset: Any, limit: int | None = None) -> bool:
-    r"""Tells whether the samples of a data set, in a memory-mapped file, are larger than memory.
-
-    Args:
-        dataset (torch.utils.data.Dataset): One that
-            :func:`~torch_geometric_tactile.data._batches.static_parts` takes.
-        limit (int, optional): The bytes of memory; :func:`memory_limit` if left out.
-    """
+    r"""Tells whether the samples of a data set, in a memory-mapped file, are larger than memory."""
     limit = memory_limit() if limit is None else limit
     return limit is not None and sum(part.nbytes for part in static_parts(dataset)) > limit
 

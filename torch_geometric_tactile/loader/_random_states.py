@@ -17,13 +17,7 @@ _SEEDED = np.random.MT19937(0)  # making one takes as long
 
 
 class RandomStates(NamedTuple):
-    r"""The states of the global sources of random numbers.
-
-    Args:
-        torch (torch.Tensor): That of PyTorch's CPU.
-        numpy (dict): That of :mod:`numpy.random`.
-        python (tuple): That of :mod:`random`.
-    """
+    r"""The states of the global sources of random numbers."""
 
     torch: Tensor
     numpy: dict[str, Any]
@@ -58,14 +52,7 @@ class RandomStates(NamedTuple):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Returns the states that :meth:`to_dict` wrote down.
-
-        Args:
-            content (Mapping): What it returned.
-
-        Raises:
-            ValueError: If they cannot be the states.
-        """
+        r"""Returns the states that :meth:`to_dict` wrote down."""
         try:
             numpy, python = content["numpy"], content["python"]
             key = numpy["key"].cpu().numpy().astype(np.uint32)
@@ -104,10 +91,6 @@ def kept_rng() -> Iterator[None]:
 def seeded_rng(seed: int, generators: Sequence[torch.Generator] = ()) -> Iterator[None]:
     r"""Lets all that is drawn within follow from a seed, and nothing that is drawn after it, except
     that NumPy forgets the second of two normal numbers, which it draws together.
-
-    Args:
-        seed (int): The seed.
-        generators (sequence of torch.Generator): Further sources, whose own seeds count as well.
     """
     before, python = torch.get_rng_state(), random.getstate()
     states = [generator.get_state() for generator in generators]
@@ -130,10 +113,6 @@ def seeded_rng(seed: int, generators: Sequence[torch.Generator] = ()) -> Iterato
 
 
 def mixed(*numbers: int) -> int:
-    r"""Returns a seed that follows from all numbers.
-
-    Args:
-        *numbers (int): The numbers.
-    """
+    r"""Returns a seed that follows from all numbers."""
     digest = hashlib.blake2b(repr(numbers).encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1  # in the range of every source

@@ -23,21 +23,13 @@ _logger = logging.getLogger(__name__)
 
 
 class StaticCollater:
-    r"""Turns what a loader has fetched into one :class:`StaticData`.
-
-    Args:
-        dataset (torch.utils.data.Dataset): The data set of the loader.
-    """
+    r"""Turns what a loader has fetched into one :class:`StaticData`."""
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
 
     def __call__(self, samples: Any) -> StaticData:
-        r"""Returns the samples of a batch in one piece, if they were not read yet.
-
-        Args:
-            samples (StaticData or StaticDataset or list or Data): The samples.
-        """
+        r"""Returns the samples of a batch in one piece, if they were not read yet."""
         if isinstance(samples, StaticData):
             return samples
         if isinstance(samples, StaticDataset):  # of a sampler that yields lists

@@ -35,8 +35,8 @@ class NotPlainError(ValueError):
 class Describer:
     r"""Turns transforms and models into JSON values and named tensors.
 
-    Args:
-        layout (TaxelLayout, optional): The layout of the sensor, which is written once.
+    Shapes:
+        - **layout:** The layout of the sensor, which is written once.
     """
 
     def __init__(self, layout: TaxelLayout | None) -> None:
@@ -44,11 +44,7 @@ class Describer:
         self.tensors: dict[str, Tensor] = {}
 
     def transform(self, transform: Any) -> dict[str, Any]:
-        r"""Describes a transform, with its fitted state.
-
-        Args:
-            transform (BaseTransform): The transform; a user's own may be any callable.
-        """
+        r"""Describes a transform, with its fitted state."""
         kind = type(transform).__name__
         if transform_classes().get(kind) is type(transform):
             mark = len(self.tensors)
@@ -70,11 +66,7 @@ class Describer:
         return described
 
     def model(self, model: Module) -> dict[str, Any]:
-        r"""Describes a model, without its weights.
-
-        Args:
-            model (torch.nn.Module): The model.
-        """
+        r"""Describes a model, without its weights."""
         kind = type(model).__name__
         arguments = getattr(model, "_hub_arguments", None)
         if model_classes().get(kind) is not type(model) or arguments is None:
@@ -87,15 +79,7 @@ class Describer:
             return describe_own(model)
 
     def value(self, value: Any) -> Any:
-        r"""Describes an argument or a state.
-
-        Args:
-            value (object): Plain values, tensors, layouts, kinematics and transforms, in lists,
-                tuples and mappings.
-
-        Raises:
-            NotPlainError: If it is anything else.
-        """
+        r"""Describes an argument or a state."""
         if value is None or isinstance(value, bool | int | str):
             return value
         if isinstance(value, float):
@@ -143,12 +127,6 @@ class Describer:
 def transform_arguments(transform: Any) -> dict[str, Any]:
     r"""Returns the arguments of a transform's constructor: what its method :obj:`arguments`
     returns, or else its attributes of the same names.
-
-    Args:
-        transform (BaseTransform): The transform.
-
-    Raises:
-        NotPlainError: If an argument is no attribute.
     """
     if hasattr(transform, "arguments"):
         arguments: dict[str, Any] = transform.arguments()

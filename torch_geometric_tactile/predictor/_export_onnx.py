@@ -31,13 +31,7 @@ _EXTRAS = ("onnx", "onnxscript", "onnxruntime")
 
 
 class Exported(NamedTuple):
-    r"""What :func:`export_onnx` wrote.
-
-    Args:
-        num_bytes (int): Size of the file.
-        difference (float): The largest difference to PyTorch that was found.
-        metadata (dict): The metadata of the file.
-    """
+    r"""What :func:`export_onnx` wrote."""
 
     num_bytes: int
     difference: float
@@ -62,18 +56,6 @@ def export_onnx(
 
     The graph is compared with the predictor before it is written, on random readings, zeros and
     missing ones. The file is written whole or not at all.
-
-    Args:
-        predictor (Predictor): The predictor; it stays as it is.
-        path (str or PathLike): The file.
-        unit (str, optional): The unit of the readings, :obj:`"count"`, :obj:`"newton"` or
-            :obj:`"microtesla"`, for the metadata.
-        num_channels (int, optional): Number of channels of a taxel, if the predictor does not know.
-
-    Raises:
-        ImportError: If the extra ``export`` is missing.
-        NotImplementedError: If a transform or the model cannot be exported; it is named.
-        ValueError: If the graph gives other numbers, or the predictor lacks what the graph needs.
     """
     require_export()
     if unit not in (None, *UNITS):
@@ -120,11 +102,7 @@ def require_export() -> None:
 
 
 def open_session(model: bytes | PathLike) -> Any:
-    r"""Returns a session of onnxruntime in one thread.
-
-    Args:
-        model (bytes or str or PathLike): The model or its file.
-    """
+    r"""Returns a session of onnxruntime in one thread."""
     runtime = import_module("onnxruntime")
     options = runtime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -134,13 +112,7 @@ def open_session(model: bytes | PathLike) -> Any:
 
 
 def describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[str, Any]:
-    r"""Returns the metadata of a graph.
-
-    Args:
-        predictor (Predictor): The predictor.
-        graph (OnnxGraph): Its graph.
-        unit (str, optional): The unit of its readings.
-    """
+    r"""Returns the metadata of a graph."""
     window, rest = graph.window, None
     if graph.rest is not None:
         part = graph.rest.part

@@ -23,9 +23,6 @@ def stored_options(options: Mapping[str, Any]) -> dict[str, Any]:
     :func:`~torch_geometric_tactile.io.read_recording`: how numbers are read, but neither labels nor
     expressions.
 
-    Args:
-        options (Mapping): The options.
-
     Examples:
         >>> stored_options({"tactile": ("thumb", "index"), "joint": "q.*", "label": "grasp"})
         {'tactile': ['thumb', 'index']}
@@ -35,14 +32,7 @@ def stored_options(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checked_options(options: Any) -> dict[str, Any]:
-    r"""Returns options that :func:`stored_options` returned, from a file that may be another's.
-
-    Args:
-        options (Any): The options.
-
-    Raises:
-        ValueError: If one is unknown, or of another type.
-    """
+    r"""Returns options that :func:`stored_options` returned, from a file that may be another's."""
     if not isinstance(options, Mapping):
         raise ValueError(f"its 'read_options' must be a mapping (got {str(options)[:80]})")
     for key, value in options.items():

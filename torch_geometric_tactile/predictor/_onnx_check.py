@@ -20,11 +20,6 @@ Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T
 def examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator[Example]:
     r"""Yields frames like those that the predictor was fitted on, and others: hardly touched,
     one taxel without a reading, and many.
-
-    Args:
-        graph (OnnxGraph): Its graph.
-        predictor (Predictor): The predictor.
-        count (int): Number of random examples.
     """
     draw = np.random.default_rng(_SEED)
     size = (graph.length, graph.layout.num_taxels, graph.num_channels)
@@ -65,14 +60,7 @@ def _usual(predictor: Predictor, size: tuple[int, ...]) -> tuple[Any, Any]:
 
 
 def reference(predictor: Predictor, graph: OnnxGraph, example: Example, rest: Any) -> np.ndarray:
-    r"""Returns what the predictor itself says, without the graph.
-
-    Args:
-        predictor (Predictor): The predictor; what it measured of sessions is replaced.
-        graph (OnnxGraph): Its graph.
-        example (tuple): Frames and angles.
-        rest (dict): The inputs of the graph that were measured, by name.
-    """
+    r"""Returns what the predictor itself says, without the graph."""
     frames, joint = example
     if rest:
         _set_rest(predictor, rest)
@@ -94,14 +82,7 @@ def _set_rest(predictor: Predictor, rest: dict[str, np.ndarray]) -> None:
 
 
 def answer(session: Any, graph: OnnxGraph, example: Example, rest: Any) -> np.ndarray:
-    r"""Returns what the exported graph says.
-
-    Args:
-        session (onnxruntime.InferenceSession): The session.
-        graph (OnnxGraph): What was exported.
-        example (tuple): Frames and angles.
-        rest (dict): The inputs that were measured, by name.
-    """
+    r"""Returns what the exported graph says."""
     frames, joint = example
     feed: dict[str, np.ndarray] = dict(rest)
     if not graph.is_stepped:
@@ -126,11 +107,6 @@ def answer(session: Any, graph: OnnxGraph, example: Example, rest: Any) -> np.nd
 def largest_difference(session: Any, graph: OnnxGraph, predictor: Predictor) -> float:
     r"""Returns the largest difference between graph and predictor, infinite if one of them alone
     has no answer (NaN).
-
-    Args:
-        session (onnxruntime.InferenceSession): The session of the graph.
-        graph (OnnxGraph): What was exported.
-        predictor (Predictor): Its predictor; what it measured of sessions is replaced.
     """
     worst = 0.0
     for example in examples(graph, predictor):

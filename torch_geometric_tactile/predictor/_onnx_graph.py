@@ -23,14 +23,6 @@ _CHUNK = 256
 class OnnxGraph(Module):
     r"""A predictor as one module of tensors: raw readings, the rest, joint angles and the state of
     a recurrent model in, probabilities and the next state out.
-
-    Args:
-        predictor (Predictor): The predictor; it is changed, and belongs to the graph from now on.
-        num_channels (int, optional): Number of channels of a taxel, if the predictor does not know.
-
-    Raises:
-        NotImplementedError: If a transform cannot be part of a graph; it is named.
-        ValueError: If the predictor does not know its channels or joints.
     """
 
     def __init__(self, predictor: Predictor, num_channels: int | None = None) -> None:
@@ -164,11 +156,7 @@ class OnnxGraph(Module):
         return ["probability", *states, *(["before_rest"] if self.shows_rest else [])]
 
     def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
-        r"""Returns the outputs of :obj:`output_names`.
-
-        Args:
-            *inputs (torch.Tensor): Those of :obj:`input_names`.
-        """
+        r"""Returns the outputs of :obj:`output_names`."""
         given = dict(zip(self.input_names, inputs, strict=True))
         if self.is_stepped:
             probability, states = self.run_step(given)
@@ -178,11 +166,7 @@ class OnnxGraph(Module):
         return (probability, *states, *seen)
 
     def run_window(self, given: dict[str, Tensor]) -> Tensor:
-        r"""Returns the probabilities of a frame or window.
-
-        Args:
-            given (dict): The inputs by name.
-        """
+        r"""Returns the probabilities of a frame or window."""
         tactile = given["tactile"]
         frames = tactile if self.window is None else tactile[0]
         data = self._prepared(frames, given)
@@ -204,11 +188,7 @@ class OnnxGraph(Module):
         return sum(products[1:], products[0]) if products else 0.0
 
     def run_step(self, given: dict[str, Tensor]) -> tuple[Tensor, tuple[Tensor, ...]]:
-        r"""Returns the probabilities after a frame, and the state.
-
-        Args:
-            given (dict): The inputs by name.
-        """
+        r"""Returns the probabilities after a frame, and the state."""
         data = self._prepared(given["tactile"], given)
         self._at.name = type(self.model).__name__
         model: Any = self.model

@@ -52,11 +52,7 @@ _ALL = ("x", "joint", "pos", "normal", "tangent", "edge_index", "edge_attr", "ed
 
 
 def is_framewise(part: Any) -> bool:
-    r"""Tells whether a transform of windows does the same to each frame by itself.
-
-    Args:
-        part (callable): The transform.
-    """
+    r"""Tells whether a transform of windows does the same to each frame by itself."""
     if isinstance(part, FittedTransform) and shifts_and_scales(part):
         return part.attr != "x" or part.per == "signal"
     return type(part) in _FRAMEWISE
@@ -65,17 +61,7 @@ def is_framewise(part: Any) -> bool:
 def lowered(
     parts: Sequence[Any], known: StaticData, changing: set[str], of_windows: bool
 ) -> tuple[list[tuple[str, Step]], StaticData]:
-    r"""Returns steps with the names of their transforms, and what is known after them.
-
-    Args:
-        parts (sequence of callable): The transforms.
-        known (StaticData): One sample without readings: what all frames share.
-        changing (set of str): Attributes that differ from frame to frame; extended.
-        of_windows (bool): Whether the samples are windows, not frames.
-
-    Raises:
-        NotImplementedError: If a transform cannot be part of a graph; it is named.
-    """
+    r"""Returns steps with the names of their transforms, and what is known after them."""
     steps: list[tuple[str, Step]] = []
     for part in parts:
         step, known = _lowered(part, known, changing, of_windows)

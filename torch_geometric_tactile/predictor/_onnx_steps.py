@@ -21,12 +21,7 @@ _NEGLIGIBLE = 1e-7
 
 
 class GivenRest:
-    r"""A transform that measures sessions, with what it measured as an input of the graph.
-
-    Args:
-        part (FittedTransform): The transform.
-        of_windows (bool): Whether its samples are windows, not frames.
-    """
+    r"""A transform that measures sessions, with what it measured as an input of the graph."""
 
     def __init__(self, part: FittedTransform, of_windows: bool) -> None:
         if part.attr != "x":
@@ -61,13 +56,7 @@ class GivenRest:
 
 
 class Set:
-    r"""Attributes that are the same for all frames, and columns of the readings.
-
-    Args:
-        before (StaticData): What is known before a transform.
-        after (StaticData): What is known after it, with its columns as readings.
-        replaces (bool): Whether the columns replace the readings.
-    """
+    r"""Attributes that are the same for all frames, and columns of the readings."""
 
     def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
         self.replaces = replaces
@@ -96,11 +85,7 @@ class Set:
 
 
 class Scaled:
-    r"""A scaler with tables of the size of what is scaled, which a runtime takes in long loops.
-
-    Args:
-        part (FittedTransform): The transform.
-    """
+    r"""A scaler with tables of the size of what is scaled, which a runtime takes in long loops."""
 
     def __init__(self, part: FittedTransform) -> None:
         self.part = part
@@ -135,9 +120,6 @@ class Scaled:
 class Posed:
     r"""Taxels placed by joint angles. Positions and normals are linear in the poses of the links:
     one product serves all taxels.
-
-    Args:
-        part (TaxelPose): The transform.
     """
 
     def __init__(self, part: T.TaxelPose) -> None:
@@ -174,12 +156,7 @@ class Posed:
 
 
 class Dropped:
-    r"""Dead taxels, the same in all frames.
-
-    Args:
-        part (DropTaxels): The transform.
-        known (StaticData): What all frames share.
-    """
+    r"""Dead taxels, the same in all frames."""
 
     def __init__(self, part: T.DropTaxels, known: StaticData) -> None:
         self.value = part.value
@@ -194,12 +171,7 @@ class Dropped:
 
 
 class Segmented:
-    r"""Edges within segments, chosen beforehand: their number must not depend on values.
-
-    Args:
-        part (TopologicalSegmentation): The transform.
-        known (StaticData): What all frames share.
-    """
+    r"""Edges within segments, chosen beforehand: their number must not depend on values."""
 
     def __init__(self, part: T.TopologicalSegmentation, known: StaticData) -> None:
         source, target = known.edge_index
@@ -230,11 +202,7 @@ class Segmented:
 
 
 class Resampled:
-    r"""Windows of one length with another number of frames.
-
-    Args:
-        part (Resample): The transform.
-    """
+    r"""Windows of one length with another number of frames."""
 
     def __init__(self, part: T.Resample) -> None:
         self.part = part
@@ -280,9 +248,5 @@ def _bridged(values: Tensor, missing: Tensor) -> Tensor:
 
 
 def as_window(frames: Tensor) -> Tensor:
-    r"""Returns frames :math:`(T, N, C)` as a window :math:`(1, N, C \cdot T)`.
-
-    Args:
-        frames (torch.Tensor): The frames.
-    """
+    r"""Returns frames :math:`(T, N, C)` as a window :math:`(1, N, C \cdot T)`."""
     return join_frames(frames.transpose(0, 1)).unsqueeze(0)

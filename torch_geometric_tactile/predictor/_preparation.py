@@ -27,21 +27,11 @@ class Preparation:
     r"""What turns a reading into the input of a model: the layout, what all frames share, and the
     transforms.
 
-    Args:
-        layout (TaxelLayout): The taxels.
-        shared (StaticData): One sample with the attributes that all frames share, such as
-            :obj:`pos` and :obj:`edge_index`, before any transform; its own are not used.
-        pre_transform (callable, optional): Applied to a reading first. What a data set holds has
-            been through it.
-        transform (callable, optional): Applied to all.
-        num_channels (int, optional): Number of channels of a taxel in a frame; not checked if left
-            out.
-        num_joints (int, optional): Number of joint angles of a frame; likewise.
-        window (WindowCut, optional): How windows are cut from frames, if the model takes windows:
-            then both transforms are applied to windows.
-        frame_transform (callable, optional): Applied to frames before windows are cut.
-        read_options (Mapping, optional): How files of recordings are read, as
-            :func:`~torch_geometric_tactile.predictor._file_options.checked_options` takes it.
+    Shapes:
+        - **window:** How windows are cut from frames, if the model takes windows:
+          then both transforms are applied to windows.
+        - **read_options:** How files of recordings are read, as
+          :func:`~torch_geometric_tactile.predictor._file_options.checked_options` takes it.
     """
 
     def __init__(
@@ -97,12 +87,7 @@ class Preparation:
 
     @classmethod
     def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
-        r"""Returns what a data set does to its readings, and a transform after it.
-
-        Args:
-            dataset (StaticDataset): The data set; it must have a sample.
-            transform (callable, optional): Applied after the transform of the data set.
-        """
+        r"""Returns what a data set does to its readings, and a transform after it."""
         window, frames = WindowCut.of_dataset(dataset), dataset
         while isinstance(frames, FrameView):
             frames = frames.dataset
@@ -133,15 +118,11 @@ class Preparation:
     ) -> StaticData:
         r"""Returns readings as data, before any transform.
 
-        Args:
-            reading (torch.Tensor or numpy.ndarray): One frame :math:`(N, F)` or many
-                :math:`(B, N, F)`; for a model of windows, windows :math:`(B, N, C \cdot T)`.
-            joint (torch.Tensor or numpy.ndarray, optional): Angles in radians :math:`(J,)`, for
-                all frames, or :math:`(B, J)`.
-            session (int, optional): The recording session.
-            dtype (torch.dtype): Type of the numbers.
-            device (torch.device, optional): Where to compute.
-            num_frames (int, optional): Number of frames of a window; found by its size if left out.
+        Shapes:
+            - **reading:** One frame :math:`(N, F)` or many
+              :math:`(B, N, F)`; for a model of windows, windows :math:`(B, N, C \cdot T)`.
+            - **joint:** Angles in radians :math:`(J,)`, for
+              all frames, or :math:`(B, J)`.
         """
         x = _tensor("reading", reading, dtype, device)
         num_taxels = self.layout.num_taxels
@@ -175,12 +156,6 @@ class Preparation:
     def ordered(self, recording: Recording) -> Recording:
         r"""Returns a recording with its columns in the order of those of the training, if their
         names are known.
-
-        Args:
-            recording (Recording): The recording.
-
-        Raises:
-            ValueError: If it has other taxels, or columns of other names.
         """
         recording.check(self.layout)
         return in_column_order(recording, self.read_options)
@@ -223,21 +198,13 @@ class Preparation:
         return session
 
     def prepared(self, data: StaticData) -> StaticData:
-        r"""Applies the transforms to readings.
-
-        Args:
-            data (StaticData): What :meth:`data` returned.
-        """
+        r"""Applies the transforms to readings."""
         if self._frame_parts:
             data = frame_by_frame(self._frame_parts, data)
         return self.prepared_windows(data)
 
     def prepared_windows(self, data: StaticData) -> StaticData:
-        r"""Applies the transforms of windows to those that :meth:`cut` returned.
-
-        Args:
-            data (StaticData): The windows.
-        """
+        r"""Applies the transforms of windows to those that :meth:`cut` returned."""
         for part in self._parts:
             data = apply_transform(part, data)
         return data
@@ -245,29 +212,18 @@ class Preparation:
     def cut(self, frames: StaticData) -> tuple[StaticData, Tensor]:
         r"""Returns the windows of the frames of one recording, before the transforms of windows,
         and the last frame of each :math:`(W,)`.
-
-        Args:
-            frames (StaticData): What :meth:`data` returned for the frames.
         """
         assert self.window is not None
         return self.window.cut(self.prepared_frames(frames), self.layout)
 
     def prepared_frames(self, frames: StaticData) -> StaticData:
-        r"""Applies the transforms of frames to those that windows are cut from.
-
-        Args:
-            frames (StaticData): The frames.
-        """
+        r"""Applies the transforms of frames to those that windows are cut from."""
         for part in self._frame_parts:
             frames = apply_transform(part, frames)
         return frames
 
     def prepared_samples(self, data: StaticData) -> StaticData:
-        r"""Applies :obj:`transform` to samples of a data set.
-
-        Args:
-            data (StaticData): The samples.
-        """
+        r"""Applies :obj:`transform` to samples of a data set."""
         if data.num_nodes != self.layout.num_taxels:
             raise ValueError(
                 f"'data' must have {self.layout.num_taxels} taxels, as layout "
@@ -276,12 +232,7 @@ class Preparation:
         return apply_transform(self.transform, data)
 
     def adapt(self, data: StaticData) -> int:
-        r"""Measures a session that is new, without labels, and returns its number.
-
-        Args:
-            data (StaticData): Its readings, as :meth:`data` returned them for any session; frames
-                if :obj:`measures_frames`.
-        """
+        r"""Measures a session that is new, without labels, and returns its number."""
         known = [int(p.key_values.max()) for p in self.fitted if p.key and p.key_values is not None]
         number = 1 + max(known, default=-1)
         for key in self.keys:
@@ -298,11 +249,7 @@ class Preparation:
         return number
 
     def to(self, device: torch.device) -> None:
-        r"""Moves what all frames share to a device.
-
-        Args:
-            device (torch.device): The device.
-        """
+        r"""Moves what all frames share to a device."""
         self._constant = self._constant.to(device)
 
 
@@ -310,10 +257,9 @@ def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> Sta
     r"""Returns what all frames of a sensor have in common, without a frame: positions, normals and
     edges, as far as there are some.
 
-    Args:
-        layout (TaxelLayout): The taxels.
-        adjacency (str or torch.Tensor, optional): An adjacency of the layout by its name, or edges
-            :math:`(2, |\mathcal{E}|)`.
+    Shapes:
+        - **adjacency:** An adjacency of the layout by its name, or edges
+          :math:`(2, |\mathcal{E}|)`.
     """
     edges = layout.edge_index(adjacency) if isinstance(adjacency, str) else adjacency
     shared = StaticData(x=torch.zeros(1, layout.num_taxels, 0), pos=layout.pos)

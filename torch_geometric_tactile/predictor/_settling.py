@@ -50,10 +50,6 @@ _ACCESS: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
 def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
     r"""Applies those of some transforms whose result is the same for all frames, and returns what
     frames share then, and the other transforms.
-
-    Args:
-        shared (StaticData): What frames share.
-        parts (sequence of BaseTransform): The transforms, in their order.
     """
     rest: list[Any] = []
     changing, used = {"x", "joint"}, set[str]()  # what differs, and what later parts may not change
@@ -73,9 +69,6 @@ def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[A
 def access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
     r"""Returns the attributes that a transform reads, and those that it writes; :obj:`None` where
     they are not known.
-
-    Args:
-        part (callable): The transform.
     """
     if shifts_and_scales(part):
         frames = _FRAMES if part.per == "signal" else ()
@@ -91,20 +84,12 @@ def access(part: Any) -> tuple[tuple[str, ...] | None, tuple[str, ...] | None]:
 def shifts_and_scales(part: Any) -> bool:
     r"""Tells whether a transform does what :class:`FittedTransform` does; a subclass with its own
     :obj:`forward` may do anything.
-
-    Args:
-        part (callable): The transform.
     """
     return isinstance(part, FittedTransform) and type(part).forward is FittedTransform.forward
 
 
 def is_settled(part: Any, sample: StaticData) -> bool:
-    r"""Tells whether the results of a transform are among what the samples of a data set share.
-
-    Args:
-        part (callable): The transform.
-        sample (StaticData): A sample after it.
-    """
+    r"""Tells whether the results of a transform are among what the samples of a data set share."""
     _, writes = access(part)
     if writes is None or "x" in writes:
         return False

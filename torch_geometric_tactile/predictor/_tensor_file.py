@@ -38,13 +38,7 @@ _MAX_HEADER = 100_000_000  # bytes, the limit of safetensors
 
 
 class TensorFile(NamedTuple):
-    r"""The contents of a file.
-
-    Args:
-        tensors (dict): The tensors by their names.
-        texts (dict): The texts.
-        has_checksum (bool): Whether the file had a checksum, which was that of the file.
-    """
+    r"""The contents of a file."""
 
     tensors: dict[str, Tensor]
     texts: dict[str, str]
@@ -54,16 +48,7 @@ class TensorFile(NamedTuple):
 def write_tensors(
     tensors: Mapping[str, Tensor], metadata: Mapping[str, str], path: PathLike
 ) -> None:
-    r"""Writes tensors and texts to a file, whole or not at all.
-
-    Args:
-        tensors (Mapping of str to torch.Tensor): The tensors.
-        metadata (Mapping of str to str): The texts.
-        path (str or PathLike): The file.
-
-    Raises:
-        ValueError: If a tensor has a type that the format does not have, such as a complex one.
-    """
+    r"""Writes tensors and texts to a file, whole or not at all."""
     header: dict[str, Any] = {_METADATA: {_CHECKSUM: _ZEROS, **metadata}}
     parts, end = [], 0
     # Widest numbers first, so that each tensor begins at a multiple of its own width.
@@ -108,13 +93,6 @@ def _check(checksum: str, head: bytes, data: bytes | bytearray) -> None:
 def read_tensors(path: PathLike) -> TensorFile:
     r"""Returns the tensors and texts of a file, after its checksum was compared if it has one. It
     never asks for more memory than the file has bytes, whatever sizes its header claims.
-
-    Args:
-        path (str or PathLike): The file.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged, truncated or of another format.
     """
     path = Path(path)
     size = path.stat().st_size

@@ -27,15 +27,6 @@ _RAGGED = ("error", "pad", "crop_start", "crop_end")
 class WindowCut:
     r"""What :class:`~torch_geometric_tactile.data.Windows` or
     :class:`~torch_geometric_tactile.data.Trials` cut out of a recording, as a value.
-
-    Args:
-        length (int): Number of frames of a window; of trials, that of the samples trained on.
-        hop (int): Number of frames from one window to the next; 0 for whole trials.
-        ragged (str): Of whole trials, what becomes of those of another length, as of
-            :class:`~torch_geometric_tactile.data.Trials`.
-
-    Raises:
-        ValueError: If a number is out of range, or :obj:`ragged` is unknown.
     """
 
     length: int
@@ -54,11 +45,7 @@ class WindowCut:
 
     @classmethod
     def of_dataset(cls, dataset: StaticDataset) -> Self | None:
-        r"""Returns how a data set cuts its frames; :obj:`None` if it does not.
-
-        Args:
-            dataset (StaticDataset): The data set.
-        """
+        r"""Returns how a data set cuts its frames; :obj:`None` if it does not."""
         if isinstance(dataset, Windows):
             return cls(dataset.length, dataset.hop)
         if isinstance(dataset, Trials):
@@ -67,11 +54,7 @@ class WindowCut:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds it from what :meth:`to_dict` returns.
-
-        Args:
-            content (Mapping): The arguments.
-        """
+        r"""Builds it from what :meth:`to_dict` returns."""
         if not isinstance(content, Mapping) or set(content) != {"length", "hop", "ragged"}:
             raise ValueError(
                 f"a window must have 'length', 'hop' and 'ragged' (got {str(content)[:80]})"
@@ -96,14 +79,6 @@ class WindowCut:
     def cut(self, frames: StaticData, layout: TaxelLayout) -> tuple[StaticData, Tensor]:
         r"""Returns the windows of the frames of one recording, and the last frame of each
         :math:`(W,)`.
-
-        Args:
-            frames (StaticData): The frames.
-            layout (TaxelLayout): The taxels.
-
-        Raises:
-            ValueError: If there are too few frames, or of whole trials others than were trained on
-                and :obj:`ragged` does not say what to do.
         """
         count = frames.num_samples
         if count == 0:
@@ -137,12 +112,7 @@ class WindowCut:
 
 
 def frame_by_frame(parts: Sequence[Any], windows: StaticData) -> StaticData:
-    r"""Applies transforms of frames to windows. Other attributes become those of the last frame.
-
-    Args:
-        parts (sequence of callable): The transforms.
-        windows (StaticData): The windows, with :obj:`num_frames`.
-    """
+    r"""Applies transforms of frames to windows. Other attributes become those of the last frame."""
     num_frames = windows.num_frames
     data = copy.copy(windows)
     of_samples = [

@@ -196,10 +196,6 @@ class WindowedModel(TrainedModel):
 
 
 def check_size(size: int) -> None:
-    r"""Raises a :class:`ValueError` if a number of samples is below one.
-
-    Args:
-        size (int): How many are computed at a time.
-    """
+    r"""Raises a :class:`ValueError` if a number of samples is below one."""
     if size < 1:
         raise ValueError(f"'batch_size' must be at least 1 (got {size})")

@@ -40,10 +40,8 @@ class MissingOwnError(ValueError):
 class Builder:
     r"""Builds transforms and models from what :class:`Describer` returned.
 
-    Args:
-        layout (TaxelLayout, optional): The layout of the sensor.
-        tensors (Mapping of str to torch.Tensor): The tensors.
-        own (sequence, optional): Transforms with the user's own among them.
+    Shapes:
+        - **layout:** The layout of the sensor.
     """
 
     def __init__(
@@ -57,14 +55,7 @@ class Builder:
         self._own = [part for transform in own or () for part in flat(transform)]
 
     def transform(self, described: Any) -> Any:
-        r"""Returns a transform, with its state.
-
-        Args:
-            described (dict): What :meth:`Describer.transform` returned.
-
-        Raises:
-            ValueError: If it is unknown, or the user's own is missing or another one.
-        """
+        r"""Returns a transform, with its state."""
         state = None if "state" not in described else self.value(described["state"])
         if "own" in described:
             transform = self._given(described)
@@ -82,15 +73,7 @@ class Builder:
         return transform
 
     def model(self, described: Any, given: Module | None = None) -> Module:
-        r"""Returns a model, with weights that are still to be loaded.
-
-        Args:
-            described (dict): What :meth:`Describer.model` returned.
-            given (torch.nn.Module, optional): The user's own; it is copied.
-
-        Raises:
-            ValueError: If it is unknown, or the user's own is missing or another one.
-        """
+        r"""Returns a model, with weights that are still to be loaded."""
         if given is not None:
             name = described.get("own", described.get("class"))
             if type(given).__name__ != name:
@@ -133,11 +116,7 @@ class Builder:
             raise ValueError(f"{what} '{name}' does not take its arguments ({error})") from error
 
     def value(self, value: Any) -> Any:
-        r"""Returns an argument or a state.
-
-        Args:
-            value (object): What :meth:`Describer.value` returned.
-        """
+        r"""Returns an argument or a state."""
         if isinstance(value, list):
             return [self.value(item) for item in value]
         if not isinstance(value, dict):
@@ -149,11 +128,7 @@ class Builder:
         return {key: self.value(item) for key, item in value.items()}
 
     def tensor(self, name: Any) -> Tensor:
-        r"""Returns a tensor by its name.
-
-        Args:
-            name (str): The name.
-        """
+        r"""Returns a tensor by its name."""
         if name not in self.tensors:
             raise ValueError(f"it must hold the tensor '{name}' (got none)")
         return self.tensors[name]
@@ -171,15 +146,7 @@ _READERS: dict[str, Callable[[Builder, Any], Any]] = {
 
 
 def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
-    r"""Loads weights into a model of the same names and shapes.
-
-    Args:
-        model (torch.nn.Module): The model.
-        weights (Mapping of str to torch.Tensor): Its state.
-
-    Raises:
-        ValueError: If a name or a shape differs; the message says which.
-    """
+    r"""Loads weights into a model of the same names and shapes."""
     own = {name: tuple(value.shape) for name, value in model.state_dict().items()}
     kinds = {name: _kind(value) for name, value in model.state_dict().items()}
     for name in [*weights, *own]:

@@ -45,11 +45,7 @@ def model_classes() -> dict[str, type]:
 
 
 def describe_own(value: Any) -> dict[str, Any]:
-    r"""Returns the name and the text of a user's own transform or model.
-
-    Args:
-        value (object): The transform or model.
-    """
+    r"""Returns the name and the text of a user's own transform or model."""
     kind = type(value).__name__
     if inspect.isroutine(value):
         return {"own": kind, "text": value.__qualname__}

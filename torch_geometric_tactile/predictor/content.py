@@ -33,16 +33,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Content(NamedTuple):
-    r"""What a predictor is made of.
-
-    Args:
-        preparation (Preparation): From a reading to the input of the model.
-        model (torch.nn.Module): The model.
-        class_names (tuple of str): Names of the classes or labels.
-        task (str): What the model does.
-        threshold (float, optional): Of two classes, the probability of class 1 above which it is
-            predicted; one half if left out.
-    """
+    r"""What a predictor is made of."""
 
     preparation: Preparation
     model: Module
@@ -52,11 +43,7 @@ class Content(NamedTuple):
 
 
 def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    r"""Returns the header of a predictor, JSON values, and its tensors without the weights.
-
-    Args:
-        content (Content): The parts of the predictor.
-    """
+    r"""Returns the header of a predictor, JSON values, and its tensors without the weights."""
     preparation, model = content.preparation, content.model
     describer = Describer(preparation.layout)
     shared = preparation.shared
@@ -170,18 +157,7 @@ def build(
     model: Module | None = None,
     transforms: Sequence[Transform] | None = None,
 ) -> Content:
-    r"""Builds the parts of a predictor.
-
-    Args:
-        header (Mapping): The header that :func:`describe` returned.
-        tensors (Mapping of str to torch.Tensor): The tensors that it returned.
-        weights (Mapping of str to torch.Tensor): The state of the model.
-        model (torch.nn.Module, optional): The model, if it is the user's own.
-        transforms (sequence of callable, optional): Transforms with the user's own among them.
-
-    Raises:
-        ValueError: If a part is missing or does not fit.
-    """
+    r"""Builds the parts of a predictor."""
     if header.get("format") not in (_FORMAT, *_OLD_FORMATS):
         raise ValueError(
             f"its format must be {_FORMAT} (got {header.get('format')}, written by version "
@@ -238,15 +214,7 @@ def build(
 
 
 def save(content: Content, path: PathLike) -> None:
-    r"""Writes a predictor to a file, whole or not at all.
-
-    Args:
-        content (Content): The parts of the predictor.
-        path (str or PathLike): The file.
-
-    Raises:
-        ValueError: If the state of the model is not all tensors.
-    """
+    r"""Writes a predictor to a file, whole or not at all."""
     header, tensors = describe(content)
     for name, value in content.model.state_dict().items():
         if not isinstance(value, Tensor):
@@ -261,17 +229,7 @@ def save(content: Content, path: PathLike) -> None:
 def load(
     path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
 ) -> Content:
-    r"""Reads a predictor from a file.
-
-    Args:
-        path (str or PathLike): The file.
-        model (torch.nn.Module, optional): The model, if it is the user's own.
-        transforms (sequence of callable, optional): Transforms with the user's own among them.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged, of another format, or does not fit what was given.
-    """
+    r"""Reads a predictor from a file."""
     if not Path(path).is_file():
         raise FileNotFoundError(
             f"there is no predictor '{path}'; write one with Predictor.save, or from a checkpoint "
@@ -299,17 +257,7 @@ def load(
 def load_checkpoint(
     path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
 ) -> Content:
-    r"""Reads a predictor from a checkpoint of ``tactile fit``.
-
-    Args:
-        path (str or PathLike): The checkpoint.
-        model (torch.nn.Module, optional): The model, if it is the user's own.
-        transforms (sequence of callable, optional): Transforms with the user's own among them.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged, holds no predictor, or does not fit what was given.
-    """
+    r"""Reads a predictor from a checkpoint of ``tactile fit``."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
     with _explained(f"'{path}' is no checkpoint that can be read here"):

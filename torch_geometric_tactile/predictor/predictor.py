@@ -193,16 +193,7 @@ class Predictor(WindowedModel):
         joint: ArrayLike | None = None,
         session: int | None = None,
     ) -> Tensor:
-        r"""Returns the probabilities of the classes or labels.
-
-        Args:
-            reading (torch.Tensor or numpy.ndarray): Raw readings of one frame or of many.
-            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians, for all frames
-                or one row each.
-            session (int, optional): The recording session, where a transform measures each by
-                itself: one of the training, or one that :meth:`adapt` returned; the last of these
-                if left out.
-        """
+        r"""Returns the probabilities of the classes or labels."""
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
         num_dims = reading.ndim if hasattr(reading, "ndim") else np.ndim(reading)

@@ -26,19 +26,6 @@ def main(
 ) -> Path:
     r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data, and
     returns the page.
-
-    Args:
-        model (str or PathLike): The checkpoint, or the file of a predictor.
-        out (str or PathLike): Folder of page and pictures.
-        config (str, optional): The configuration whose :obj:`data` it was trained on, a file or a
-            shipped one; the :obj:`config.yaml` of the run if left out.
-        root (str or PathLike, optional): Folder of the data, instead of the configuration's.
-        frames (int): How many frames of the test part, evenly spaced, are embedded and explained.
-        seed (int): Seed of embeddings and of untrained models.
-
-    Raises:
-        FileNotFoundError: If there is no checkpoint or no configuration.
-        ValueError: If the checkpoint is of another layout than the data, or there is no test part.
     """
     predictor = open_predictor(model, config)
     data = load_data(model, config, root)
@@ -87,22 +74,7 @@ def analyze(
     seed: int = 0,
     name: str | None = None,
 ) -> Path:
-    r"""Analyses a predictor on labelled samples that it was not trained on, and returns the page.
-
-    Args:
-        predictor (Predictor): The predictor.
-        samples (StaticDataset): The samples, without the transform of their data set, which the
-            predictor has.
-        out (str or PathLike): Folder of page and pictures.
-        facts (dict, optional): Lines at the top of the page.
-        frames (int): How many of the samples, evenly spaced, are embedded and explained.
-        seed (int): Seed of embeddings and of untrained models.
-        name (str, optional): Name of the model in the titles of pictures; that of its class if left
-            out.
-
-    Raises:
-        ValueError: If :obj:`frames` is below two, or the predictor names no classes or labels.
-    """
+    r"""Analyses a predictor on labelled samples that it was not trained on, and returns the page."""
     if frames < 2:
         raise ValueError(f"'frames' must be at least 2 (got {frames})")
     if predictor.task == "regression":

@@ -35,13 +35,7 @@ _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
 
 class Section(NamedTuple):
-    r"""A part of the page.
-
-    Args:
-        title (str): Its heading.
-        text (str): Markdown.
-        pictures (tuple of str): Names of pictures beside the page.
-    """
+    r"""A part of the page."""
 
     title: str
     text: str
@@ -49,16 +43,7 @@ class Section(NamedTuple):
 
 
 class Subject:
-    r"""The predictor and the samples that are analysed.
-
-    Args:
-        predictor (Predictor): The predictor.
-        samples (StaticDataset): The samples, before the predictor's transforms.
-        index (torch.Tensor): Indices of those that are embedded and explained.
-        out (Path): Folder of the pictures.
-        seed (int): Seed of embeddings and of untrained models.
-        name (str, optional): Name of the model in titles; that of its class if left out.
-    """
+    r"""The predictor and the samples that are analysed."""
 
     def __init__(
         self,
@@ -129,11 +114,7 @@ class Subject:
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
     def encoder(self, encoder: EdgeFeatureEncoder) -> Section:
-        r"""Draws the map of the edge encoder, and measures which edges it separates.
-
-        Args:
-            encoder (EdgeFeatureEncoder): The encoder.
-        """
+        r"""Draws the map of the edge encoder, and measures which edges it separates."""
         edge_index = self.batch.edge_index
         dims = (encoder.edge_dim, encoder.out_channels)
         value = analysis.encoder_map(encoder, self.layout.num_taxels, edge_index.size(1), *dims)

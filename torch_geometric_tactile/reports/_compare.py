@@ -44,13 +44,6 @@ _SERIES = {False: "plain models", True: "graph models"}
 def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
     r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.json` and, if there is a result,
     :obj:`NAME_predictions.csv` and :obj:`NAME.png`, and returns their paths.
-
-    Args:
-        comparison (Comparison): What came of the runs.
-        out (str or PathLike): The folder.
-
-    Raises:
-        ImportError: If matplotlib is missing.
     """
     name = comparison.run.plan.table.name
     texts = {
@@ -74,11 +67,7 @@ def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
 
 
 def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
-    r"""Returns the header and the rows of a table of a comparison, the best model first.
-
-    Args:
-        comparison (Comparison): What came of the runs.
-    """
+    r"""Returns the header and the rows of a table of a comparison, the best model first."""
     names = [f"{NAMES[key]}{' (%)' if key in _PERCENT else ''}" for key in comparison.metrics]
     header = ["model", "kind", *names]
     if comparison.best_plain is not None:
@@ -110,11 +99,7 @@ def _row(comparison: Comparison, result: ModelResult) -> list[str]:
 
 
 def comparison_markdown(comparison: Comparison) -> str:
-    r"""Returns a comparison as a page.
-
-    Args:
-        comparison (Comparison): What came of the runs.
-    """
+    r"""Returns a comparison as a page."""
     plan = comparison.run.plan
     header, rows = comparison_rows(comparison)
     lines = [f"# {printable(plan.table.title)}", "", printable(advice(comparison)), ""]
@@ -206,11 +191,7 @@ def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def comparison_csv(comparison: Comparison) -> str:
-    r"""Returns all scores, one a line, and the differences of the score that is compared.
-
-    Args:
-        comparison (Comparison): What came of the runs.
-    """
+    r"""Returns all scores, one a line, and the differences of the score that is compared."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(_COLUMNS)

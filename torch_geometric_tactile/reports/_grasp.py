@@ -63,19 +63,7 @@ class GraspReport(NamedTuple):
 def write_grasp_report(
     run: PlanRun, main: dict[str, Any], out: PathLike, seconds: float
 ) -> GraspReport:
-    r"""Writes :obj:`report.html`, its pictures and :obj:`metrics.json`.
-
-    Args:
-        run (PlanRun): A run of the table :obj:`bts3` of which nothing is missing.
-        main (dict): The result of the experiment :obj:`MAIN` on the unseen objects, seed 0, whose
-            checkpoint is :obj:`CHECKPOINT` in the same folder.
-        out (str or PathLike): The folder.
-        seconds (float): How long everything took.
-
-    Raises:
-        ImportError: If matplotlib or jinja2 is missing.
-        ValueError: If runs are missing.
-    """
+    r"""Writes :obj:`report.html`, its pictures and :obj:`metrics.json`."""
     if run.missing:
         raise ValueError(f"'run' must be complete (got {run.missing} runs missing)")
     out, plan = Path(out), run.plan

@@ -37,24 +37,10 @@ def write_recordings(
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
     probabilities. With a model of windows, a row for each window, with its last frame.
 
-    Args:
-        predictor (Predictor): The predictor.
-        paths (sequence of str or PathLike): The recordings, in any format of :mod:`io`.
-        out (str or PathLike): The CSV file, written whole or not at all.
-        adapt (bool): Whether to measure each recording as a session of its own first, without
-            labels, where a transform measures sessions.
-        rest (float, optional): How many seconds of each recording are measured: those at its
-            beginning in which nothing is touched. The whole recording if left out.
-        options (Mapping, optional): Options of
-            :func:`~torch_geometric_tactile.io.read_recording`, before those that the predictor
-            knows.
-
-    Returns:
-        Counter: How often each prediction was made.
-
-    Raises:
-        FileNotFoundError: If there is no such recording.
-        ValueError: If a recording cannot be read or does not fit; the message names it.
+    Shapes:
+        - **options:** Options of
+          :func:`~torch_geometric_tactile.io.read_recording`, before those that the predictor
+          knows.
     """
 
     def rows() -> _Rows:
@@ -107,16 +93,7 @@ def _beginning(recording: Recording, seconds: float) -> Recording:
 
 
 def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -> Counter[str]:
-    r"""Writes a row for each sample of a data set: index, prediction and probabilities.
-
-    Args:
-        predictor (Predictor): The predictor.
-        samples (StaticDataset): The samples, without the transform of their data set.
-        out (str or PathLike): The CSV file, written whole or not at all.
-
-    Returns:
-        Counter: How often each prediction was made.
-    """
+    r"""Writes a row for each sample of a data set: index, prediction and probabilities."""
 
     def rows() -> _Rows:
         number = itertools.count()
@@ -128,12 +105,7 @@ def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -
 
 
 def predicted(predictor: Predictor, samples: StaticDataset) -> Iterator[tuple[Tensor, StaticData]]:
-    r"""Yields the logits of some samples after the others, with the samples as the model saw them.
-
-    Args:
-        predictor (Predictor): The predictor.
-        samples (StaticDataset): The samples, without the transform of their data set.
-    """
+    r"""Yields the logits of some samples after the others, with the samples as the model saw them."""
     for index in torch.arange(len(samples)).split(_BATCH_SIZE):
         with torch.inference_mode():
             data = predictor.prepare_samples(samples.batch(index))
@@ -163,22 +135,13 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
 def cell_text(text: str) -> str:
     r"""Returns a name for a cell of a CSV file: a class may be called -1, and the name of a file
     may be no text.
-
-    Args:
-        text (str): The name.
     """
     text = text.encode("utf-8", "backslashreplace").decode()
     return text if re.fullmatch(r"[+-]?[0-9.]+", text) else safe_cell(text)
 
 
 def describe_counts(count: Counter[str], out: PathLike, of_windows: bool = False) -> str:
-    r"""Returns what was written, in words.
-
-    Args:
-        count (Counter): How often each prediction was made.
-        out (str or PathLike): The file.
-        of_windows (bool): Whether windows of frames were predicted, not single frames.
-    """
+    r"""Returns what was written, in words."""
     total = sum(count.values())
     parts: Iterable[str] = (f"{name or 'none'} {n}" for name, n in count.most_common(8))
     more = ", ..." if len(count) > 8 else ""

@@ -21,9 +21,6 @@ _MOST_LETTERS = 100
 def describe_recording(recording: Recording) -> str:
     r"""Returns the facts of a recording as lines of text.
 
-    Args:
-        recording (Recording): The recording.
-
     Examples:
         >>> print(describe_recording(Recording([0.0, 0.1], np.zeros((2, 4, 3)), label="cup")))
         frames       2 in 0.1 s, 10 per second
@@ -71,17 +68,7 @@ def describe_recording(recording: Recording) -> str:
 
 
 def describe_file(path: PathLike, **options: Any) -> tuple[Recording, str]:
-    r"""Reads a recording's file, and returns it with the facts as lines of text.
-
-    Args:
-        path (str or PathLike): The file.
-        **options (optional): Those of :func:`~torch_geometric_tactile.io.read_recording`.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ImportError: If the format needs an extra that is missing.
-        ValueError: If the file cannot be read.
-    """
+    r"""Reads a recording's file, and returns it with the facts as lines of text."""
     recording = read_recording(path, **options)
     return recording, (
         f"{'file':<13}{printable(path)}\n{'format':<13}{recording_format(path)}\n"
@@ -90,16 +77,7 @@ def describe_file(path: PathLike, **options: Any) -> tuple[Recording, str]:
 
 
 def draw_recording(recording: Recording, path: PathLike) -> None:
-    r"""Draws a recording to a PNG file that is either complete or absent.
-
-    Args:
-        recording (Recording): The recording.
-        path (str or PathLike): The file, with the suffix :obj:`.png`.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-        ValueError: If there is no frame, or the suffix is another.
-    """
+    r"""Draws a recording to a PNG file that is either complete or absent."""
     save_figure(plot_recording(recording), path)
 
 

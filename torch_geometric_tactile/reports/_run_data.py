@@ -24,14 +24,6 @@ def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
 
     A model or transforms of the user's own are built from a configuration that is given, never from
     one that lies beside the checkpoint.
-
-    Args:
-        path (str or PathLike): The file or checkpoint.
-        config (str, optional): The configuration, a file or a shipped one.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file cannot be read, or needs a configuration.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no predictor or checkpoint '{path}'")
@@ -55,16 +47,6 @@ def load_data(path: PathLike, config: str | None = None, root: PathLike | None =
     A configuration that is given may name any class. The one beside a checkpoint may be anyone's:
     it is a plain description of data sets, transforms and splits of this package, and its folders
     lie in the working directory.
-
-    Args:
-        path (str or PathLike): A checkpoint of the run.
-        config (str, optional): The configuration, a file or a shipped one; the :obj:`config.yaml`
-            that the run has beside its checkpoints if left out.
-        root (str or PathLike, optional): Folder of the data, instead of the configuration's.
-
-    Raises:
-        FileNotFoundError: If there is no configuration.
-        ValueError: If it cannot be read, or one beside a checkpoint names anything else.
     """
     beside = Path(path).absolute().parent.parent / "config.yaml"
     if config is None and not beside.is_file():
@@ -85,13 +67,6 @@ def load_data(path: PathLike, config: str | None = None, root: PathLike | None =
 def test_part(data: Any, predictor: Predictor) -> StaticDataset:
     r"""Returns the samples of the test part before the transform of their data set, and adapts the
     predictor to recording sessions that it has not seen.
-
-    Args:
-        data (TactileDataModule): The data, set up.
-        predictor (Predictor): The predictor.
-
-    Raises:
-        ValueError: If there is no test part, or the layouts differ.
     """
     if not predictor.layout.matches(data.layout):
         raise ValueError(

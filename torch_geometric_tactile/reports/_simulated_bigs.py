@@ -33,20 +33,7 @@ class BigsRun(NamedTuple):
 
 
 def run_bigs(out: PathLike, *, grasps: int | None = None, seed: int = 0, jobs: int = 1) -> BigsRun:
-    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` with a progress bar on the terminal.
-
-    Args:
-        out (str or PathLike): Folder of the recordings.
-        grasps (int, optional): Number of grasps; those of the BiGS set if left out.
-        seed (int): Seed.
-        jobs (int): Processes.
-
-    Raises:
-        ImportError: If MuJoCo, h5py or joblib is missing.
-        KeyboardInterrupt: On Ctrl-C; the message tells how many grasps are finished.
-        OSError: If a process was killed, or a file cannot be written.
-        ValueError: If an argument is wrong, or the folder holds other recordings.
-    """
+    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` with a progress bar on the terminal."""
     start = time.monotonic()
     total = BIGS_GRASPS if grasps is None else grasps
     held = 0
@@ -64,12 +51,6 @@ def draw_bigs_preview(run: BigsRun) -> Path:
     r"""Draws the first grasp that held and, beside it, the first of the same object that was lost
     in the shake, or if there is none any that was lost, to the folder :obj:`preview` below the
     recordings, and returns the file.
-
-    Args:
-        run (BigsRun): The run.
-
-    Raises:
-        ImportError: If matplotlib is missing.
     """
     path = run.out / "preview" / "preview_grasps.png"
     recordings = [read_recording(report.path) for report in _shown(run.reports)]

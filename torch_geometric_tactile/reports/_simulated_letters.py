@@ -51,19 +51,6 @@ def run_letters(
 ) -> LettersRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate_letters` with a progress bar on the
     terminal.
-
-    Args:
-        out (str or PathLike): Folder of the letters.
-        presses (int, optional): Number of presses of each letter; that of the paper if left out.
-        seed (int): Seed.
-        jobs (int): Processes.
-        layout (TaxelLayout or str or PathLike, optional): The taxels, their name or their file; the
-            letter array if left out.
-
-    Raises:
-        KeyboardInterrupt: On Ctrl-C; the message tells how many files are finished.
-        OSError: If a process was killed, or a file cannot be written.
-        ValueError: If an argument is wrong, or the folder holds other presses.
     """
     start = time.monotonic()
     number = LETTER_PRESSES if presses is None else presses
@@ -82,12 +69,6 @@ def run_letters(
 def draw_letters_preview(run: LettersRun) -> Path:
     r"""Draws the first press of each letter to :obj:`preview_letters.png` beside the folders of the
     letters, and returns the file.
-
-    Args:
-        run (LettersRun): The run.
-
-    Raises:
-        ImportError: If matplotlib is missing.
     """
     path = run.out / "preview_letters.png"
     first = {report.letter: report.path for report in run.reports if report.first == 0}

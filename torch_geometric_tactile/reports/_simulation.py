@@ -62,28 +62,7 @@ def run_simulation(
     num_objects: int | None = None,
     motion: str = "lift",
 ) -> SimulatedRun:
-    r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal.
-
-    Args:
-        out (str or PathLike): Folder of the recordings.
-        objects (str): Name of the object set.
-        trials (int, optional): Trials of each object; the preset's if left out.
-        seed (int): Seed.
-        jobs (int): Processes.
-        preset (str): Name of the preset.
-        max_attempts (int): Attempts at a trial before it is given up.
-        hand (str, optional): Name of the hand; that of the objects' paper if left out.
-        spread (str): How much the grasps differ, a key of :obj:`SPREADS`.
-        seconds (float, optional): Length of a trial; the preset's if left out.
-        num_objects (int, optional): How many objects of :obj:`"shapes"` are drawn.
-        motion (str): What the hand does, a key of :obj:`MOTIONS`.
-
-    Raises:
-        ImportError: If MuJoCo, h5py or joblib is missing.
-        KeyboardInterrupt: On Ctrl-C; the message tells how many trials are finished.
-        OSError: If a process was killed, or a file cannot be written.
-        ValueError: If an argument is wrong, or the folder holds other recordings.
-    """
+    r"""Runs :func:`~torch_geometric_tactile.sim.simulate` with a progress bar on the terminal."""
     start = time.monotonic()
     running = simulate(
         out,
@@ -113,24 +92,13 @@ def run_simulation(
 
 
 def check_preview() -> None:
-    r"""Tells before a long run whether its pictures can be drawn.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-    """
+    r"""Tells before a long run whether its pictures can be drawn."""
     new_figure(1.0, 1.0)
 
 
 def draw_preview(run: SimulatedRun) -> list[Path]:
     r"""Draws the first trial of the first object, as a film and as forces, to the folder
     :obj:`preview` below the recordings, and returns the files.
-
-    Args:
-        run (SimulatedRun): The run.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-        ValueError: If no trial succeeded.
     """
     first = _first_trial(run.reports, run.object_names)
     if first is None:

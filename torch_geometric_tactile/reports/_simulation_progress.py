@@ -19,20 +19,7 @@ def run_with_progress(
     told: Callable[[_Report], str],
     files: str = "*.h5",
 ) -> list[_Report]:
-    r"""Runs a simulation with a progress bar on the terminal, and returns its reports.
-
-    Args:
-        running (generator): Yields the report of each trial.
-        total (int): Number of trials.
-        out (str or PathLike): Folder of the recordings.
-        unit (str): What a trial is called.
-        told (callable): What the bar says behind the number, from the last report.
-        files (str): Pattern of the files of finished trials, below :obj:`out`.
-
-    Raises:
-        KeyboardInterrupt: On Ctrl-C; the message tells how many trials are finished.
-        OSError: If a process was killed.
-    """
+    r"""Runs a simulation with a progress bar on the terminal, and returns its reports."""
     from tqdm import tqdm
 
     reports: list[_Report] = []

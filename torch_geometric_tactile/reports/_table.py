@@ -53,13 +53,6 @@ _Series = tuple[str, str, str]
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
     r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png` and the pictures of studies,
     :obj:`NAME-*.png`, and returns their paths.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
-        out (str or PathLike): The folder.
-
-    Raises:
-        ImportError: If matplotlib is missing.
     """
     paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in (".md", ".csv", ".png")]
     for path, text in zip(paths, (markdown(run), csv_text(run)), strict=False):
@@ -96,9 +89,6 @@ def _curves(run: PlanRun) -> dict[str, list[tuple[float, float, float]]]:
 def csv_text(run: PlanRun) -> str:
     r"""Returns all numbers, one a line: its place in the table, its source, metric, mean,
     standard deviation and number of runs.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     cells = {cell.experiment: cell for cell in run.plan.table.cells}
     file = io.StringIO()
@@ -126,9 +116,6 @@ def csv_text(run: PlanRun) -> str:
 def markdown(run: PlanRun) -> str:
     r"""Returns the table as a page: what it is made of, our numbers beside the published ones, and
     what each model costs.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     table, index = run.plan.table, _index(run)
     lines = [f"# {printable(table.title)}", "", printable(caption(run)), ""]

@@ -10,11 +10,7 @@ NOTHING = "\N{EN DASH}"
 
 
 def caption(run: PlanRun) -> str:
-    r"""Returns what a table is made of: source, protocols, seeds, epochs, samples and hardware.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
-    """
+    r"""Returns what a table is made of: source, protocols, seeds, epochs, samples and hardware."""
     plan, results = run.plan, [result for _, result in run.results]
     table = plan.table
     seeds = "0" if plan.seeds == 1 else f"0 to {plan.seeds - 1}"
@@ -151,11 +147,7 @@ def _range(numbers: Sequence[int]) -> str:
 
 
 def cost_note(plan: Plan) -> str:
-    r"""Returns how the costs of a model were measured.
-
-    Args:
-        plan (Plan): What was run.
-    """
+    r"""Returns how the costs of a model were measured."""
     note = (
         "Means over all runs. Frames/s: training frames of all epochs divided by the seconds of "
         "the training loop, which include the transforms and other work on the machine."

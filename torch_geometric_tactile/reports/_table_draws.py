@@ -8,9 +8,6 @@ _PERCENT = 100.0**2  # of a variance of parts
 def draws_note(run: PlanRun) -> str:
     r"""Returns what draws are, and how much they can vary, as sentences; empty for a table without
     any.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     draws = run.plan.table.draws
     if draws is None:

@@ -14,11 +14,7 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 def ordering_lines(run: PlanRun) -> list[str]:
-    r"""Returns the section on orderings, line by line; nothing for a table without any.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
-    """
+    r"""Returns the section on orderings, line by line; nothing for a table without any."""
     compared = compare_orderings(run)
     if not compared:
         return []
@@ -67,9 +63,6 @@ def _shown(difference: Difference) -> str:
 def positive_note(run: PlanRun) -> str:
     r"""Returns which class is the positive one, and how common it is, as sentences; empty for a
     table without any.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
     """
     name = run.plan.table.positive
     if not name:

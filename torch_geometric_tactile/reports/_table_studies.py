@@ -32,11 +32,7 @@ _WORST = 3
 
 
 def study_lines(run: PlanRun) -> list[str]:
-    r"""Returns the sections on studies, line by line; nothing for a table without any.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
-    """
+    r"""Returns the sections on studies, line by line; nothing for a table without any."""
     found = _studies(run)
     if not found:
         return []
@@ -52,14 +48,7 @@ def study_lines(run: PlanRun) -> list[str]:
 
 
 def study_pictures(run: PlanRun) -> dict[str, "Figure"]:
-    r"""Returns the pictures of studies, by what their files are called after the table's name.
-
-    Args:
-        run (PlanRun): What :func:`run_plan` returned.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-    """
+    r"""Returns the pictures of studies, by what their files are called after the table's name."""
     return {name: draw() for name, draw in _drawings(run, _studies(run)).items()}
 
 

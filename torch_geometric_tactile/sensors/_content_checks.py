@@ -9,11 +9,7 @@ LARGEST = 1e18  # of a number: far beyond any length or angle, and within float3
 
 
 def shown(value: Any) -> str:
-    r"""Returns a value for a message, cut where it is long.
-
-    Args:
-        value (Any): The value.
-    """
+    r"""Returns a value for a message, cut where it is long."""
     try:
         text = repr(value)
     except (RecursionError, ValueError):  # nested deeply, or a number that Python does not print
@@ -22,30 +18,13 @@ def shown(value: Any) -> str:
 
 
 def need_mapping(value: Any, what: str) -> None:
-    r"""Checks that a value is an object of names and values.
-
-    Args:
-        value (Any): The value.
-        what (str): What it is, for messages.
-
-    Raises:
-        ValueError: If it is not.
-    """
+    r"""Checks that a value is an object of names and values."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise ValueError(f"{what} must be a JSON object (got {shown(value)})")
 
 
 def need_key(item: Any, key: str, what: str) -> Any:
-    r"""Returns a value of an object.
-
-    Args:
-        item (Any): The object.
-        key (str): The name of the value.
-        what (str): What the object is, for messages.
-
-    Raises:
-        ValueError: If it is no object, or has no such value.
-    """
+    r"""Returns a value of an object."""
     need_mapping(item, what)
     if key not in item:
         raise ValueError(f"{what} must have the key '{key}' (got {sorted(item)})")
@@ -53,41 +32,19 @@ def need_key(item: Any, key: str, what: str) -> Any:
 
 
 def need_list(value: Any, what: str) -> list[Any] | tuple[Any, ...]:
-    r"""Returns a value that is a list.
-
-    Args:
-        value (Any): The value.
-        what (str): What it is, for messages.
-
-    Raises:
-        ValueError: If it is none.
-    """
+    r"""Returns a value that is a list."""
     if not isinstance(value, list | tuple):
         raise ValueError(f"{what} must be a list (got {shown(value)})")
     return value
 
 
 def is_named(value: Any, known: Collection[str]) -> bool:
-    r"""Tells whether a value is one of some names.
-
-    Args:
-        value (Any): The value.
-        known (collection of str): The names.
-    """
+    r"""Tells whether a value is one of some names."""
     return isinstance(value, str) and value in known
 
 
 def only_keys(item: Mapping[str, Any], known: Collection[str], what: str) -> None:
-    r"""Checks that an object has no key with a name that means nothing, such as a misspelt one.
-
-    Args:
-        item (Mapping): The object.
-        known (collection of str): The names that mean something.
-        what (str): What it is, for messages.
-
-    Raises:
-        ValueError: If there is another key.
-    """
+    r"""Checks that an object has no key with a name that means nothing, such as a misspelt one."""
     unknown = next((key for key in item if key not in known), None)
     if unknown is not None:
         raise ValueError(
@@ -96,15 +53,7 @@ def only_keys(item: Mapping[str, Any], known: Collection[str], what: str) -> Non
 
 
 def need_text(value: Any, what: str) -> None:
-    r"""Checks that a value is a text that can be written to a file.
-
-    Args:
-        value (Any): The value.
-        what (str): What it is, for messages.
-
-    Raises:
-        ValueError: If it is not.
-    """
+    r"""Checks that a value is a text that can be written to a file."""
     if not isinstance(value, str):
         raise ValueError(f"{what} must be a text (got {shown(value)})")
     try:
@@ -114,16 +63,7 @@ def need_text(value: Any, what: str) -> None:
 
 
 def need_texts(values: Any, what: str, may_repeat: bool = False) -> None:
-    r"""Checks that a value is a list of texts.
-
-    Args:
-        values (Any): The value.
-        what (str): What it is, for messages.
-        may_repeat (bool): Whether a text may be there twice.
-
-    Raises:
-        ValueError: If it is not.
-    """
+    r"""Checks that a value is a list of texts."""
     if not isinstance(values, list | tuple):
         raise ValueError(f"{what} must be a list of texts (got {shown(values)})")
     for value in values:
@@ -133,42 +73,24 @@ def need_texts(values: Any, what: str, may_repeat: bool = False) -> None:
 
 
 def is_number(value: Any) -> bool:
-    r"""Tells whether a value is a finite number, and no truth value.
-
-    Args:
-        value (Any): The value.
-    """
+    r"""Tells whether a value is a finite number, and no truth value."""
     is_kind = isinstance(value, int | float) and not isinstance(value, bool)
     return is_kind and abs(value) <= LARGEST
 
 
 def is_whole(value: Any) -> bool:
-    r"""Tells whether a value is a whole number of a size that tensors hold, and no truth value.
-
-    Args:
-        value (Any): The value.
-    """
+    r"""Tells whether a value is a whole number of a size that tensors hold, and no truth value."""
     is_kind = isinstance(value, int) and not isinstance(value, bool)
     return is_kind and abs(value) < 1 << 62
 
 
 def are_numbers(value: Any, *counts: int) -> bool:
-    r"""Tells whether a value is a list of finite numbers.
-
-    Args:
-        value (Any): The value.
-        *counts (int): How many they may be.
-    """
+    r"""Tells whether a value is a list of finite numbers."""
     return _is_list(value, counts) and all(map(is_number, value))
 
 
 def are_whole(value: Any, *counts: int) -> bool:
-    r"""Tells whether a value is a list of whole numbers.
-
-    Args:
-        value (Any): The value.
-        *counts (int): How many they may be.
-    """
+    r"""Tells whether a value is a list of whole numbers."""
     return _is_list(value, counts) and all(map(is_whole, value))
 
 

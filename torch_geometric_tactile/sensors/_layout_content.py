@@ -35,11 +35,7 @@ _KEYS = (
 
 
 def layout_to_content(layout: "TaxelLayout") -> dict[str, Any]:
-    r"""Returns a layout as numbers, texts, lists and dictionaries, in metres.
-
-    Args:
-        layout (TaxelLayout): The layout.
-    """
+    r"""Returns a layout as numbers, texts, lists and dictionaries, in metres."""
     taxels: list[dict[str, Any]] = [{"pos": pos} for pos in layout.pos.tolist()]
     columns: dict[str, list[Any]] = {}
     if layout.normal is not None:
@@ -67,15 +63,7 @@ def layout_to_content(layout: "TaxelLayout") -> dict[str, Any]:
 
 
 def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns the arguments of :class:`TaxelLayout` from plain data.
-
-    Args:
-        content (Mapping): As of :meth:`TaxelLayout.from_dict`.
-
-    Raises:
-        ValueError: If a key is missing or unknown, the unit is unknown, a value is of another kind,
-            or the taxels are not consistent.
-    """
+    r"""Returns the arguments of :class:`TaxelLayout` from plain data."""
     need_mapping(content, "a layout")
     if "patches" in content:
         content = expand_patches(content)

@@ -16,17 +16,7 @@ def join_arguments(
     links: Sequence[str] | None,
     pose: Tensor | None,
 ) -> dict[str, Any]:
-    r"""Returns the arguments of the joined layout, except its name.
-
-    Args:
-        layouts (sequence of TaxelLayout): As of :meth:`TaxelLayout.join`.
-        names (sequence of str): Likewise.
-        links (sequence of str, optional): Likewise.
-        pose (torch.Tensor, optional): Likewise.
-
-    Raises:
-        ValueError: If they do not fit together.
-    """
+    r"""Returns the arguments of the joined layout, except its name."""
     count = len(layouts)
     for key, values in (("names", names), ("links", links)):
         if values is not None and len(values) != count:

@@ -29,17 +29,7 @@ Edge = tuple[int, int]
 
 
 class Patch:
-    r"""A patch. What takes memory is made when it is needed, after its size was checked.
-
-    Args:
-        patch (Mapping): Its description, as of
-            :func:`~torch_geometric_tactile.sensors.expand_patches`.
-        shapes (Mapping): The shapes by name.
-        start (int): Number of its first taxel.
-
-    Raises:
-        ValueError: If a key is missing or unknown, or a value is of another kind.
-    """
+    r"""A patch. What takes memory is made when it is needed, after its size was checked."""
 
     def __init__(self, patch: Mapping[str, Any], shapes: Mapping[str, Any], start: int) -> None:
         self.name: str = need_key(patch, "name", "a patch")
@@ -69,19 +59,11 @@ class Patch:
         self.surface = _checked_surface(self.shape, shape)
 
     def first(self, row: int) -> int:
-        r"""Returns the first column of a row.
-
-        Args:
-            row (int): The row.
-        """
+        r"""Returns the first column of a row."""
         return (self.width - self.rows[row]) // 2
 
     def has(self, cell: Cell) -> bool:
-        r"""Tells whether there is a taxel.
-
-        Args:
-            cell (tuple of int): Its row and column.
-        """
+        r"""Tells whether there is a taxel."""
         row, column = cell
         if not 0 <= row < len(self.rows):
             return False
@@ -127,11 +109,7 @@ class Patch:
             yield taxel
 
     def edges(self, name: str) -> Iterator[Edge]:
-        r"""Yields the edges inside, each in one direction.
-
-        Args:
-            name (str): Name of the adjacency.
-        """
+        r"""Yields the edges inside, each in one direction."""
         for row, column in self.cells:
             steps = []
             if name != "slanted":
@@ -145,19 +123,11 @@ class Patch:
                     yield self.taxel((row, column)), self.taxel(cell)
 
     def taxel(self, cell: Cell) -> int:
-        r"""Returns the number of a taxel in the layout.
-
-        Args:
-            cell (tuple of int): Its row and column.
-        """
+        r"""Returns the number of a taxel in the layout."""
         return self.start + self.number[cell]
 
     def side(self, side: str) -> list[int]:
-        r"""Returns the taxels of a side.
-
-        Args:
-            side (str): :obj:`"bottom"`, :obj:`"top"`, :obj:`"left"` or :obj:`"right"`.
-        """
+        r"""Returns the taxels of a side."""
         if side in ("bottom", "top"):
             row = 0 if side == "bottom" else len(self.rows) - 1
             return [self.taxel((row, self.first(row) + i)) for i in range(self.rows[row])]
@@ -167,11 +137,7 @@ class Patch:
         ]
 
     def side_length(self, side: str) -> int:
-        r"""Returns the number of taxels of a side.
-
-        Args:
-            side (str): As of :meth:`side`.
-        """
+        r"""Returns the number of taxels of a side."""
         if side in ("bottom", "top"):
             return self.rows[0 if side == "bottom" else -1]
         return len(self.rows)

@@ -37,12 +37,7 @@ LinkTable = tuple[int, Tensor, Tensor | None]  # a link, and what its pose is mu
 
 
 def tree_levels(tree: LinkTree, moving: Sequence[Joint]) -> list[Level]:
-    r"""Returns the levels of a hand's links.
-
-    Args:
-        tree (LinkTree): The links.
-        moving (sequence of Joint): The joints that move, in the order of the joint vector.
-    """
+    r"""Returns the levels of a hand's links."""
     number = {name: i for i, name in enumerate(tree.names)}
     column = {joint.name: i for i, joint in enumerate(moving)}
     return [
@@ -60,9 +55,8 @@ def tree_levels(tree: LinkTree, moving: Sequence[Joint]) -> list[Level]:
 def pose_links(levels: Sequence[Level], joint: Tensor) -> tuple[Tensor, Tensor]:
     r"""Returns rotation :math:`(..., L, 3, 3)` and translation :math:`(..., L, 3)` of all links.
 
-    Args:
-        levels (sequence of Level): The links.
-        joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
+    Shapes:
+        - **joint:** Joint angles in radians :math:`(..., J)`.
     """
     shape = joint.shape[:-1]
     waves = _waves(joint)
@@ -86,14 +80,7 @@ def _waves(joint: Tensor) -> Tensor:
 def few_tables(
     levels: Sequence[Level], numbers: Mapping[str, int], layout: TaxelLayout, like: Tensor
 ) -> FewTables:
-    r"""Returns the tables of :func:`pose_few`.
-
-    Args:
-        levels (sequence of Level): The links of the hand.
-        numbers (Mapping of str to int): Their numbers, of those that carry taxels.
-        layout (TaxelLayout): The taxels.
-        like (torch.Tensor): What the tables are multiplied with, for type and device.
-    """
+    r"""Returns the tables of :func:`pose_few`."""
     assert layout.link is not None
     number = torch.zeros(len(layout.link_names), dtype=torch.long)
     for name, i in numbers.items():
@@ -126,10 +113,8 @@ def pose_few(few: FewTables, joint: Tensor, with_normal: bool) -> tuple[Tensor, 
     It works with homogeneous matrices and taxel by taxel: more arithmetic than with
     :func:`link_tables`, but fewer operations, whose number decides the delay of a live frame.
 
-    Args:
-        few (FewTables): Of :func:`few_tables`.
-        joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
-        with_normal (bool): Whether normals are wanted.
+    Shapes:
+        - **joint:** Joint angles in radians :math:`(T, J)`.
     """
     pose = chain_few(few, joint).index_select(1, few.link)[:, :, :3]
     pos = (pose * few.pos).sum(dim=-1)
@@ -139,9 +124,8 @@ def pose_few(few: FewTables, joint: Tensor, with_normal: bool) -> tuple[Tensor, 
 def chain_few(few: FewTables, joint: Tensor) -> Tensor:
     r"""Returns the matrices of all links :math:`(T, L, 4, 4)` in few frames.
 
-    Args:
-        few (FewTables): Of :func:`few_tables`.
-        joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
+    Shapes:
+        - **joint:** Joint angles in radians :math:`(T, J)`.
     """
     waves = _waves(joint).index_select(1, few.column).unsqueeze(2)
     steps = (waves @ few.turns).unflatten(-1, (4, 4)).squeeze(2)
@@ -159,11 +143,6 @@ def link_tables(
 ) -> tuple[list[LinkTable], Tensor | None]:
     r"""Returns a table for each link, and the place of each taxel in their results if these are in
     another order than the taxels.
-
-    Args:
-        numbers (Mapping of str to int): Numbers of the hand's links that carry taxels.
-        layout (TaxelLayout): The taxels.
-        like (torch.Tensor): What the tables are multiplied with, for type and device.
     """
     assert layout.link is not None
     with torch.inference_mode(False):  # or no gradient could pass through them later
@@ -199,12 +178,8 @@ def pose_tables(
     r"""Returns positions, and normals if they are wanted, of many frames, in the order of the
     tables :math:`(T, 3 N)`.
 
-    Args:
-        levels (sequence of Level): The links of the hand.
-        tables (sequence of tuple): Of :func:`link_tables`.
-        joint (torch.Tensor): Joint angles in radians :math:`(T, J)`.
-        with_normal (bool): Whether normals are wanted; the layout must have some.
-        chunk (int): Number of frames that are worked on at a time, unless gradients are wanted.
+    Shapes:
+        - **joint:** Joint angles in radians :math:`(T, J)`.
     """
     parts = joint.split(chunk)
     if len(parts) == 1 or (torch.is_grad_enabled() and joint.requires_grad):

@@ -17,9 +17,6 @@ _PARALLEL = 1e-3  # sine of the angle below which directions are one
 def taxel_axes(layout: "TaxelLayout") -> Tensor:
     r"""Returns the axes of each taxel; see :meth:`TaxelLayout.axes`.
 
-    Args:
-        layout (TaxelLayout): The layout.
-
     Shapes:
         - **output:** the unit axes :math:`x`, :math:`y` and normal as rows, double
           :math:`(N, 3, 3)`

@@ -25,16 +25,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint], str]:
-    r"""Returns the joints of a URDF file and the name of its robot.
-
-    Args:
-        path (Path): The file.
-        joint_names (sequence of str, optional): As of :meth:`HandKinematics.from_urdf`.
-
-    Raises:
-        ValueError: If the file is no URDF, a joint has another type, or a named joint is missing
-            or named twice.
-    """
+    r"""Returns the joints of a URDF file and the name of its robot."""
     try:
         root = ElementTree.fromstring(path.read_bytes())  # bytes: the file declares its encoding
     except (ElementTree.ParseError, LookupError) as error:  # another encoding is a LookupError

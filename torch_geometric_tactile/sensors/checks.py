@@ -82,10 +82,6 @@ def check_segment(
 
 
 def is_whole_tensor(numbers: Tensor) -> bool:
-    r"""Tells whether a tensor holds whole numbers, and no truth values.
-
-    Args:
-        numbers (torch.Tensor): The tensor.
-    """
+    r"""Tells whether a tensor holds whole numbers, and no truth values."""
     is_number = not (numbers.is_floating_point() or numbers.is_complex())
     return is_number and numbers.dtype != torch.bool

@@ -97,14 +97,7 @@ class LinkTree(NamedTuple):
 
 
 def link_tree(joints: Sequence[Joint]) -> LinkTree:
-    r"""Returns the links that joints make up.
-
-    Args:
-        joints (sequence of Joint): The joints.
-
-    Raises:
-        ValueError: If a link has two parents, or the links are not one tree.
-    """
+    r"""Returns the links that joints make up."""
     if len(joints) > _MOST_JOINTS:
         raise ValueError(f"'joints' must be {_MOST_JOINTS} at most (got {len(joints)})")
     if len({joint.name for joint in joints}) < len(joints):
@@ -142,9 +135,6 @@ def _cross_matrix(axis: Sequence[float]) -> Tensor:
 
 def joint_turns(joint: Joint) -> Tensor:
     r"""Returns the terms :math:`1, \sin q, 1 - \cos q` of the rotation of a joint by :math:`q`.
-
-    Args:
-        joint (Joint): The joint.
 
     Shapes:
         - **output:** :math:`(3, 3, 3)`

@@ -20,11 +20,7 @@ class FingertipContacts(NamedTuple):
 
 
 class ContactLog:
-    r"""Keeps the contacts of fingertips and object while a simulation runs.
-
-    Args:
-        model (mujoco.MjModel): A model of :func:`bigs_mjcf`.
-    """
+    r"""Keeps the contacts of fingertips and object while a simulation runs."""
 
     def __init__(self, model: Any) -> None:
         self._finger = np.full(model.ngeom, -1)
@@ -38,11 +34,7 @@ class ContactLog:
         self._ticks: list[tuple[np.ndarray, ...]] = []
 
     def add(self, data: Any) -> np.ndarray:
-        r"""Keeps the contacts of now, and returns the normal force of each finger in newtons.
-
-        Args:
-            data (mujoco.MjData): The simulation.
-        """
+        r"""Keeps the contacts of now, and returns the normal force of each finger in newtons."""
         normal = np.zeros(3)
         self._ticks.append(
             (

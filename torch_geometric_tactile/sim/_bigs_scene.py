@@ -29,9 +29,6 @@ def bigs_mjcf(grasp: BigsGrasp) -> str:
     A finger has one hinge at the knuckle and ends in an ellipsoid of skin. The frame of a fingertip
     (site :obj:`tip_left` and so on) is that of the layout :obj:`biotac`: x along the finger to its
     end, and -z out of the pad.
-
-    Args:
-        grasp (BigsGrasp): The grasp.
     """
     joints = "".join(
         f'<joint name="hand_{name}" type="{kind}" axis="{axis}"/>'

@@ -14,15 +14,7 @@ CELL = 0.00025  # m, side of the cells in which pressure is given
 
 @dataclass(frozen=True, eq=False)
 class FieldSampling:
-    r"""How much each pixel takes up of the pressure on each cell of the surface.
-
-    Args:
-        low (numpy.ndarray): Least :math:`x` and :math:`y` of the middles of pixels in metres.
-        high (numpy.ndarray): Largest of both.
-        weights (tuple): Of each spread: weights of the cells of a row, for each different
-            :math:`x` of pixels, and of the cells of a column, for each different :math:`y`.
-        index (tuple of numpy.ndarray): Which of these each pixel has.
-    """
+    r"""How much each pixel takes up of the pressure on each cell of the surface."""
 
     low: np.ndarray
     high: np.ndarray
@@ -32,12 +24,7 @@ class FieldSampling:
     def cells(
         self, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, tuple[slice, slice]]:
-        r"""Returns the middles of the cells that a box touches, along both axes, and their numbers.
-
-        Args:
-            low (numpy.ndarray): Least :math:`x` and :math:`y` of the box in metres.
-            high (numpy.ndarray): Largest of both.
-        """
+        r"""Returns the middles of the cells that a box touches, along both axes, and their numbers."""
         middles, parts = [], []
         for axis in range(2):
             number = self.weights[0][axis].shape[1]
@@ -50,10 +37,6 @@ class FieldSampling:
 
     def at_pixels(self, field: np.ndarray, cells: tuple[slice, slice]) -> np.ndarray:
         r"""Returns what each pixel takes up.
-
-        Args:
-            field (numpy.ndarray): Pressure on cells, rows along :math:`y`.
-            cells (tuple of slice): Their numbers along :math:`x` and :math:`y`.
 
         Shapes:
             - **output:** mean pressure on the square of each pixel :math:`(N,)`
@@ -73,12 +56,6 @@ def field_sampling(
     r"""Returns what the pixels of a flat layout take up of the pressure above them: the layer
     spreads it by Gaussians, and each pixel takes its mean over a square along :math:`x` and
     :math:`y`. Both are exact for pressure that is constant within cells.
-
-    Args:
-        layout (TaxelLayout): The pixels.
-        sensel (float): Side of a pixel's square in metres.
-        lengths (tuple of float): Standard deviation of each Gaussian in metres.
-        parts (tuple of float): How much of the pressure each spreads.
     """
     pos = layout.pos.double()[:, :2]
     low, high = pos.amin(dim=0), pos.amax(dim=0)

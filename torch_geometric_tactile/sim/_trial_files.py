@@ -38,11 +38,7 @@ _Report = TypeVar("_Report")
 
 
 def require_simulator(what: str) -> None:
-    r"""Raises an :obj:`ImportError` that names the extra if MuJoCo or h5py is missing.
-
-    Args:
-        what (str): What needs them.
-    """
+    r"""Raises an :obj:`ImportError` that names the extra if MuJoCo or h5py is missing."""
     for package in ("mujoco", "h5py"):
         if find_spec(package) is None:
             raise ImportError(f"{what} needs {package}: pip install 'torch-geometric-tactile[sim]'")
@@ -60,18 +56,7 @@ def run_trials(
     simulate: Callable[..., _Report],
     finished: Callable[[_Task], bool] = _is_there,
 ) -> Generator[_Report, None, list[_Report]]:
-    r"""Yields the report of each trial, those of files that are there first, and returns all.
-
-    Args:
-        tasks (sequence of FileTask): The trials.
-        out (Path): Their folder, made if missing.
-        jobs (int): Processes.
-        kept (callable): Reports a trial whose file is there.
-        simulate (callable): Simulates a trial, writes it and reports it; called with the task and
-            :obj:`parent`, the process that wants it (:func:`end_without`).
-        finished (callable): Tells whether a trial needs no simulation; if its file is there, if
-            left out.
-    """
+    r"""Yields the report of each trial, those of files that are there first, and returns all."""
     out.mkdir(parents=True, exist_ok=True)
     reports, missing = [], []
     for task in tasks:
@@ -94,11 +79,7 @@ def run_trials(
 
 
 def end_without(parent: int) -> None:
-    r"""Ends a worker whose run was killed: it would go on with what was dispatched.
-
-    Args:
-        parent (int): The process of the run.
-    """
+    r"""Ends a worker whose run was killed: it would go on with what was dispatched."""
     if parent not in (os.getpid(), os.getppid()):
         os._exit(1)
     if parent != os.getpid():
@@ -120,12 +101,8 @@ def _wait_for_end(parent: int) -> None:
 def kept_meta(task: TrialTask, before: Mapping[str, Any] | None = None) -> dict[str, Any]:
     r"""Returns the metadata of a finished trial.
 
-    Args:
-        task (TrialTask): The trial.
-        before (Mapping, optional): What files of earlier versions do not say.
-
-    Raises:
-        ValueError: If the file was made with other arguments.
+    Shapes:
+        - **before:** What files of earlier versions do not say.
     """
     meta = {**(before or {}), **read_hdf5_head(task.path).meta}
     for key, wanted in task.identity().items():
@@ -138,11 +115,6 @@ def kept_meta(task: TrialTask, before: Mapping[str, Any] | None = None) -> dict[
 
 
 def write_summary(out: Path, content: Mapping[str, Any]) -> None:
-    r"""Writes what a run did to :obj:`simulation.json`.
-
-    Args:
-        out (Path): The folder of the run.
-        content (Mapping): JSON values.
-    """
+    r"""Writes what a run did to :obj:`simulation.json`."""
     with atomic_path(out / SUMMARY) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -24,9 +24,9 @@ def arm_joints(hand: np.ndarray) -> np.ndarray:
     The physics has no arm: its hand moves by itself. These are the angles with which a WAM would
     move it, to first order about one posture, with the smallest sum of squares.
 
-    Args:
-        hand (numpy.ndarray): x, y, z in metres, and turns about x, y, z in radians :math:`(K, 6)`,
-            from the place where the arm has that posture.
+    Shapes:
+        - **hand:** x, y, z in metres, and turns about x, y, z in radians :math:`(K, 6)`,
+          from the place where the arm has that posture.
     """
     return np.asarray(_POSTURE + hand @ np.linalg.pinv(_jacobian()).T)
 

@@ -149,9 +149,6 @@ def hand_motion(grasp: BigsGrasp) -> np.ndarray:
 
     It rises, waits, and is shaken along x, y, z and about x and y, two cycles each that swell and
     fade. That begins later than the input of P3 ends.
-
-    Args:
-        grasp (BigsGrasp): The grasp.
     """
     time = np.arange(round(grasp.span * CONTROL_RATE)) / CONTROL_RATE
     out = np.zeros((len(time), 6))

@@ -164,14 +164,10 @@ def palm_path(
 ) -> np.ndarray:
     r"""Returns x, y, z and yaw of a palm that comes down on an object :math:`(K, 4)`.
 
-    Args:
-        size (tuple of float): Full extent of the object in metres.
-        rng (numpy.random.Generator): Draws errors and tremor.
-        spread (GraspSpread): How large the errors are.
-        step (float): Time between targets in seconds.
-        reach (numpy.ndarray): From 0, hovering, to 1, just above the object :math:`(K,)`.
-        close (numpy.ndarray): From 0 to 1, on the object :math:`(K,)`.
-        rise (numpy.ndarray): What the palm rises after that, in metres :math:`(K,)`.
+    Shapes:
+        - **reach:** From 0, hovering, to 1, just above the object :math:`(K,)`.
+        - **close:** From 0 to 1, on the object :math:`(K,)`.
+        - **rise:** What the palm rises after that, in metres :math:`(K,)`.
     """
     width, _, height = size
     top = STAND[2] + height + _PALM
@@ -186,22 +182,13 @@ def palm_path(
 
 
 def postures(rng: np.random.Generator, spread: GraspSpread) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns the joint angles of the open and of the closed hand in radians, each :math:`(16,)`.
-
-    Args:
-        rng (numpy.random.Generator): Draws the errors.
-        spread (GraspSpread): How large they are.
-    """
+    r"""Returns the joint angles of the open and of the closed hand in radians, each :math:`(16,)`."""
     start = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
     return start, np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
 
 
 def smooth(progress: np.ndarray) -> np.ndarray:
-    r"""Returns a step from 0 to 1 with the least jerk.
-
-    Args:
-        progress (numpy.ndarray): From 0 to 1; what is outside of it is cut.
-    """
+    r"""Returns a step from 0 to 1 with the least jerk."""
     s = progress.clip(0.0, 1.0)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
@@ -209,12 +196,6 @@ def smooth(progress: np.ndarray) -> np.ndarray:
 def tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float) -> np.ndarray:
     r"""Returns what an operator's hand, which is never still, does beside what it shall: noise with
     a correlation time of a fifth of a second.
-
-    Args:
-        rng (numpy.random.Generator): Draws it.
-        step (float): Time between targets in seconds.
-        shape (tuple of int): Numbers of targets and of variables.
-        sd (float): Standard deviation.
     """
     keep = np.exp(-step / 0.2)
     noise = rng.normal(0.0, sd, shape)

@@ -276,12 +276,7 @@ def _simulate_block(task: _Task, parent: int) -> LetterReport:
 
 
 def write_block(block: np.ndarray, path: Path) -> None:
-    r"""Writes a file of presses as a whole.
-
-    Args:
-        block (numpy.ndarray): The presses.
-        path (Path): The file.
-    """
+    r"""Writes a file of presses as a whole."""
     content = io.BytesIO()  # NumPy's own errors of a full disk have no number
     np.save(content, block)
     with atomic_path(path) as temporary:

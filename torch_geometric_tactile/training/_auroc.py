@@ -12,10 +12,6 @@ def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
     r"""Returns the mean area under the ROC curve, over the classes that some samples have and
     some have not; NaN if there is none, or a score is NaN.
 
-    Args:
-        score (torch.Tensor): Probabilities.
-        positive (torch.Tensor): Which samples are of each class.
-
     Shapes:
         - **input:** :math:`(S, C)` each
         - **output:** a scalar
@@ -36,9 +32,8 @@ class MacroAUROC(Metric):
 
     It keeps the scores of all samples until it is reset.
 
-    Args:
-        num_classes (int): Number of classes or labels :math:`C`.
-        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
+    Shapes:
+        - **num_classes:** Number of classes or labels :math:`C`.
     """
 
     full_state_update = False
@@ -56,9 +51,9 @@ class MacroAUROC(Metric):
     def update(self, score: Tensor, y: Tensor) -> None:
         r"""Takes the predictions of a batch.
 
-        Args:
-            score (torch.Tensor): Probabilities :math:`(B, C)`.
-            y (torch.Tensor): Classes :math:`(B,)`, or labels :math:`(B, C)`.
+        Shapes:
+            - **score:** Probabilities :math:`(B, C)`.
+            - **y:** Classes :math:`(B,)`, or labels :math:`(B, C)`.
         """
         self.scores.append(score.detach())
         positive = y if self.task == "multilabel" else F.one_hot(y, self.num_classes)

@@ -8,9 +8,6 @@ from typing import Any
 def warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:
     r"""Warns if the model of a checkpoint was trained on readings that fitted transforms, such as
     scalers, had changed.
-
-    Args:
-        checkpoint (Mapping): The checkpoint.
     """
     names = fitted_names(checkpoint)
     if names:
@@ -24,11 +21,7 @@ def warn_of_scaling(checkpoint: Mapping[str, Any]) -> None:
 
 
 def fitted_names(checkpoint: Mapping[str, Any]) -> list[str]:
-    r"""Returns the classes of the fitted transforms that a checkpoint holds for the predictor.
-
-    Args:
-        checkpoint (Mapping): The checkpoint.
-    """
+    r"""Returns the classes of the fitted transforms that a checkpoint holds for the predictor."""
     entry = checkpoint.get("predictor")
     header = entry.get("header") if isinstance(entry, Mapping) else None
     left = [header.get("transform")] if isinstance(header, Mapping) else []

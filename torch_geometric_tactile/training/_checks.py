@@ -32,12 +32,7 @@ EDGE_SOURCE = (
 
 
 def num_outputs(data: TactileDataModule, task: Task) -> int:
-    r"""Returns the number of classes, labels or targets of the data; 0 if it has none.
-
-    Args:
-        data (TactileDataModule): The data.
-        task (str): What :obj:`y` means.
-    """
+    r"""Returns the number of classes, labels or targets of the data; 0 if it has none."""
     y = data.dataset.column("y")
     if y is None:
         return 0
@@ -50,13 +45,9 @@ def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) 
     r"""Returns the :func:`~torch_geometric_tactile.training._losses.balanced_weights` of the
     training part.
 
-    Args:
-        data (TactileDataModule, optional): The data.
-        task (str): What :obj:`y` means.
-        num_classes (int): Number of classes or labels :math:`C`.
-
-    Raises:
-        ValueError: If there is no data module, or it has no labels.
+    Shapes:
+        - **data:** The data.
+        - **num_classes:** Number of classes or labels :math:`C`.
     """
     y = None if data is None else data.part("train").column("y")
     if y is None:
@@ -70,14 +61,8 @@ def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) 
 def check_labels(y: Tensor, task: Task, name: str, outputs: int = 0) -> None:
     r"""Checks that labels are what a task needs.
 
-    Args:
-        y (torch.Tensor): The labels of all samples :math:`(S,)` or :math:`(S, C)`.
-        task (str): What they mean.
-        name (str): Name of their data, for messages.
-        outputs (int): Number of classes, labels or targets, if known.
-
-    Raises:
-        ValueError: If they are of another kind, shape or range.
+    Shapes:
+        - **y:** The labels of all samples :math:`(S,)` or :math:`(S, C)`.
     """
     {"multiclass": _check_classes, "multilabel": _check_flags}.get(task, _check_targets)(y, name)
     if not outputs or not len(y):
@@ -143,14 +128,6 @@ def _check_targets(y: Tensor, name: str) -> None:
 def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
     r"""Checks the labels of the parts that a stage uses and that the model's inputs are finite, and
     runs the model once on two samples, without gradients and without using up random numbers.
-
-    Args:
-        module (TactileModule): The module.
-        data (TactileDataModule): Its data, set up.
-        stage (str): :obj:`"fit"`, :obj:`"validate"`, :obj:`"test"` or :obj:`"predict"`.
-
-    Raises:
-        ValueError: If something does not fit; the message names what, and what to do.
     """
     names = {"fit": ("train", "val"), "validate": ("val",)}.get(stage, ("test",))
     parts = {name: part for name in names if len(part := data.part(name))}  # type: ignore[arg-type]
@@ -177,13 +154,8 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
 def check_has_threshold(module: Any, data: Any, stage: str) -> None:
     r"""Checks that there are two classes, and a validation part to choose their threshold on.
 
-    Args:
-        module (TactileModule): The module, with a threshold.
-        data (LightningDataModule, optional): Its data.
-        stage (str): As of :func:`check_data`.
-
-    Raises:
-        ValueError: If there are not.
+    Shapes:
+        - **data:** Its data.
     """
     if module.num_classes != 2:
         raise ValueError(

@@ -22,11 +22,7 @@ _SPREAD = 64  # samples of a larger one
 
 
 def model_inputs(model: Any) -> tuple[str, ...]:
-    r"""Returns the names of the attributes that a model reads.
-
-    Args:
-        model (torch.nn.Module): The model.
-    """
+    r"""Returns the names of the attributes that a model reads."""
     reads_x = "tactile" in model.inputs if isinstance(model, TactileModel) else True
     return (*(("x",) if reads_x else ()), *getattr(model, "modalities", ()))
 
@@ -36,15 +32,6 @@ def check_part(model: Any, data: TactileDataModule, part: StaticDataset, name: s
     a part above 1 GB only some samples are looked at.
 
     Only samples with a number that is missing before the transforms are read again after them.
-
-    Args:
-        model (torch.nn.Module): The model.
-        data (TactileDataModule): The data, set up.
-        part (StaticDataset): The part.
-        name (str): Its name, for messages.
-
-    Raises:
-        ValueError: If it is not; the message names the attribute, how many, and the samples.
     """
     suspects = _suspects(part)
     bad: dict[str, list[tuple[Tensor, Tensor]]] = {}
@@ -97,14 +84,7 @@ def _suspects(part: StaticDataset) -> Tensor:
 
 @dataclass(frozen=True)
 class BatchCheck:
-    r"""What must be finite of a batch.
-
-    Args:
-        model (torch.nn.Module): The model.
-        batch (torch_geometric.data.Data): The batch.
-        name (str): What the batch is, for messages.
-        loader (object, optional): The loader that it came from, which may know the samples.
-    """
+    r"""What must be finite of a batch."""
 
     model: Any
     batch: Data
@@ -113,14 +93,7 @@ class BatchCheck:
 
     @classmethod
     def of_step(cls, module: L.LightningModule, stage: str, batch: Data, batch_idx: int) -> Self:
-        r"""Returns the check of a batch of a trainer.
-
-        Args:
-            module (TactileModule): The module.
-            stage (str): :obj:`"train"`, :obj:`"val"`, :obj:`"test"` or :obj:`"predict"`.
-            batch (torch_geometric.data.Data): The batch.
-            batch_idx (int): Its number.
-        """
+        r"""Returns the check of a batch of a trainer."""
         trainer = module._trainer
         if trainer is None:
             return cls(module.model, batch, f"batch {batch_idx}")
@@ -131,11 +104,7 @@ class BatchCheck:
         return cls(module.model, batch, text, getattr(trainer, name))
 
     def inputs(self) -> None:
-        r"""Checks what the model reads.
-
-        Raises:
-            ValueError: If it is not finite; the message names the attribute and the samples.
-        """
+        r"""Checks what the model reads."""
         for key in model_inputs(self.model):
             value = getattr(self.batch, key, None)
             if isinstance(value, Tensor) and not _is_finite(value):
@@ -149,12 +118,8 @@ class BatchCheck:
     def loss(self, loss: Tensor, out: Tensor) -> None:
         r"""Checks a loss, before it reaches the weights.
 
-        Args:
-            loss (torch.Tensor): The loss, a scalar.
-            out (torch.Tensor): What the model returned :math:`(B, C)`.
-
-        Raises:
-            ValueError: If it is not finite; the message names the samples, and the cause.
+        Shapes:
+            - **out:** What the model returned :math:`(B, C)`.
         """
         if loss.isfinite():
             return
@@ -168,11 +133,8 @@ class BatchCheck:
     def scores(self, score: Tensor) -> None:
         r"""Checks probabilities or predicted numbers, of which a metric would count NaN as a class.
 
-        Args:
-            score (torch.Tensor): They :math:`(B, C)`.
-
-        Raises:
-            ValueError: If one is NaN; the message names the input that is NaN, or the samples.
+        Shapes:
+            - **score:** They :math:`(B, C)`.
         """
         bad = score.isnan()
         if not bad.any():
@@ -186,8 +148,8 @@ class BatchCheck:
     def warn(self, score: Tensor) -> None:
         r"""Warns of probabilities or predicted numbers that are NaN.
 
-        Args:
-            score (torch.Tensor): They :math:`(B, C)`.
+        Shapes:
+            - **score:** They :math:`(B, C)`.
         """
         try:
             self.scores(score)

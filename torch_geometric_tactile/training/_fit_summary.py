@@ -13,10 +13,6 @@ from torch_geometric_tactile.training.data_module import TactileDataModule
 def fit_summary(trainer: L.Trainer, folder: str | None = None) -> str:
     r"""Returns the last metrics of the validation part as a small table, the paths of the
     checkpoints, and the command that tests the last one. The test part is not looked at.
-
-    Args:
-        trainer (lightning.Trainer): The trainer, after :obj:`fit`.
-        folder (str, optional): The folder of the run, its :obj:`log_dir`.
     """
     values = {key: float(value) for key, value in trainer.callback_metrics.items()}
     rows = [(key, values[key]) for key in sorted(values) if key.startswith("val/")]

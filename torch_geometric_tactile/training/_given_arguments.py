@@ -13,27 +13,14 @@ _SECTIONS = ("data", "model", "trainer")
 
 @dataclass
 class GivenArguments:
-    r"""Configuration files joined in their order, and the other arguments.
-
-    Args:
-        config (dict): The contents of the files; a later one stands above the earlier.
-        others (list of str): The arguments that name no file.
-    """
+    r"""Configuration files joined in their order, and the other arguments."""
 
     config: dict[str, Any] = field(default_factory=dict)
     others: list[str] = field(default_factory=list)
 
     @classmethod
     def read(cls, args: Sequence[str]) -> Self:
-        r"""Reads the configuration files that arguments name.
-
-        Args:
-            args (list of str): The arguments.
-
-        Raises:
-            FileNotFoundError: If there is no such file.
-            ValueError: If a file is not a mapping.
-        """
+        r"""Reads the configuration files that arguments name."""
         given, rest = cls(), iter(args)
         for arg in rest:
             flag, equals, value = arg.partition("=")
@@ -61,11 +48,7 @@ class GivenArguments:
         return any(arg.partition("=")[0] == "--print_config" for arg in self.others)
 
     def of(self, section: str) -> list[str]:
-        r"""Returns the arguments that change a section of the configuration.
-
-        Args:
-            section (str): :obj:`"data"` or :obj:`"model"`.
-        """
+        r"""Returns the arguments that change a section of the configuration."""
         found, rest = [], iter(self.others)
         for arg in rest:
             name, equals, _ = arg.partition("=")
@@ -74,11 +57,7 @@ class GivenArguments:
         return found
 
     def last(self, *names: str) -> str | None:
-        r"""Returns the last value of an option; :obj:`None` if it is not given.
-
-        Args:
-            *names (str): Its names, without dashes.
-        """
+        r"""Returns the last value of an option; :obj:`None` if it is not given."""
         value = None
         for i, arg in enumerate(self.others):
             flag, equals, text = arg.partition("=")
@@ -97,15 +76,7 @@ def own_modules() -> None:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    r"""Reads a configuration file, with the sections that are files of their own.
-
-    Args:
-        path (Path): The file.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is no YAML, or not a mapping.
-    """
+    r"""Reads a configuration file, with the sections that are files of their own."""
     content = _mapping(path)
     for section in _SECTIONS:  # a section may be a file of its own, beside this one
         if isinstance(content.get(section), str):

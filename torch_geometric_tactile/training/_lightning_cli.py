@@ -42,13 +42,6 @@ class TactileCLI(LightningCLI):
     :func:`~torch_geometric_tactile.training.sizes.fill_sizes`). Checkpoints are plain data (read
     with :obj:`weights_only=True`) and written whole or not at all; every run logs to CSV and
     TensorBoard and keeps the checkpoint of its last epoch.
-
-    Args:
-        args (optional): The arguments; those of the process if left out.
-        name (str): Folder of the run in the folder of all runs.
-        run (bool): Whether to run a subcommand.
-        folder (str, optional): The folder of all runs, also instead of that of a configuration;
-            :obj:`runs` if left out.
     """
 
     def __init__(
@@ -250,12 +243,7 @@ def _build_data(given: GivenArguments) -> TactileDataModule:
 
 
 def main(args: Sequence[str]) -> None:
-    r"""Runs a subcommand.
-
-    Args:
-        args (list of str): Name of the subcommand and its arguments; :obj:`--config` may name a
-            shipped configuration.
-    """
+    r"""Runs a subcommand."""
     own_modules()
     args, folder = _output_folder(args)
     args, name = resolve_config_names(args)
@@ -282,14 +270,7 @@ def _output_folder(args: Sequence[str]) -> tuple[list[str], str | None]:
 
 
 def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
-    r"""Puts paths where :obj:`--config` names a shipped configuration.
-
-    Args:
-        args (list of str): Arguments of the command line.
-
-    Returns:
-        tuple: The arguments, and the stem of the last configuration's name.
-    """
+    r"""Puts paths where :obj:`--config` names a shipped configuration."""
     out, name = list(args), None
     for i, arg in enumerate(out):
         flag, equals, value = arg.partition("=")

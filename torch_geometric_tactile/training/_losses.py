@@ -25,17 +25,7 @@ def check_loss(
     class_weights: ClassWeights | None,
     label_smoothing: float,
 ) -> None:
-    r"""Checks that the settings of a loss fit its task.
-
-    Args:
-        task (str): The task.
-        loss (str, optional): Loss of a regression.
-        class_weights (sequence of float or str, optional): Weights of the classes.
-        label_smoothing (float): Smoothing of the labels.
-
-    Raises:
-        ValueError: If they do not.
-    """
+    r"""Checks that the settings of a loss fit its task."""
     if loss is not None and (task != "regression" or loss not in _REGRESSION):
         raise ValueError(
             f"'loss' must be one of {list(_REGRESSION)} for task='regression', and left out for "
@@ -66,17 +56,14 @@ def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
     is the number of samples without the label over that of samples with it. A class that is in no
     sample, or a label that is in none or all, has the weight one.
 
-    Args:
-        y (torch.Tensor): Classes :math:`(S,)`, or labels :math:`(S, C)`, of the training part.
-        task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
-        num_classes (int): Number of classes or labels :math:`C`.
-
-    Shapes:
-        - **output:** :math:`(C,)`
-
     Examples:
         >>> balanced_weights(torch.tensor([0, 0, 0, 1]), "multiclass", 2)
         tensor([0.6667, 2.0000])
+
+    Shapes:
+        - **y:** Classes :math:`(S,)`, or labels :math:`(S, C)`, of the training part.
+        - **num_classes:** Number of classes or labels :math:`C`.
+        - **output:** :math:`(C,)`
     """
     if task == "multilabel":
         having = (y > 0.5).sum(dim=0).double()
@@ -89,12 +76,8 @@ def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
 def check_num_weights(weights: Tensor | None, num_classes: int) -> None:
     r"""Checks that there is a weight for each class.
 
-    Args:
-        weights (torch.Tensor, optional): Weights of the classes or labels.
-        num_classes (int): Number of classes or labels :math:`C`.
-
-    Raises:
-        ValueError: If there are more or fewer.
+    Shapes:
+        - **num_classes:** Number of classes or labels :math:`C`.
     """
     if weights is not None and len(weights) != num_classes:
         raise ValueError(
@@ -115,20 +98,12 @@ def task_loss(
     r"""Returns the mean loss of a batch: the cross entropy of classes, the binary cross entropy of
     labels, or the mean squared error of numbers.
 
-    Args:
-        out (torch.Tensor): What the model returned :math:`(B, C)`.
-        y (torch.Tensor): Classes :math:`(B,)`, labels :math:`(B, C)`, or numbers :math:`(B, C)` or,
-            if there is one a sample, :math:`(B,)`.
-        task (str): What :obj:`y` means.
-        loss (str, optional): :obj:`"mse"` (if left out), :obj:`"l1"` or :obj:`"huber"`, for
-            numbers.
-        weights (torch.Tensor, optional): Weight of each class, or of the samples that have each
-            label :math:`(C,)`.
-        label_smoothing (float): What part of the target is spread over all classes, or, for
-            labels, over both values.
-
-    Raises:
-        ValueError: If :obj:`y` has another shape.
+    Shapes:
+        - **out:** What the model returned :math:`(B, C)`.
+        - **y:** Classes :math:`(B,)`, labels :math:`(B, C)`, or numbers :math:`(B, C)` or,
+          if there is one a sample, :math:`(B,)`.
+        - **weights:** Weight of each class, or of the samples that have each
+          label :math:`(C,)`.
     """
     if task == "regression":
         return _REGRESSION[loss or "mse"](out, numbers_like(y, out))
@@ -150,12 +125,9 @@ def task_loss(
 def numbers_like(y: Tensor, out: Tensor) -> Tensor:
     r"""Returns the target numbers in shape and type of a model's outputs.
 
-    Args:
-        y (torch.Tensor): Numbers :math:`(B,)` or :math:`(B, C)`.
-        out (torch.Tensor): What the model returned :math:`(B, C)`.
-
-    Raises:
-        ValueError: If there are more or fewer numbers than outputs.
+    Shapes:
+        - **y:** Numbers :math:`(B,)` or :math:`(B, C)`.
+        - **out:** What the model returned :math:`(B, C)`.
     """
     target = y.view(-1, 1) if y.dim() == 1 else y
     if target.shape != out.shape:  # broadcasting would compute something

@@ -14,11 +14,11 @@ from torch_geometric_tactile.training.module import TactileClassifier
 class Predictions(NamedTuple):
     r"""What a classifier says of :math:`S` samples, on the CPU.
 
-    Args:
-        logits (torch.Tensor): What the model returned :math:`(S, C)`.
-        probability (torch.Tensor): The probabilities of the classes, or of each label
-            :math:`(S, C)`.
-        y (torch.Tensor): Their classes :math:`(S,)` or labels :math:`(S, C)`.
+    Shapes:
+        - **logits:** What the model returned :math:`(S, C)`.
+        - **probability:** The probabilities of the classes, or of each label
+          :math:`(S, C)`.
+        - **y:** Their classes :math:`(S,)` or labels :math:`(S, C)`.
     """
 
     logits: Tensor
@@ -33,16 +33,6 @@ def collect_predictions(
 ) -> Predictions:
     r"""Returns what a classifier says of samples, in their order. Dropout and the like are off; the
     classifier is left in the mode that it was in.
-
-    Args:
-        classifier (TactileClassifier): The classifier.
-        batches (iterable of Data): The samples, such as a loader of them.
-        device (torch.device or str, optional): Where to compute; that of the classifier if left
-            out.
-
-    Raises:
-        ValueError: If there is no batch, or a probability is NaN; the message names the input that
-            is NaN, or the samples.
     """
     device = classifier.device if device is None else torch.device(device)
     training = classifier.training

@@ -15,15 +15,7 @@ THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 
 
 def check_threshold(threshold: float | str | None, task: Task) -> None:
-    r"""Checks that a threshold is a probability or the name of a metric, and fits its task.
-
-    Args:
-        threshold (float or str, optional): The threshold.
-        task (str): The task.
-
-    Raises:
-        ValueError: If it does not.
-    """
+    r"""Checks that a threshold is a probability or the name of a metric, and fits its task."""
     if threshold is None:
         return
     if task != "multiclass":
@@ -45,19 +37,13 @@ def choose_threshold(
     r"""Returns the threshold with the best metric; of equals, the one nearest to the default. It
     lies halfway between two scores, or is the default itself.
 
-    Args:
-        score (numpy.ndarray): Higher where class 1 is expected :math:`(S,)`.
-        y (numpy.ndarray): Classes 0 and 1 :math:`(S,)`, of the validation part.
-        metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` (the mean of both classes'
-            recall), :obj:`"f1"` (macro) or :obj:`"f1_positive"` (of class 1).
-        default (float): The threshold of a model as it is, which is returned if a class is missing.
-
-    Raises:
-        ValueError: If :obj:`metric` is unknown, there is no sample, or a score is NaN.
-
     Examples:
         >>> choose_threshold(np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]), "accuracy")
         0.25
+
+    Shapes:
+        - **score:** Higher where class 1 is expected :math:`(S,)`.
+        - **y:** Classes 0 and 1 :math:`(S,)`, of the validation part.
     """
     if metric not in THRESHOLD_METRICS:
         raise ValueError(f"'metric' must be one of {list(THRESHOLD_METRICS)} (got '{metric}')")
@@ -104,9 +90,6 @@ class BestThreshold(Metric):
     r"""The threshold of :func:`choose_threshold` over all batches.
 
     It keeps the scores of all samples until it is reset.
-
-    Args:
-        metric (str): What is best by it.
     """
 
     full_state_update = False
@@ -122,9 +105,9 @@ class BestThreshold(Metric):
     def update(self, score: Tensor, y: Tensor) -> None:
         r"""Takes the predictions of a batch.
 
-        Args:
-            score (torch.Tensor): Probabilities :math:`(B, 2)`.
-            y (torch.Tensor): Classes :math:`(B,)`.
+        Shapes:
+            - **score:** Probabilities :math:`(B, 2)`.
+            - **y:** Classes :math:`(B,)`.
         """
         self.scores.append(score[:, 1].detach())
         self.classes.append(y)

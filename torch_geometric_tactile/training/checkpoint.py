@@ -74,17 +74,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 def read_checkpoint(
     path: PathLike, map_location: Any | None = None, needs: Sequence[str] = ("state_dict",)
 ) -> dict[str, Any]:
-    r"""Reads a checkpoint as plain data and tensors, after its checksums were compared.
-
-    Args:
-        path (str or PathLike): The file.
-        map_location (optional): Where to put the tensors: where they were if left out.
-        needs (sequence of str): The mappings that it must hold.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is damaged or no checkpoint.
-    """
+    r"""Reads a checkpoint as plain data and tensors, after its checksums were compared."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
     content = read_torch_file(path, map_location)
@@ -104,18 +94,6 @@ def load_module(
 ) -> _T:
     r"""Builds a module from the plain description and the weights of a checkpoint. Nothing in it is
     parsed or imported: the model is one of this package by its name, or is given.
-
-    Args:
-        cls (type): The class of the module.
-        path (str or PathLike): The checkpoint.
-        map_location (optional): Where to put the tensors: the CPU if :obj:`None`.
-        strict (bool, optional): Whether all weights must be there and known.
-        arguments (Mapping): Arguments instead of those in the checkpoint.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If the file is damaged, is no checkpoint or one of an older version, or its
-            model is the user's own and is missing.
     """
     checkpoint = read_checkpoint(path, "cpu" if map_location is None else map_location)
     if not isinstance(checkpoint.get("module"), Mapping):
@@ -145,13 +123,6 @@ def load_module(
 def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
     r"""Compares the :obj:`model` section of a configuration with what a checkpoint was trained by.
     What is of the training only, such as the optimizer, may differ; it is logged.
-
-    Args:
-        config (Mapping): The section.
-        path (str or PathLike): The checkpoint.
-
-    Raises:
-        ValueError: If the model is another one.
     """
     stored = read_checkpoint(path, "cpu").get("config")
     if not isinstance(stored, Mapping):

@@ -103,15 +103,7 @@ def load_config(name: str) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> Any:
-    r"""Reads a YAML file of plain values, whoever wrote it.
-
-    Args:
-        path (Path): The file.
-
-    Raises:
-        OSError: If the file cannot be read.
-        ValueError: If it is no YAML, or too large, also once its aliases are written out.
-    """
+    r"""Reads a YAML file of plain values, whoever wrote it."""
     with path.open("rb") as file:
         text = file.read(_MAX_BYTES + 1)
     problem = f"more than {_MAX_BYTES} bytes" if len(text) > _MAX_BYTES else ""
@@ -180,12 +172,6 @@ def expand_template(template: str) -> dict[str, dict[str, Any]]:
 
     A template holds :obj:`base`, a configuration or the name of one in another template, and
     :obj:`experiments`: names, and what each lays over the base.
-
-    Args:
-        template (str): Its name, such as :obj:`"p1_table2"`.
-
-    Raises:
-        ValueError: If there is no such template.
     """
     if template not in TEMPLATES:
         raise ValueError(f"'template' must be one of {list(TEMPLATES)} (got '{template}')")
@@ -195,10 +181,6 @@ def expand_template(template: str) -> dict[str, dict[str, Any]]:
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     r"""Lays one configuration over another: mappings are joined key by key, everything else, also
     a list, is replaced. So are the arguments of a class by those of another class.
-
-    Args:
-        base (Mapping): The configuration below.
-        over (Mapping): The one above.
 
     Examples:
         >>> merged({"a": {"b": 1, "c": [1, 2]}}, {"a": {"c": [3]}})

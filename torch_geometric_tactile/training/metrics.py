@@ -177,11 +177,7 @@ def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) 
 
 
 def check_task(task: str) -> None:
-    r"""Raises a :class:`ValueError` if there is no such task.
-
-    Args:
-        task (str): The name.
-    """
+    r"""Raises a :class:`ValueError` if there is no such task."""
     if task not in TASKS:
         raise ValueError(f"'task' must be one of {list(TASKS)} (got '{task}')")
 
@@ -189,11 +185,6 @@ def check_task(task: str) -> None:
 def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tensor) -> Tensor:
     r"""Returns the mean F1 score of the classes, without those neither present nor predicted; NaN
     if none is left.
-
-    Args:
-        true_positive (torch.Tensor): Number of samples of each class that were found.
-        false_positive (torch.Tensor): Number of samples taken for each class wrongly.
-        false_negative (torch.Tensor): Number of samples of each class that were missed.
 
     Shapes:
         - **input:** :math:`(C,)` each
@@ -208,16 +199,9 @@ def predicted_classes(score: Tensor, threshold: float | None = None) -> Tensor:
     r"""Returns the class with the highest probability; of two classes, class 1 if its probability
     is above a threshold.
 
-    Args:
-        score (torch.Tensor): Probabilities.
-        threshold (float, optional): The threshold, for two classes only.
-
     Shapes:
         - **input:** :math:`(S, C)`
         - **output:** :math:`(S,)`
-
-    Raises:
-        ValueError: If there is a threshold and are not two classes.
     """
     if threshold is None:
         return score.argmax(dim=1)
@@ -231,11 +215,6 @@ def positive_scores(
 ) -> dict[str, Tensor]:
     r"""Returns :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` of class 1
     of two; zero where there is nothing to divide by.
-
-    Args:
-        true_positive (torch.Tensor): Number of samples of each class that were found.
-        false_positive (torch.Tensor): Number of samples taken for each class wrongly.
-        false_negative (torch.Tensor): Number of samples of each class that were missed.
 
     Shapes:
         - **input:** :math:`(2,)` each
@@ -257,9 +236,8 @@ def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
 def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollection:
     r"""Returns what is collected batch by batch, to be read with :func:`read_metrics`.
 
-    Args:
-        num_classes (int): Number of classes, labels or targets :math:`C`.
-        task (str): What :obj:`y` means.
+    Shapes:
+        - **num_classes:** Number of classes, labels or targets :math:`C`.
     """
     metrics: dict[str, Metric | MetricCollection]
     if task == "regression":
@@ -288,11 +266,8 @@ def update_metrics(
 ) -> None:
     r"""Adds a batch to what is collected.
 
-    Args:
-        metrics (torchmetrics.MetricCollection): Of :func:`make_metrics`.
-        score (torch.Tensor): Probabilities :math:`(B, C)`, or the predicted numbers.
-        y (torch.Tensor): The truth.
-        threshold (float, optional): As of :func:`predicted_classes`.
+    Shapes:
+        - **score:** Probabilities :math:`(B, C)`, or the predicted numbers.
     """
     if threshold is None:
         metrics.update(score, y)
@@ -307,9 +282,8 @@ def session_metric(num_classes: int, task: Task = "multiclass") -> Metric:
     r"""Returns what is collected of one recording session: the accuracy, or the mean absolute error
     of a regression.
 
-    Args:
-        num_classes (int): Number of classes, labels or targets :math:`C`.
-        task (str): What :obj:`y` means.
+    Shapes:
+        - **num_classes:** Number of classes, labels or targets :math:`C`.
     """
     if task == "regression":
         return MeanAbsoluteError()
@@ -321,9 +295,6 @@ def session_metric(num_classes: int, task: Task = "multiclass") -> Metric:
 def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
     r"""Returns the values of :func:`classification_metrics` or :func:`regression_metrics` over all
     batches so far.
-
-    Args:
-        metrics (torchmetrics.MetricCollection): Of :func:`make_metrics`.
     """
     if "r2" in metrics:
         r2 = metrics["r2"]

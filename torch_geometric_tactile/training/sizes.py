@@ -160,12 +160,6 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
 def layout_from_text(text: str) -> TaxelLayout:
     r"""Returns the layout that a configuration names: one that comes with the package, a layout
     file, or what :func:`layout_to_text` returned.
-
-    Args:
-        text (str): Name, path, or content.
-
-    Raises:
-        ValueError: If it is neither.
     """
     if text.startswith(_CONTENT):
         return TaxelLayout.from_dict(json.loads(text.removeprefix(_CONTENT)))
@@ -175,9 +169,6 @@ def layout_from_text(text: str) -> TaxelLayout:
 def layout_to_text(layout: TaxelLayout) -> str:
     r"""Returns the shortest text that :func:`layout_from_text` reads anywhere: the name of a layout
     that comes with the package, or else its whole content.
-
-    Args:
-        layout (TaxelLayout): The layout.
     """
     if _is_stock(layout):
         return layout.name

@@ -14,16 +14,7 @@ _SOURCES = {
 
 
 def require(transform: object, data: Data, key: str) -> Tensor:
-    r"""Returns an attribute that must be there.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The data.
-        key (str): Name of the attribute.
-
-    Raises:
-        ValueError: If there is no such attribute.
-    """
+    r"""Returns an attribute that must be there."""
     value: Any = getattr(data, key, None)  # PyG's empty slots (`pos=None`) are no attributes
     if value is None:
         raise ValueError(
@@ -33,15 +24,7 @@ def require(transform: object, data: Data, key: str) -> Tensor:
 
 
 def require_pos(transform: object, data: Data) -> Tensor:
-    r"""Returns the positions :math:`(N, 3)` or :math:`(B, N, 3)`.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The data.
-
-    Raises:
-        ValueError: If there are none, or they have another shape.
-    """
+    r"""Returns the positions :math:`(N, 3)` or :math:`(B, N, 3)`."""
     pos = require(transform, data, "pos")
     dims = (2,) if isinstance(data, Batch) else (2, 3)
     if pos.dim() not in dims or pos.size(-1) != 3:
@@ -53,15 +36,7 @@ def require_pos(transform: object, data: Data) -> Tensor:
 
 
 def require_x(transform: object, data: Data) -> Tensor:
-    r"""Returns the readings :math:`(N, F)` or :math:`(B, N, F)`.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The data.
-
-    Raises:
-        ValueError: If there are none, or they have another shape.
-    """
+    r"""Returns the readings :math:`(N, F)` or :math:`(B, N, F)`."""
     x = require(transform, data, "x")
     dims = (2,) if isinstance(data, Batch) else (2, 3)
     if x.dim() not in dims:
@@ -73,16 +48,7 @@ def require_x(transform: object, data: Data) -> Tensor:
 
 
 def check_num_taxels(data: Data, num_taxels: int, model: str) -> None:
-    r"""Checks that each sample has as many taxels as something else.
-
-    Args:
-        data (torch_geometric.data.Data): The data.
-        num_taxels (int): The number of taxels that each sample must have.
-        model (str): What has them, for the message, such as :obj:`"layout 'biotac_sp'"`.
-
-    Raises:
-        ValueError: If a sample has another number.
-    """
+    r"""Checks that each sample has as many taxels as something else."""
     x = getattr(data, "x", None)
     if isinstance(data, Batch) and "ptr" in data:
         counts = data.ptr.diff().unique().tolist()
@@ -98,13 +64,8 @@ def check_num_taxels(data: Data, num_taxels: int, model: str) -> None:
 def add_mark(data: Data, key: str, mark: Tensor) -> None:
     r"""Marks taxels, beside those that are marked already.
 
-    Args:
-        data (torch_geometric.data.Data): The data.
-        key (str): Name of the marks.
-        mark (torch.Tensor): Booleans :math:`(N,)` or :math:`(B, N)`.
-
-    Raises:
-        ValueError: If :obj:`data` has other than one mark a taxel.
+    Shapes:
+        - **mark:** Booleans :math:`(N,)` or :math:`(B, N)`.
     """
     old: Any = getattr(data, key, None)
     if old is not None:

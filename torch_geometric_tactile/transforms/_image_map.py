@@ -8,15 +8,7 @@ from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
 
 def require_map(transform: object, layout: TaxelLayout | PathLike) -> tuple[TaxelLayout, Tensor]:
-    r"""Returns a layout and its image map.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        layout (TaxelLayout or str or PathLike): The layout, its name or its file.
-
-    Raises:
-        ValueError: If the layout has none.
-    """
+    r"""Returns a layout and its image map."""
     layout = as_layout(layout)
     if layout.image_map is None:
         raise ValueError(
@@ -29,11 +21,9 @@ def require_map(transform: object, layout: TaxelLayout | PathLike) -> tuple[Taxe
 def taxels_at(image_map: Tensor, cells: Tensor) -> Tensor:
     r"""Returns the number of the taxel in each cell, -1 where there is none.
 
-    Args:
-        image_map (torch.Tensor): Row and column of each taxel :math:`(N, 2)`.
-        cells (torch.Tensor): Rows and columns :math:`(M, 2)`, also beyond the map.
-
     Shapes:
+        - **image_map:** Row and column of each taxel :math:`(N, 2)`.
+        - **cells:** Rows and columns :math:`(M, 2)`, also beyond the map.
         - **output:** taxels :math:`(M,)`
     """
     width = int(image_map.max()) + 1

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 def mean_and_deviation(parts: Iterable[Tensor]) -> tuple[Tensor, Tensor]:
     r"""Returns mean and standard deviation over the first dimension, without missing readings.
 
-    Args:
-        parts (iterable of torch.Tensor): The readings in parts, each to be read once.
-
     Shapes:
         - **input:** at least one part :math:`(S_i, \ldots)`, with :math:`S_i \ge 1`
         - **output:** :math:`(\ldots)` each
@@ -46,11 +43,6 @@ def center_and_scale(
 ) -> tuple[Tensor, Tensor]:
     r"""Returns centre and scale of the samples with one value of a transform's key.
 
-    Args:
-        transform (FittedTransform): The transform.
-        samples (Samples): All samples.
-        index (torch.Tensor): Indices of those with this value, ascending and at least one.
-
     Shapes:
         - **output:** that of the attribute in a sample each, :math:`(1, F)` of channels, or
           :math:`(N, C)` of signals
@@ -72,17 +64,7 @@ def center_and_scale(
 
 
 def check_size(transform: "FittedTransform", x: Tensor, size: torch.Size) -> None:
-    r"""Checks that readings have the shape of those that a transform was fitted on.
-
-    Args:
-        transform (FittedTransform): The transform.
-        x (torch.Tensor): The readings: those of samples that are stacked, or joined in their first
-            dimension (in a PyG batch).
-        size (torch.Size): The size of a centre.
-
-    Raises:
-        ValueError: If they have another.
-    """
+    r"""Checks that readings have the shape of those that a transform was fitted on."""
     num_dims = len(size)
     if transform.per == "channel":
         if x.dim() in (num_dims, num_dims + 1) and x.shape[-1:] == size[-1:]:

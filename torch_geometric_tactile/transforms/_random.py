@@ -10,11 +10,6 @@ def uniform(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
     r"""Returns random numbers from 0 to 1, on the device of the readings: the same for one seed
     however samples are arranged.
 
-    Args:
-        count (int): How many.
-        x (torch.Tensor): The readings, for the device.
-        generator (torch.Generator, optional): The source; PyTorch's own if left out.
-
     Shapes:
         - **output:** :math:`(count,)`
     """
@@ -25,11 +20,6 @@ def uniform(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
 def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
     r"""Returns normal random numbers of deviation one, as of :func:`uniform`.
 
-    Args:
-        count (int): How many.
-        x (torch.Tensor): The readings, for the device.
-        generator (torch.Generator, optional): The source; PyTorch's own if left out.
-
     Shapes:
         - **output:** :math:`(count,)`, none beyond 5.5 deviations
     """
@@ -39,46 +29,21 @@ def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
 
 
 def check_deviation(std: float, name: str = "std") -> float:
-    r"""Returns a standard deviation.
-
-    Args:
-        std (float): The deviation.
-        name (str): The name of the argument, for the message.
-
-    Raises:
-        ValueError: If it is negative or not finite.
-    """
+    r"""Returns a standard deviation."""
     if not 0 <= std < math.inf:
         raise ValueError(f"'{name}' must be at least 0 and finite (got {std})")
     return float(std)
 
 
 def check_probability(p: float) -> float:
-    r"""Returns a probability.
-
-    Args:
-        p (float): The probability.
-
-    Raises:
-        ValueError: If it is none.
-    """
+    r"""Returns a probability."""
     if not 0 <= p <= 1:
         raise ValueError(f"'p' must be a probability, 0 to 1 (got {p})")
     return float(p)
 
 
 def check_whole(name: str, number: int, least: int, most: int) -> int:
-    r"""Returns a whole number.
-
-    Args:
-        name (str): The name of the argument, for the message.
-        number (int): The number.
-        least (int): The smallest that is allowed.
-        most (int): The largest that is allowed.
-
-    Raises:
-        ValueError: If it is none, or outside of these.
-    """
+    r"""Returns a whole number."""
     if isinstance(number, bool) or not isinstance(number, int) or not least <= number <= most:
         raise ValueError(f"'{name}' must be a whole number, {least} to {most} (got {number})")
     return number

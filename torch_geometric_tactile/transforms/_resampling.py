@@ -17,11 +17,9 @@ def resampling_matrix(length: int, num: int) -> Tensor:
 
     Constant signals and ramps stay what they are, and the first and the last frame are kept.
 
-    Args:
-        length (int): Number of old frames :math:`L`.
-        num (int): Number of new frames :math:`T`, at least two.
-
     Shapes:
+        - **length:** Number of old frames :math:`L`.
+        - **num:** Number of new frames :math:`T`, at least two.
         - **output:** :math:`(T, L)`, double, not to be written to
     """
     if length == num:
@@ -37,11 +35,9 @@ def resampling_matrix(length: int, num: int) -> Tensor:
 def new_times(length: int, num: int) -> Tensor:
     r"""Returns where new frames are, counted in old ones: evenly from the first to the last.
 
-    Args:
-        length (int): Number of old frames :math:`L`.
-        num (int): Number of new frames :math:`T`, at least two.
-
     Shapes:
+        - **length:** Number of old frames :math:`L`.
+        - **num:** Number of new frames :math:`T`, at least two.
         - **output:** :math:`(T,)`, double
     """
     return torch.arange(num, dtype=torch.double) * (length - 1) / (num - 1)
@@ -90,11 +86,9 @@ def _folded(weight: Tensor, frames: Tensor, length: int) -> Tensor:
 def resampled(signals: Tensor, num: int) -> Tensor:
     r"""Returns signals with another number of frames.
 
-    Args:
-        signals (torch.Tensor): The signals :math:`(R, L)`.
-        num (int): Number of new frames :math:`T`, at least two.
-
     Shapes:
+        - **signals:** The signals :math:`(R, L)`.
+        - **num:** Number of new frames :math:`T`, at least two.
         - **output:** :math:`(R, T)`
     """
     length = signals.size(1)

@@ -15,16 +15,7 @@ if TYPE_CHECKING:
 
 
 class KeptTables(NamedTuple):
-    r"""Centre and scale in the precision and on the device of some readings.
-
-    Args:
-        center (torch.Tensor): The centres that they were made of.
-        scale (torch.Tensor): The scales that they were made of.
-        place (tuple): Precision and device, and the number of frames of a window, if the tables
-            have a number for each signal.
-        tables (tuple of torch.Tensor): The centres in this precision, what that leaves over, and
-            the scales.
-    """
+    r"""Centre and scale in the precision and on the device of some readings."""
 
     center: Tensor
     scale: Tensor
@@ -35,13 +26,6 @@ class KeptTables(NamedTuple):
 def num_frames_of(transform: "FittedTransform", data: Data) -> int | None:
     r"""Returns the number of frames over which a transform has one centre and scale, or
     :obj:`None` if it has not.
-
-    Args:
-        transform (FittedTransform): The transform.
-        data (torch_geometric.data.Data): The samples.
-
-    Raises:
-        ValueError: If they should be windows and are not.
     """
     return require_num_frames(transform, data) if transform.per == "signal" else None
 
@@ -56,12 +40,8 @@ def tables_like(
     r"""Returns centre and scale in the precision and on the device of readings: those that were
     kept if they are the same, since converting them costs as much as scaling a batch.
 
-    Args:
-        kept (KeptTables, optional): What was returned before.
-        center (torch.Tensor): The centres, double.
-        scale (torch.Tensor): The scales.
-        x (torch.Tensor): The readings.
-        num_frames (int, optional): The number of frames for which each number is repeated.
+    Shapes:
+        - **kept:** What was returned before.
     """
     place = (x.dtype, x.device, num_frames)
     if kept is not None and kept.center is center and kept.scale is scale and kept.place == place:
@@ -75,16 +55,7 @@ def tables_like(
 
 
 def expand_shared(transform: "FittedTransform", data: Data, x: Tensor) -> Tensor:
-    r"""Returns an attribute with a value for each sample, also where all samples share one.
-
-    Args:
-        transform (FittedTransform): The transform that scales it, by the key of each sample.
-        data (torch_geometric.data.Data): The samples.
-        x (torch.Tensor): The attribute.
-
-    Raises:
-        ValueError: If it is declared to be shared.
-    """
+    r"""Returns an attribute with a value for each sample, also where all samples share one."""
     if not isinstance(data, StaticData) or not data.is_shared(transform.attr):
         return x
     if transform.attr in data.schema["shared"]:
@@ -99,17 +70,7 @@ def expand_shared(transform: "FittedTransform", data: Data, x: Tensor) -> Tensor
 def by_sample(
     transform: "FittedTransform", data: Data, x: Tensor, size: torch.Size
 ) -> tuple[Tensor, Tensor]:
-    r"""Returns the readings of each sample, and the row of its centre and scale.
-
-    Args:
-        transform (FittedTransform): The transform.
-        data (torch_geometric.data.Data): The samples.
-        x (torch.Tensor): Their readings.
-        size (torch.Size): The size of a centre.
-
-    Raises:
-        ValueError: If the key of a sample was not measured.
-    """
+    r"""Returns the readings of each sample, and the row of its centre and scale."""
     if transform.per != "channel":
         return x.reshape(-1, *size), _row(transform, data, x.numel() // prod(size))
     if isinstance(data, Batch):

@@ -20,14 +20,7 @@ AnySamples = StaticData | Dataset | Sequence[Data]
 
 
 def without_transform(data: Any) -> Any:
-    r"""Returns samples as they are before the :obj:`transform` of their data set.
-
-    Args:
-        data (StaticData or Dataset or list of Data): The samples.
-
-    Raises:
-        TypeError: If they are of another kind.
-    """
+    r"""Returns samples as they are before the :obj:`transform` of their data set."""
     if isinstance(data, StaticData):
         return data
     if isinstance(data, Batch):
@@ -48,15 +41,7 @@ def without_transform(data: Any) -> Any:
 
 
 def as_static_data(data: AnySamples) -> StaticData:
-    r"""Returns all samples at once, before the :obj:`transform` of their data set.
-
-    Args:
-        data (StaticData or Dataset or list of Data): The samples.
-
-    Raises:
-        TypeError: If they are of another kind.
-        ValueError: If there is none, or they do not have one topology.
-    """
+    r"""Returns all samples at once, before the :obj:`transform` of their data set."""
     if isinstance(data, StaticData):
         return data
     if isinstance(data, StaticDataset):
@@ -69,11 +54,8 @@ class Samples:
     r"""Samples as a transform sees them that comes after others: these are applied to a few samples
     at a time, so that neither their results nor a memory-mapped data set need to fit into memory.
 
-    Args:
-        data (StaticData or Dataset or list of Data): The samples, before any transform of the data
-            set.
-        before (BaseTransform, optional): The transform that is applied to them.
-        max_samples (int): Number of samples that are read at a time, at most.
+    Shapes:
+        - **before:** The transform that is applied to them.
     """
 
     def __init__(
@@ -100,20 +82,11 @@ class Samples:
         return self._first
 
     def is_shared(self, key: str) -> bool:
-        r"""Tells whether all samples share one value of an attribute.
-
-        Args:
-            key (str): Name of the attribute.
-        """
+        r"""Tells whether all samples share one value of an attribute."""
         return self._is_one and self.first.is_shared(key)
 
     def select(self, index: Tensor, key: str | None = None) -> StaticData:
-        r"""Returns some samples, transformed.
-
-        Args:
-            index (torch.Tensor): Their indices.
-            key (str, optional): The only attribute that is needed.
-        """
+        r"""Returns some samples, transformed."""
         data = self._data
         if isinstance(data, StaticDataset):
             chunk = data.batch(index)
@@ -132,11 +105,7 @@ class Samples:
         return apply_transform(self._before, chunk)
 
     def parts(self, index: Tensor) -> Sequence[Tensor]:
-        r"""Returns indices in parts, of as many samples as are read at a time.
-
-        Args:
-            index (torch.Tensor): Indices of the samples, ascending.
-        """
+        r"""Returns indices in parts, of as many samples as are read at a time."""
         size = sum(
             value.numel() * value.element_size()
             for key, value in self.first.to_dict().items()
@@ -168,10 +137,6 @@ class Samples:
     def values(self, key: str, index: Tensor) -> Iterator[Tensor]:
         r"""Yields an attribute of the samples, a few at a time, or once with one sample if they
         all share it.
-
-        Args:
-            key (str): Name of the attribute.
-            index (torch.Tensor): Indices of the samples, ascending.
         """
         for part in self.parts(index):
             chunk = self.select(part, key)

@@ -17,17 +17,8 @@ def segment_numbers(
 ) -> Tensor:
     r"""Returns the segment of each taxel, numbered from zero without gaps, in ascending order.
 
-    Args:
-        by (str or sequence of int): :obj:`"digit"` or :obj:`"patch"` of the layout, or a whole
-            number for each taxel.
-        layout (TaxelLayout or str or PathLike, optional): The taxels.
-        argument (str): The name of the argument :obj:`by`, for messages.
-
     Shapes:
         - **output:** segment numbers :math:`(N,)`
-
-    Raises:
-        ValueError: If it is none of these, or comes without a layout that it needs.
     """
     layout = None if layout is None else as_layout(layout)
     if isinstance(by, str):
@@ -46,13 +37,7 @@ def segment_numbers(
 
 
 class Segments:
-    r"""The segments that a transform works on: some of each sample, or each sample whole.
-
-    Args:
-        segments (str or sequence of int, optional): As of :func:`segment_numbers`; all taxels of a
-            sample if left out.
-        layout (TaxelLayout or str or PathLike, optional): The taxels.
-    """
+    r"""The segments that a transform works on: some of each sample, or each sample whole."""
 
     def __init__(
         self,
@@ -78,12 +63,8 @@ class Segments:
         r"""Returns the segment of each row of the readings, numbered on from sample to sample, and
         the number of segments of all samples.
 
-        Args:
-            data (torch_geometric.data.Data): The samples.
-            x (torch.Tensor): Their readings :math:`(N, F)` or :math:`(B, N, F)`.
-
-        Raises:
-            ValueError: If a sample has another number of taxels than the segments.
+        Shapes:
+            - **x:** Their readings :math:`(N, F)` or :math:`(B, N, F)`.
         """
         if isinstance(data, Batch):
             sample, num_samples = data.batch, data.num_graphs

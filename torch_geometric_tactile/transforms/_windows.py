@@ -11,14 +11,7 @@ from torch_geometric_tactile.transforms._attributes import require_x
 
 
 def given_num_frames(data: Data) -> int | None:
-    r"""Returns the number of frames :math:`T` of windows, or :obj:`None` of other samples.
-
-    Args:
-        data (torch_geometric.data.Data): The samples.
-
-    Raises:
-        ValueError: If it is no whole number, or not the same in all samples.
-    """
+    r"""Returns the number of frames :math:`T` of windows, or :obj:`None` of other samples."""
     value: Any = getattr(data, "num_frames", None)
     if value is None:
         return None
@@ -31,15 +24,7 @@ def given_num_frames(data: Data) -> int | None:
 
 
 def require_num_frames(transform: object, data: Data) -> int:
-    r"""Returns the number of frames :math:`T`, which must be there.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The windows.
-
-    Raises:
-        ValueError: If there is none.
-    """
+    r"""Returns the number of frames :math:`T`, which must be there."""
     num_frames = given_num_frames(data)
     if num_frames is None:
         raise ValueError(
@@ -52,15 +37,8 @@ def require_num_frames(transform: object, data: Data) -> int:
 def require_signals(transform: object, data: Data) -> Tensor:
     r"""Returns the readings of windows with time as the last dimension.
 
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The windows.
-
     Shapes:
         - **output:** :math:`(S, N, C, T)`, in floating point
-
-    Raises:
-        ValueError: If they are no windows, or differ in their number of taxels.
     """
     x = require_x(transform, data)
     x = x if x.is_floating_point() else x.float()  # counts may be integers
@@ -76,10 +54,8 @@ def require_signals(transform: object, data: Data) -> Tensor:
 def joined_signals(signals: Tensor, data: Data) -> Tensor:
     r"""Returns signals in the form of the readings of windows.
 
-    Args:
-        signals (torch.Tensor): The signals :math:`(S, N, C, T)`.
-        data (torch_geometric.data.Data): The windows, which say whether these are stacked, joined,
-            or a single one.
+    Shapes:
+        - **signals:** The signals :math:`(S, N, C, T)`.
     """
     x = join_frames(signals.transpose(-1, -2))
     return x if isinstance(data, StaticData) or data.x.dim() == 3 else x.flatten(0, 1)
@@ -88,17 +64,10 @@ def joined_signals(signals: Tensor, data: Data) -> Tensor:
 def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.device) -> Tensor:
     r"""Returns how many frames of each window are its own: all, if the windows are not ragged.
 
-    Args:
-        data (torch_geometric.data.Data): The windows.
-        num_samples (int): Their number :math:`S`.
-        num_frames (int): Number of frames :math:`T`, with the padding.
-        device (torch.device): Where to.
-
     Shapes:
+        - **num_samples:** Their number :math:`S`.
+        - **num_frames:** Number of frames :math:`T`, with the padding.
         - **output:** :math:`(S,)`
-
-    Raises:
-        ValueError: If there is not one number for each sample, or one is not 1 to :math:`T`.
     """
     value: Any = getattr(data, "valid_frames", None)
     if value is None:
@@ -117,15 +86,7 @@ def valid_frames(data: Data, num_samples: int, num_frames: int, device: torch.de
 
 
 def refuse_ragged(transform: object, data: Data) -> None:
-    r"""Checks that all frames of windows are their own.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The windows.
-
-    Raises:
-        ValueError: If they are padded.
-    """
+    r"""Checks that all frames of windows are their own."""
     if getattr(data, "valid_frames", None) is not None:
         raise ValueError(
             f"{type(transform).__name__} must get windows of one length (got padded ones, with "
@@ -136,11 +97,9 @@ def refuse_ragged(transform: object, data: Data) -> None:
 def repeated(values: Tensor, num_frames: int) -> Tensor:
     r"""Returns the numbers of signals as those of all frames of a window.
 
-    Args:
-        values (torch.Tensor): A number for each channel :math:`(\ldots, N, C)`.
-        num_frames (int): Number of frames :math:`T`.
-
     Shapes:
+        - **values:** A number for each channel :math:`(\ldots, N, C)`.
+        - **num_frames:** Number of frames :math:`T`.
         - **output:** :math:`(\ldots, N, C \cdot T)`
     """
     size = (*values.shape[:-1], num_frames, values.size(-1))
@@ -151,12 +110,8 @@ def num_channels_and_frames(data: Data, x: Tensor) -> tuple[int, int]:
     r"""Returns the number of channels :math:`C` and of frames :math:`T` of windows, which is one of
     other samples.
 
-    Args:
-        data (torch_geometric.data.Data): The samples.
-        x (torch.Tensor): Their readings :math:`(\ldots, N, C \cdot T)`.
-
-    Raises:
-        ValueError: If the readings are not those of as many frames as the windows have.
+    Shapes:
+        - **x:** Their readings :math:`(\ldots, N, C \cdot T)`.
     """
     num_frames = given_num_frames(data) or 1
     return split_frames(x, num_frames).size(-1), num_frames
@@ -164,10 +119,6 @@ def num_channels_and_frames(data: Data, x: Tensor) -> tuple[int, int]:
 
 def padded_frames(transform: object, data: Data) -> Tensor | None:
     r"""Returns which numbers of ragged windows are padding, or :obj:`None` if there is none.
-
-    Args:
-        transform (object): The transform that asks, for the message.
-        data (torch_geometric.data.Data): The samples.
 
     Shapes:
         - **output:** booleans of the shape of :obj:`x`

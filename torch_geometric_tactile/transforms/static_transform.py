@@ -12,12 +12,7 @@ _TOPOLOGY = ("pos", "normal", "edge_index", "edge_attr", "edge_weight")
 
 
 class StaticTransform(BaseTransform):
-    r"""A transform together with what it reads and adds; see :func:`static_transform`.
-
-    Args:
-        transform (callable): The transform.
-        static_rule (StaticRule): What it reads and adds.
-    """
+    r"""A transform together with what it reads and adds; see :func:`static_transform`."""
 
     def __init__(self, transform: Transform, static_rule: StaticRule) -> None:
         self.transform = transform

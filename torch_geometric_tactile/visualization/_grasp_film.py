@@ -58,18 +58,6 @@ def plot_grasp_film(
     r"""Draws a simulated trial as a strip of pictures, each as near as hand and object allow.
     Touched taxels are drawn large, before all else and in the colour of their normal force. Each
     phase has about as many pictures, however long it lasts.
-
-    Args:
-        recording (Recording): A simulated trial, with the privileged :obj:`palm_pose`,
-            :obj:`object_pose`, :obj:`force` and :obj:`phase`.
-        layout (TaxelLayout): Its taxels.
-        kinematics (HandKinematics): Its hand.
-        frames (int): Number of pictures.
-        azimuth (float): Direction of the view around the vertical in degrees.
-        elevation (float): Height of the view in degrees.
-
-    Raises:
-        ValueError: If the recording lacks something, or :obj:`frames` is below one.
     """
     _check(recording)
     if frames < 1:
@@ -111,15 +99,6 @@ def plot_grasp_forces(
     r"""Draws the normal force on every taxel of a simulated trial, a hand for each phase: the mean
     over the last half of the phase. Few taxels carry most of it, so that the colours end at the
     95th percentile of the taxels that are touched.
-
-    Args:
-        recording (Recording): A simulated trial, with the privileged :obj:`force` and
-            :obj:`phase`.
-        layout (TaxelLayout): Its taxels.
-        kinematics (HandKinematics): Its hand.
-
-    Raises:
-        ValueError: If the recording lacks something.
     """
     _check(recording)
     force = {}

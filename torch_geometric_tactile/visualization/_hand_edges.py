@@ -16,14 +16,9 @@ if TYPE_CHECKING:
 def draw_edges(ax: "Axes", plane: Tensor, edge_index: Tensor, layout: TaxelLayout) -> None:
     r"""Draws each pair once, in the colour of its kind, and edges without their reverse as arrows.
 
-    Args:
-        ax (matplotlib.axes.Axes): Where to draw.
-        plane (torch.Tensor): The taxels in the plane, in millimetres :math:`(N, 2)`.
-        edge_index (torch.Tensor): Directed edges :math:`(2, |\mathcal{E}|)`.
-        layout (TaxelLayout): The layout.
-
-    Raises:
-        ValueError: If the edges do not fit the layout.
+    Shapes:
+        - **plane:** The taxels in the plane, in millimetres :math:`(N, 2)`.
+        - **edge_index:** Directed edges :math:`(2, |\mathcal{E}|)`.
     """
     from matplotlib.collections import LineCollection
     from matplotlib.patches import FancyArrowPatch
@@ -63,13 +58,10 @@ def draw_edge_values(
     r"""Draws each directed edge in the colour of its value: the half next to its target, or all of
     it if it has no reverse.
 
-    Args:
-        ax (matplotlib.axes.Axes): Where to draw.
-        plane (torch.Tensor): The taxels in the plane, in millimetres :math:`(N, 2)`.
-        edge_index (torch.Tensor): Directed edges :math:`(2, |\mathcal{E}|)`.
-        value (torch.Tensor): Their values :math:`(|\mathcal{E}|,)`.
-        scale (matplotlib.cm.ScalarMappable): The map from values to colours.
-        linewidth (float): Width of the lines in points.
+    Shapes:
+        - **plane:** The taxels in the plane, in millimetres :math:`(N, 2)`.
+        - **edge_index:** Directed edges :math:`(2, |\mathcal{E}|)`.
+        - **value:** Their values :math:`(|\mathcal{E}|,)`.
     """
     from matplotlib.collections import LineCollection
 

@@ -9,11 +9,7 @@ _ORDER = (0, 2, 3, 1, None, 4, 5)  # of the palette; palms are grey
 
 
 def digit_color(digit: int) -> str:
-    r"""Returns the colour of a digit, the same in all pictures.
-
-    Args:
-        digit (int): Its number in the layout.
-    """
+    r"""Returns the colour of a digit, the same in all pictures."""
     look = current_theme()
     place = _ORDER[digit % len(_ORDER)]
     return "#8a8f96" if place is None else look.palette[place]
@@ -22,12 +18,7 @@ def digit_color(digit: int) -> str:
 def segment_colors(
     layout: TaxelLayout, by: Literal["patch", "digit"]
 ) -> list[tuple[float, float, float]]:
-    r"""Returns the colour of each taxel: that of its digit, or its patch's tint of it.
-
-    Args:
-        layout (TaxelLayout): The layout.
-        by (str): Which taxels share a colour, those of a :obj:`"patch"` or of a :obj:`"digit"`.
-    """
+    r"""Returns the colour of each taxel: that of its digit, or its patch's tint of it."""
     from matplotlib.colors import to_rgb
 
     digits = layout.segments("digit").tolist()

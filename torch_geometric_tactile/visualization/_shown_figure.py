@@ -26,23 +26,13 @@ class ShownFigure(Figure):
         return buffer.getvalue()
 
     def add_subplot(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds axes, as matplotlib does.
-
-        Args:
-            *args (Any): Their place.
-            **kwargs (Any): Their properties.
-        """
+        r"""Adds axes, as matplotlib does."""
         ax = super().add_subplot(*args, **kwargs)
         style_axes(ax)
         return ax
 
     def colorbar(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a colour bar, as matplotlib does.
-
-        Args:
-            *args (Any): What it explains.
-            **kwargs (Any): Its place and properties.
-        """
+        r"""Adds a colour bar, as matplotlib does."""
         bar = super().colorbar(*args, **kwargs)
         style_axes(bar.ax)
         bar.outline.set(edgecolor=current_theme().faint, linewidth=0.8)
@@ -50,21 +40,11 @@ class ShownFigure(Figure):
         return bar
 
     def legend(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a legend without a frame, as matplotlib does.
-
-        Args:
-            *args (Any): What is named, and its names.
-            **kwargs (Any): Its place and properties.
-        """
+        r"""Adds a legend without a frame, as matplotlib does."""
         look = {"fontsize": TEXT, "frameon": False, "labelcolor": current_theme().ink}
         return super().legend(*args, **(look | kwargs))
 
     def suptitle(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a title, as matplotlib does.
-
-        Args:
-            *args (Any): The title.
-            **kwargs (Any): Its place and properties.
-        """
+        r"""Adds a title, as matplotlib does."""
         look: dict[str, Any] = {"fontsize": TITLE, "color": current_theme().ink}
         return super().suptitle(*args, **(look | kwargs))

@@ -22,13 +22,8 @@ if TYPE_CHECKING:
 def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
     r"""Returns one number a taxel, as double on the CPU.
 
-    Args:
-        name (str): Name of the argument, for the message.
-        values (torch.Tensor): The numbers.
-        num_taxels (int): Number of taxels :math:`N`.
-
-    Raises:
-        ValueError: If they are not of shape :math:`(N,)`.
+    Shapes:
+        - **num_taxels:** Number of taxels :math:`N`.
     """
     values = torch.as_tensor(values).detach().cpu().double()
     if values.shape != (num_taxels,):
@@ -39,13 +34,8 @@ def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
 def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
     r"""Returns directed edges on the CPU, without self-loops.
 
-    Args:
-        name (str): Name of the argument, for the message.
-        edge_index (torch.Tensor): The edges :math:`(2, |\mathcal{E}|)`.
-        num_taxels (int): Number of taxels.
-
-    Raises:
-        ValueError: If they have another shape or join other taxels.
+    Shapes:
+        - **edge_index:** The edges :math:`(2, |\mathcal{E}|)`.
     """
     edge_index = check_edges(torch.as_tensor(edge_index).detach().cpu(), num_taxels, f"'{name}'")
     return edge_index[:, edge_index[0] != edge_index[1]]
@@ -54,14 +44,8 @@ def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
 def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap: str) -> Any:
     r"""Returns matplotlib's map from values to colours.
 
-    Args:
-        values (torch.Tensor, optional): The values :math:`(N,)`; NaN is ignored.
-        limits (tuple of float, optional): The values at both ends of the map; those of
-            :obj:`values` if left out.
-        cmap (str): Name of the colour map, as of :func:`colormap`.
-
-    Raises:
-        ValueError: If :obj:`limits` do not rise.
+    Shapes:
+        - **values:** The values :math:`(N,)`; NaN is ignored.
     """
     low, high = _value_limits(values) if limits is None else limits
     if not low < high:
@@ -87,9 +71,8 @@ def _value_limits(values: Tensor | None) -> tuple[float, float]:
 def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
     r"""Returns the colour of each value; that of the page for a missing value.
 
-    Args:
-        values (torch.Tensor): The values :math:`(N,)`.
-        scale (matplotlib.cm.ScalarMappable): Their map to colours.
+    Shapes:
+        - **values:** The values :math:`(N,)`.
     """
     from matplotlib.colors import to_rgba
 
@@ -112,14 +95,8 @@ def draw_taxels(
 ) -> None:
     r"""Draws the taxels as circles in the order given; missing ones have a dashed outline.
 
-    Args:
-        ax (matplotlib.axes.Axes): Where to draw.
-        plane (torch.Tensor): The taxels in the plane, in millimetres :math:`(N, 2)`.
-        diameter (float): Diameter of a circle in millimetres.
-        colors (sequence of tuple): Their colours.
-        missing (sequence of bool): Which have no reading.
-        outline (str): Colour of the outlines.
-        linewidth (float): Width of the outlines in points.
+    Shapes:
+        - **plane:** The taxels in the plane, in millimetres :math:`(N, 2)`.
     """
     from matplotlib.collections import EllipseCollection
 
@@ -148,17 +125,7 @@ def finish_map(
     scale: Any = None,
     label: str | None = None,
 ) -> None:
-    r"""Sets limits, axes in millimetres, title and colour bar of a map of taxels.
-
-    Args:
-        ax (matplotlib.axes.Axes): The map.
-        corners (sequence of sequence of float): Its lower left and upper right corner in
-            millimetres.
-        ticks (int): About how many numbers an axis has.
-        title (str, optional): Title of the picture.
-        scale (matplotlib.cm.ScalarMappable, optional): What the colours mean, for a colour bar.
-        label (str, optional): Text beside the colour bar; no bar if left out.
-    """
+    r"""Sets limits, axes in millimetres, title and colour bar of a map of taxels."""
     from matplotlib.ticker import MaxNLocator
 
     (left, bottom), (right, top) = corners
@@ -176,12 +143,6 @@ def finish_map(
 
 
 def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
-    r"""Draws a colour bar beside a map.
-
-    Args:
-        ax (matplotlib.axes.Axes): The map.
-        scale (matplotlib.cm.ScalarMappable): What the colours mean.
-        label (str): Text beside the bar.
-    """
+    r"""Draws a colour bar beside a map."""
     bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
     bar.set_label(plain_text(label))

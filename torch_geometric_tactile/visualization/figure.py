@@ -18,13 +18,6 @@ def new_figure(width: float, height: float) -> "Figure":
     r"""Returns an empty figure in the colours of :func:`theme` that is drawn in memory and shown by
     notebooks.
 
-    Args:
-        width (float): Width in inches.
-        height (float): Height in inches.
-
-    Raises:
-        ImportError: If matplotlib is missing.
-
     Examples:
         >>> figure = new_figure(4.0, 3.0)
         >>> figure.get_size_inches().tolist()

@@ -57,9 +57,6 @@ def layout_plane(layout: TaxelLayout) -> Tensor:
 def pads_side_by_side(layout: TaxelLayout) -> list[tuple[Tensor, Tensor, Tensor]]:
     r"""Returns the taxels of each link :math:`(M)`, the axes of :func:`facing_axes`
     :math:`(3, 3)`, and the shift in metres :math:`(3)` along them that sets the pads side by side.
-
-    Args:
-        layout (TaxelLayout): The layout.
     """
     assert layout.link is not None
     pads = []
@@ -86,11 +83,9 @@ def facing_axes(pos: Tensor, normal: Tensor | None) -> Tensor:
     are to the right and up, such that the view is never mirrored: :math:`x` and :math:`y` seen from
     :math:`+z`, :math:`x` and :math:`z` from :math:`-y`.
 
-    Args:
-        pos (torch.Tensor): Places of the taxels in metres :math:`(N, 3)`.
-        normal (torch.Tensor, optional): Their outward normals :math:`(N, 3)`.
-
     Shapes:
+        - **pos:** Places of the taxels in metres :math:`(N, 3)`.
+        - **normal:** Their outward normals :math:`(N, 3)`.
         - **output:** unit axes as rows of a rotation :math:`(3, 3)`, in double
     """
     toward = pos.new_zeros(3).double() if normal is None else normal.double().mean(dim=0)
@@ -227,10 +222,6 @@ def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) 
 
 def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
     r"""Returns width and height in inches of an axes that shows a layout without waste.
-
-    Args:
-        plane (torch.Tensor): The taxels in the plane, in millimetres.
-        width (float): The width in inches.
 
     Shapes:
         - **plane:** :math:`(N, 2)`

@@ -25,27 +25,7 @@ _LETTER = 0.52  # mean width of a letter, in its size
 
 
 class Theme(NamedTuple):
-    r"""The colours of a picture.
-
-    Args:
-        ground (str): What is behind all.
-        ink (str): Texts and what is compared with.
-        soft (str): Numbers along axes, frames.
-        faint (str): Lines that only help, such as that of chance, and edges below taxels.
-        grid (str): Grids.
-        band (str): Every second row.
-        palette (tuple of str): Series, classes and digits: those of Okabe and Ito without yellow,
-            told apart with any colour vision.
-        plain (str): Taxels without a value.
-        outline (str): Outlines of taxels.
-        join (str): Edges between patches.
-        one_way (str): Edges without their reverse.
-        alarm (str): What went wrong, such as the onset of slip.
-        skin (str): Taxels without force.
-        share (str): Map of shares from 0 to 1.
-        sequential (str): Map of readings and forces.
-        diverging (tuple of str): Map of signed values, from below zero to above.
-    """
+    r"""The colours of a picture."""
 
     ground: str
     ink: str
@@ -140,31 +120,18 @@ def current_theme() -> Theme:
 
 
 def series_color(index: int) -> str:
-    r"""Returns the colour of a series, which repeats after those of the palette.
-
-    Args:
-        index (int): Its number.
-    """
+    r"""Returns the colour of a series, which repeats after those of the palette."""
     palette = current_theme().palette
     return palette[index % len(palette)]
 
 
 def series_marker(index: int) -> str:
-    r"""Returns the marker of a series.
-
-    Args:
-        index (int): Its number.
-    """
+    r"""Returns the marker of a series."""
     return MARKERS[index % len(MARKERS)]
 
 
 def colormap(name: str) -> Any:
-    r"""Returns a map from 0 to 1 to colours.
-
-    Args:
-        name (str): :obj:`"sequential"`, :obj:`"diverging"` or :obj:`"share"` for that of the
-            theme, else a name of matplotlib's.
-    """
+    r"""Returns a map from 0 to 1 to colours."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -177,9 +144,6 @@ def colormap(name: str) -> Any:
 def ink_on(color: Sequence[float]) -> str:
     r"""Returns black or white, whichever is read better on a colour.
 
-    Args:
-        color (sequence of float): Red, green and blue from 0 to 1.
-
     Examples:
         >>> ink_on((0.9, 0.9, 0.2)), ink_on((0.0, 0.1, 0.4))
         ('#000000', '#ffffff')
@@ -191,9 +155,6 @@ def ink_on(color: Sequence[float]) -> str:
 def plain_text(text: str) -> str:
     r"""Returns a text in which matplotlib finds no formula and no control characters, but lines.
 
-    Args:
-        text (str): The text, such as the name of an object.
-
     Examples:
         >>> print(plain_text("$5 mug"))
         \$5 mug
@@ -204,10 +165,6 @@ def plain_text(text: str) -> str:
 def wrapped(text: str, width: int) -> str:
     r"""Returns a text in lines.
 
-    Args:
-        text (str): The text.
-        width (int): Letters of a line.
-
     Examples:
         >>> wrapped("leave objects out", 14)
         'leave objects\nout'
@@ -216,13 +173,7 @@ def wrapped(text: str, width: int) -> str:
 
 
 def fitted(text: str, inches: float, size: float = TITLE) -> str:
-    r"""Returns a text in lines of a width.
-
-    Args:
-        text (str): The text.
-        inches (float): Width of a line.
-        size (float): Size of its letters in points.
-    """
+    r"""Returns a text in lines of a width."""
     return wrapped(text, int(inches * 72 / (_LETTER * size)))
 
 
@@ -237,33 +188,17 @@ def hollow_handle() -> "Line2D":
 
 
 def title_figure(figure: "Figure", title: str) -> None:
-    r"""Writes the title of a figure, in as many lines as its width needs.
-
-    Args:
-        figure (matplotlib.figure.Figure): The figure.
-        title (str): The title.
-    """
+    r"""Writes the title of a figure, in as many lines as its width needs."""
     figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
 
 
 def title_axes(ax: "Axes", title: str, size: float = TEXT, **kwargs: Any) -> "Text":
-    r"""Writes the title of axes, and returns it.
-
-    Args:
-        ax (matplotlib.axes.Axes): The axes.
-        title (str): The title, wrapped and without formulas.
-        size (float): Size of its letters in points.
-        **kwargs (Any): Its place and properties.
-    """
+    r"""Writes the title of axes, and returns it."""
     return ax.set_title(title, fontsize=size, color=current_theme().ink, **kwargs)
 
 
 def style_axes(ax: "Axes") -> None:
-    r"""Gives axes the colours and sizes of all pictures, before anything is drawn.
-
-    Args:
-        ax (matplotlib.axes.Axes): The axes.
-    """
+    r"""Gives axes the colours and sizes of all pictures, before anything is drawn."""
     look = current_theme()
     ax.set_facecolor(look.ground)
     ax.set_axisbelow(True)
@@ -278,12 +213,7 @@ def style_axes(ax: "Axes") -> None:
 
 
 def open_plot(ax: "Axes", axis: Literal["both", "x", "y"] = "both") -> None:
-    r"""Draws the grid of a plot, and leaves out the frame at the top and at the right.
-
-    Args:
-        ax (matplotlib.axes.Axes): The axes.
-        axis (str): Lines of the grid.
-    """
+    r"""Draws the grid of a plot, and leaves out the frame at the top and at the right."""
     ax.grid(axis=axis, color=current_theme().grid, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)

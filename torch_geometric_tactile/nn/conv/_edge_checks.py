@@ -23,13 +23,10 @@ class EdgeCheck:
     def __call__(self, edge_index: Adj, num_nodes: int) -> None:
         r"""Checks edges.
 
-        Args:
-            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-                :math:`(N, N)`.
-            num_nodes (int): Number of nodes :math:`N`.
-
-        Raises:
-            ValueError: If they have another shape, hold no integers, or join other nodes.
+        Shapes:
+            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+              :math:`(N, N)`.
+            - **num_nodes:** Number of nodes :math:`N`.
         """
         if is_traced() or edge_index.is_inference():  # an inference tensor counts no writes
             check_edge_index(edge_index, num_nodes)
@@ -55,14 +52,7 @@ def is_traced() -> bool:
 
 
 def check_sizes(**sizes: Any) -> None:
-    r"""Checks the sizes of a layer.
-
-    Args:
-        **sizes (int): The sizes, by the names of their arguments.
-
-    Raises:
-        ValueError: If one is not a whole number from one on.
-    """
+    r"""Checks the sizes of a layer."""
     for name, size in sizes.items():
         if not isinstance(size, Integral) or size < 1:
             lazy = "; only StaticGCNConv takes -1, for the size of the first input"
@@ -72,14 +62,7 @@ def check_sizes(**sizes: Any) -> None:
 
 
 def check_tensor(x: Any) -> None:
-    r"""Checks that node features are one tensor.
-
-    Args:
-        x (torch.Tensor): Node features.
-
-    Raises:
-        ValueError: If it is anything else, such as PyG's pair for two sets of nodes.
-    """
+    r"""Checks that node features are one tensor."""
     if not isinstance(x, Tensor):
         raise ValueError(
             f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
@@ -89,13 +72,10 @@ def check_tensor(x: Any) -> None:
 def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
     r"""Checks the shape and the type of edges, not their values.
 
-    Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-            :math:`(N, N)`.
-        num_nodes (int): Number of nodes :math:`N`.
-
-    Raises:
-        ValueError: If they have another shape or hold no integers.
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+          :math:`(N, N)`.
+        - **num_nodes:** Number of nodes :math:`N`.
     """
     if is_torch_sparse_tensor(edge_index):
         if tuple(edge_index.shape) != (num_nodes, num_nodes):
@@ -116,13 +96,10 @@ def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
 def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
     r"""Checks the shape and the type of edges and, unless a compiler records, the nodes they join.
 
-    Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-            :math:`(N, N)`.
-        num_nodes (int): Number of nodes :math:`N`.
-
-    Raises:
-        ValueError: If they have another shape, hold no integers, or join other nodes.
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+          :math:`(N, N)`.
+        - **num_nodes:** Number of nodes :math:`N`.
     """
     check_edge_form(edge_index, num_nodes)
     if (
@@ -142,15 +119,7 @@ def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
 
 
 def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
-    r"""Checks the shape and the type of edge weights.
-
-    Args:
-        edge_index (torch.Tensor): Edges, or a sparse matrix that holds the weights itself.
-        edge_weight (torch.Tensor, optional): Their weights.
-
-    Raises:
-        ValueError: If there is not one real number for each edge.
-    """
+    r"""Checks the shape and the type of edge weights."""
     if edge_weight is None:
         return
     if is_torch_sparse_tensor(edge_index):
@@ -171,9 +140,6 @@ def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
 def sorted_form(edge_index: Adj) -> Adj:
     r"""Returns edges as they are, but a sparse COO matrix with sorted indices: PyG's functions mark
     the caller's matrix as sorted whether it is or not, which makes other products of it wrong.
-
-    Args:
-        edge_index (torch.Tensor): Edges, or a sparse matrix.
     """
     if edge_index.layout == torch.sparse_coo and not edge_index.is_coalesced():
         return edge_index.coalesce()
@@ -183,10 +149,9 @@ def sorted_form(edge_index: Adj) -> Adj:
 def as_edges(edge_index: Adj, edge_weight: OptTensor = None) -> tuple[Tensor, OptTensor]:
     r"""Returns edges and their weights, also those of PyG's transposed sparse adjacency.
 
-    Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-            :math:`(N, N)` of targets and sources.
-        edge_weight (torch.Tensor, optional): Their weights.
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+          :math:`(N, N)` of targets and sources.
     """
     if isinstance(edge_index, EdgeIndex):
         return edge_index.as_tensor(), edge_weight

@@ -50,19 +50,12 @@ def any_global_hook() -> bool:
 def is_plain_linear(lin: Module) -> bool:
     r"""Tells whether a module is PyG's linear map and nothing else, so that products may change
     their order around it.
-
-    Args:
-        lin (torch.nn.Module): The module.
     """
     return type(lin) is Linear and not is_hooked(lin) and not any_global_hook()
 
 
 def sums_messages(conv: MessagePassing) -> bool:
-    r"""Tells whether a layer adds up its messages, and nothing asks to see them.
-
-    Args:
-        conv (MessagePassing): The layer.
-    """
+    r"""Tells whether a layer adds up its messages, and nothing asks to see them."""
     own = conv.__dict__
     aggr_module: Any = conv.aggr_module
     return (

@@ -10,14 +10,7 @@ from torch_geometric.typing import OptTensor
 
 
 class SectorImage(NamedTuple):
-    r"""Nodes that are the pixels of an image, row by row, and sectors that are its directions.
-
-    Args:
-        rows (int): Number of rows.
-        cols (int): Number of columns.
-        sectors (tuple of int): The sectors that hold edges.
-        places (tuple of int): Their places in a :math:`3 \times 3` filter, row by row.
-    """
+    r"""Nodes that are the pixels of an image, row by row, and sectors that are its directions."""
 
     rows: int
     cols: int
@@ -30,12 +23,6 @@ class SectorImage(NamedTuple):
     ) -> Optional["SectorImage"]:
         r"""Returns the image that nodes are, or :obj:`None` if they are none: if an edge runs to no
         direct neighbour, one is missing, or a sector holds two directions.
-
-        Args:
-            source (torch.Tensor): The neighbours.
-            target (torch.Tensor): The nodes.
-            sector (torch.Tensor): The sector of each edge.
-            num_nodes (int): Number of nodes.
         """
         steps, sectors = {}, sector.unique().tolist()
         for number in sectors:
@@ -76,10 +63,10 @@ class SectorImage(NamedTuple):
         r"""Maps each node by the first matrix and each of its neighbours by that of its sector, and
         adds up.
 
-        Args:
-            x (torch.Tensor): Node features :math:`(B, N, F)`.
-            weight (torch.Tensor): The matrices :math:`(1 + S, F, O)`, of the node itself first.
-            bias (torch.Tensor, optional): The biases :math:`(O,)`.
+        Shapes:
+            - **x:** Node features :math:`(B, N, F)`.
+            - **weight:** The matrices :math:`(1 + S, F, O)`, of the node itself first.
+            - **bias:** The biases :math:`(O,)`.
         """
         kernel = weight.new_zeros(9, *weight.shape[1:])
         used = torch.tensor([0, *(1 + sector for sector in self.sectors)])

@@ -33,13 +33,7 @@ _MAX_SIZES = 16
 
 
 class SectorBlock(NamedTuple):
-    r"""The edges of some taxels that lie in one sector.
-
-    Args:
-        sector (int): The sector.
-        source (torch.Tensor): The neighbours.
-        target (torch.Tensor): The taxels, counted from the first of the block.
-    """
+    r"""The edges of some taxels that lie in one sector."""
 
     sector: int
     source: Tensor
@@ -49,11 +43,10 @@ class SectorBlock(NamedTuple):
 class SectorTable:
     r"""The edges of one topology, some taxels at a time and sector by sector.
 
-    Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
-        edge_sector (torch.Tensor): Their sectors :math:`(|\mathcal{E}|,)`.
-        num_nodes (int): Number of taxels :math:`N`.
-        num_sectors (int): Number of sectors.
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
+        - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
+        - **num_nodes:** Number of taxels :math:`N`.
     """
 
     def __init__(
@@ -70,9 +63,6 @@ class SectorTable:
     def blocks(self, size: int) -> list[tuple[int, int, list[SectorBlock]]]:
         r"""Returns the first taxel of each block, the one behind its last, and its edges, computed
         once.
-
-        Args:
-            size (int): Number of taxels in a block.
         """
         blocks = self._blocks.get(size)
         if blocks is None:
@@ -120,14 +110,10 @@ class SectorCache:
     ) -> Optional[SectorTable]:
         r"""Returns the table of a topology, or :obj:`None` where it must not be kept.
 
-        Args:
-            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
-            edge_sector (torch.Tensor): Their sectors :math:`(|\mathcal{E}|,)`.
-            num_nodes (int): Number of taxels :math:`N`.
-            num_sectors (int): Number of sectors, always the same.
-
-        Raises:
-            ValueError: If the edges do not join the taxels, or the sectors are not theirs.
+        Shapes:
+            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
+            - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
+            - **num_nodes:** Number of taxels :math:`N`.
         """
         entry = self._entry
         if (
@@ -157,13 +143,8 @@ class SectorCache:
 def check_edge_sector(edge_index: Tensor, edge_sector: Tensor, num_sectors: int) -> None:
     r"""Checks the sectors of edges and, unless a compiler records, their values.
 
-    Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
-        edge_sector (torch.Tensor): Their sectors.
-        num_sectors (int): Number of sectors.
-
-    Raises:
-        ValueError: If there is not one sector for each edge.
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`.
     """
     num_edges = edge_index.size(1)
     kind = edge_sector.dtype
@@ -187,9 +168,6 @@ def check_edge_sector(edge_index: Tensor, edge_sector: Tensor, num_sectors: int)
 def may_run_fast(x: Tensor) -> bool:
     r"""Tells whether :func:`sector_product` may be used for features: those of samples on one
     topology on a processor.
-
-    Args:
-        x (torch.Tensor): Node features.
     """
     return (
         not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
@@ -205,9 +183,8 @@ def pays(x: Tensor, table: SectorTable) -> bool:
     r"""Tells whether :func:`sector_product` pays for features: those of many samples, and those of
     which all neighbours may be copied at once.
 
-    Args:
-        x (torch.Tensor): Node features :math:`(B, N, F)`.
-        table (SectorTable): The edges.
+    Shapes:
+        - **x:** Node features :math:`(B, N, F)`.
     """
     return x.size(0) >= _MIN_SAMPLES or table.image is not None or _is_small(x, table)
 
@@ -220,12 +197,6 @@ def sector_product(x: Tensor, table: SectorTable, weight: Tensor, bias: OptTenso
     all neighbours are small, it is a single product. Elsewhere, it works block by block of edges,
     so that the copies are never written to memory; the backward pass makes them again, and there is
     no second derivative.
-
-    Args:
-        x (torch.Tensor): Node features.
-        table (SectorTable): The edges.
-        weight (torch.Tensor): The matrices, of the taxel itself first.
-        bias (torch.Tensor, optional): The biases.
 
     Shapes:
         - **input:** features :math:`(B, N, F)`, weights :math:`(1 + S, F, O)`, biases :math:`(O,)`

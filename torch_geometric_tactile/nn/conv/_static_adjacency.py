@@ -127,18 +127,13 @@ class AdjacencyCache:
         r"""Returns the adjacency of a topology, or :obj:`None` where it must not be kept: for
         tensors that need a gradient, and while a compiler records.
 
-        Args:
-            edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-                :math:`(N, N)`.
-            edge_weight (torch.Tensor, optional): Their weights :math:`(|\mathcal{E}|,)`.
-            num_nodes (int): Number of taxels :math:`N`.
-            dtype (torch.dtype): Of the matrix.
-            segment (torch.Tensor, optional): The segment of each taxel :math:`(N,)`, always the
-                same; edges between segments do not count.
-            norm (GCNNorm): How to normalise.
-
-        Raises:
-            ValueError: If the edges do not join the taxels, or the weights are not theirs.
+        Shapes:
+            - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+              :math:`(N, N)`.
+            - **edge_weight:** Their weights :math:`(|\mathcal{E}|,)`.
+            - **num_nodes:** Number of taxels :math:`N`.
+            - **segment:** The segment of each taxel :math:`(N,)`, always the
+              same; edges between segments do not count.
         """
         entry = self._entry
         traced = is_traced()
@@ -188,9 +183,6 @@ class _Entry(NamedTuple):
 class KeptTensor:
     r"""A copy of a tensor, which tells whether another one has its values; see
     :class:`AdjacencyCache`.
-
-    Args:
-        tensor (torch.Tensor): The tensor.
     """
 
     def __init__(self, tensor: Tensor) -> None:
@@ -198,21 +190,13 @@ class KeptTensor:
         self.note(tensor)
 
     def note(self, tensor: Tensor) -> None:
-        r"""Notes which object has the values.
-
-        Args:
-            tensor (torch.Tensor): The tensor.
-        """
+        r"""Notes which object has the values."""
         # A weak reference: the caller's tensor may die, and another be born at its address.
         self.seen = weakref.ref(tensor)
         self.state = (tensor.data_ptr(), None if tensor.is_inference() else tensor._version)
 
     def equals(self, tensor: Tensor) -> bool:
-        r"""Tells whether a tensor has the values of the copy.
-
-        Args:
-            tensor (torch.Tensor): The tensor.
-        """
+        r"""Tells whether a tensor has the values of the copy."""
         copy = self.copy
         if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
             return False
@@ -246,10 +230,6 @@ def _tensors(edge_index: Adj, edge_weight: OptTensor) -> list[Tensor]:
 def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
     r"""Tells whether what follows from edges may be kept: not from those that need a gradient, nor
     from a fake tensor or another subclass, which may have no values.
-
-    Args:
-        edge_index (torch.Tensor): Edges, or a sparse matrix.
-        edge_weight (torch.Tensor, optional): Their weights.
     """
     return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
         tensor.requires_grad
@@ -281,12 +261,10 @@ def _sparse(dense: Tensor) -> Tensor:
 def adjacency_blocks(dense: Tensor, nodes: Tensor) -> Tensor:
     r"""Returns the matrices of some segments of equal size.
 
-    Args:
-        dense (torch.Tensor): The matrix of all taxels :math:`(N, N)`.
-        nodes (torch.Tensor): The taxels of each segment :math:`(S, n)`.
-
-    Returns:
-        torch.Tensor: The matrices :math:`(S, n, n)`.
+    Shapes:
+        - **dense:** The matrix of all taxels :math:`(N, N)`.
+        - **nodes:** The taxels of each segment :math:`(S, n)`.
+        - **returns:** torch.Tensor: The matrices :math:`(S, n, n)`.
     """
     return dense[nodes.unsqueeze(2), nodes.unsqueeze(1)]
 
@@ -305,15 +283,13 @@ def dense_norm(
     It drops no edges by a mask, whose result has an unknown size, so that ``torch.compile`` sees
     one graph.
 
-    Args:
-        edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
-            :math:`(N, N)` of targets and sources.
-        edge_weight (torch.Tensor, optional): Their weights :math:`(|\mathcal{E}|,)`.
-        num_nodes (int): Number of taxels :math:`N`.
-        dtype (torch.dtype): Of the matrix.
-        segment (torch.Tensor, optional): The segment of each taxel :math:`(N,)`; edges between
-            segments do not count.
-        norm (GCNNorm): How to normalise.
+    Shapes:
+        - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
+          :math:`(N, N)` of targets and sources.
+        - **edge_weight:** Their weights :math:`(|\mathcal{E}|,)`.
+        - **num_nodes:** Number of taxels :math:`N`.
+        - **segment:** The segment of each taxel :math:`(N,)`; edges between
+          segments do not count.
     """
     if is_torch_sparse_tensor(edge_index) and segment is None:
         return sparse_norm(sorted_form(edge_index), num_nodes, dtype, norm).to_dense().to(dtype)
@@ -352,12 +328,11 @@ def loop_weights(
     r"""Returns the weights of self-loops :math:`(N,)`: those that there are keep their weight, and
     missing ones are added.
 
-    Args:
-        source (torch.Tensor): The sources of the edges :math:`(|\mathcal{E}|,)`.
-        is_loop (torch.Tensor): Which edges are self-loops :math:`(|\mathcal{E}|,)`.
-        weight (torch.Tensor): Weights of the edges :math:`(|\mathcal{E}|,)`.
-        num_nodes (int): Number of taxels :math:`N`.
-        loop_weight (float): The weight of those that are added.
+    Shapes:
+        - **source:** The sources of the edges :math:`(|\mathcal{E}|,)`.
+        - **is_loop:** Which edges are self-loops :math:`(|\mathcal{E}|,)`.
+        - **weight:** Weights of the edges :math:`(|\mathcal{E}|,)`.
+        - **num_nodes:** Number of taxels :math:`N`.
     """
     places = source.masked_fill(~is_loop, num_nodes)  # the last place takes all that is no loop
     return weight.new_full((num_nodes + 1,), loop_weight).scatter(0, places, weight)[:-1]
@@ -367,11 +342,9 @@ def sparse_norm(adj_t: Adj, num_nodes: int, dtype: torch.dtype, norm: GCNNorm) -
     r"""Returns a sparse adjacency as PyG normalises it, which adds a self-loop also where there is
     one.
 
-    Args:
-        adj_t (torch.Tensor): The sparse matrix :math:`(N, N)` of targets and sources.
-        num_nodes (int): Number of taxels :math:`N`.
-        dtype (torch.dtype): Of the values that PyG adds.
-        norm (GCNNorm): How to normalise.
+    Shapes:
+        - **adj_t:** The sparse matrix :math:`(N, N)` of targets and sources.
+        - **num_nodes:** Number of taxels :math:`N`.
     """
     if not norm.normalize:
         return adj_t

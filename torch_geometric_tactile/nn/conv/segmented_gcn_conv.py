@@ -169,14 +169,7 @@ class SegmentedGCNConv(MessagePassing):
 
 
 def checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
-    r"""Returns the segment of each taxel :math:`(N,)`.
-
-    Args:
-        segment (sequence of int or torch.Tensor): The numbers.
-
-    Raises:
-        ValueError: If they are not one a taxel, from zero without gaps.
-    """
+    r"""Returns the segment of each taxel :math:`(N,)`."""
     numbers = torch.as_tensor(segment)
     whole = not numbers.is_floating_point() and numbers.dtype != torch.bool
     if numbers.dim() != 1 or len(numbers) == 0 or not whole:

@@ -10,20 +10,13 @@ class ByteDropout(Dropout):
     a processor, where eight draws are made of one random number. Probabilities are rounded to a
     256th, and what is kept is scaled by the probability that was drawn by.
 
-    Args:
-        p (float): Probability of a feature to be dropped.
-
     Shapes:
         - **input:** any shape
         - **output:** likewise
     """
 
     def forward(self, input: Tensor) -> Tensor:
-        r"""Drops features.
-
-        Args:
-            input (torch.Tensor): Features.
-        """
+        r"""Drops features."""
         threshold = round(256 * self.p)
         if (
             not self.training

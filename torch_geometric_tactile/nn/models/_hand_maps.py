@@ -13,16 +13,7 @@ _THUMB = "thumb"
 
 
 class HandMap(NamedTuple):
-    r"""A map of a patch, a finger or the hand.
-
-    Args:
-        name (str): The name of the patch or digit, or :obj:`"hand"`.
-        level (str): Which of them it is.
-        digit (int): Which digit it is of; -1 for the hand.
-        kinds (tuple of str): What it is, the most special first, as
-            :class:`~torch_geometric_tactile.nn.models._ms_cnn_patterns.Stage` calls it.
-        cell (numpy.ndarray): For each row and column, which of the features is there.
-    """
+    r"""A map of a patch, a finger or the hand."""
 
     name: str
     level: Level
@@ -40,14 +31,6 @@ class HandMap(NamedTuple):
 def input_maps(layout: TaxelLayout, level: Level) -> list[HandMap]:
     r"""Returns the maps of the readings: those parts of the layout's image map that hold its
     patches, its digits or all of it. Cells without a taxel have the number :math:`N`.
-
-    Args:
-        layout (TaxelLayout): The taxels, with an image map.
-        level (str): What a map is.
-
-    Raises:
-        ValueError: If taxels have no patch or digit, or the parts overlap or are not in order: the
-            patches of a digit one above the other, the digits side by side.
     """
     assert layout.image_map is not None
     place = layout.image_map.numpy()
@@ -104,14 +87,6 @@ def _with_kinds(maps: Sequence[HandMap], layout: TaxelLayout) -> list[HandMap]:
 def joined_maps(maps: Sequence[HandMap], level: Level, layout: TaxelLayout) -> list[HandMap]:
     r"""Returns maps put together: patches one above the other to fingers, and fingers side by side
     to the hand.
-
-    Args:
-        maps (sequence of HandMap): The maps.
-        level (str): What a map shall be.
-        layout (TaxelLayout): The taxels.
-
-    Raises:
-        ValueError: If they do not fit each other.
     """
     out = list(maps)
     if out[0].level == "patch" and level != "patch":

@@ -22,15 +22,8 @@ class MapConv(Module):
     product: on maps of a few cells that takes half the time of :class:`torch.nn.Conv2d`, also of a
     grouped one.
 
-    Args:
-        in_channels (int): Features of a cell.
-        out_channels (int): Filters of a map.
-        cell (numpy.ndarray): Which of the features is where, on each map :math:`(G, R, C)`.
-        size (tuple of int): Height and width of the filters.
-        stride (int): By how many cells a filter moves.
-        share_weights (bool): Whether all maps have the same filters.
-
     Shapes:
+        - **cell:** Which of the features is where, on each map :math:`(G, R, C)`.
         - **input:** features :math:`(B, M, F)`
         - **output:** features of the cells of all maps, map by map and row by row
           :math:`(B, G \cdot R' \cdot C', F')`
@@ -70,11 +63,7 @@ class MapConv(Module):
         zeros_(self.bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the features of the maps.
-
-        Args:
-            x (torch.Tensor): Features.
-        """
+        r"""Returns the features of the maps."""
         weight = self.weight.flatten(1, 3)
         sets, width = weight.size(0), weight.size(1)
         rows = self.out_size[0] * self.out_size[1] * (self.num_maps // sets)
@@ -93,18 +82,7 @@ class MapConv(Module):
 
 
 class MapStage(Module):
-    r"""One convolution of a pattern: a :class:`MapConv` for the maps of each size, and ReLU.
-
-    Args:
-        in_channels (int): Features of a cell.
-        out_channels (int): Filters of a map.
-        maps (sequence of HandMap): The maps.
-        stage (Stage): The filters.
-        share_weights (bool): Whether maps of equal size share filters of equal size.
-
-    Raises:
-        ValueError: If a filter is larger than its map.
-    """
+    r"""One convolution of a pattern: a :class:`MapConv` for the maps of each size, and ReLU."""
 
     def __init__(
         self,
@@ -147,8 +125,8 @@ class MapStage(Module):
     def forward(self, x: Tensor) -> Tensor:
         r"""Returns the features of the cells of all maps :math:`(B, M', F')`.
 
-        Args:
-            x (torch.Tensor): Features :math:`(B, M, F)`.
+        Shapes:
+            - **x:** Features :math:`(B, M, F)`.
         """
         parts = [conv(x) for conv in self.convs]
         return (parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)).relu()

@@ -10,16 +10,7 @@ NO_OTHERS: Mapping[str, tuple[int, int]] = MappingProxyType({})
 
 
 class Stage(NamedTuple):
-    r"""One convolution of a pattern.
-
-    Args:
-        level (str): What a map is: a :obj:`"patch"`, a :obj:`"finger"` or the whole :obj:`"hand"`.
-        size (tuple of int): Height and width of the filters.
-        stride (int): By how many cells a filter moves, in both directions.
-        others (Mapping): Filters of other sizes, by the maps that have them: those of
-            :obj:`"tip"` (the uppermost patch of each digit), :obj:`"thumb"` (all of it),
-            :obj:`"thumb tip"` or :obj:`"thumb phalanx"`, of which the more special counts.
-    """
+    r"""One convolution of a pattern."""
 
     level: Level
     size: tuple[int, int]
@@ -27,11 +18,7 @@ class Stage(NamedTuple):
     others: Mapping[str, tuple[int, int]] = NO_OTHERS
 
     def filter_of(self, kinds: tuple[str, ...]) -> tuple[int, int]:
-        r"""Returns height and width of the filters of a map.
-
-        Args:
-            kinds (tuple of str): What the map is, the most special first.
-        """
+        r"""Returns height and width of the filters of a map."""
         return next((self.others[kind] for kind in kinds if kind in self.others), self.size)
 
 

@@ -12,16 +12,10 @@ class TaxelImage(Module):
     r"""Puts the readings of the taxels into the cells of the map of their layout. Cells without a
     taxel are zero.
 
-    Args:
-        layout (TaxelLayout): The layout.
-
     Shapes:
         - **input:** readings :math:`(B, N, F)`
         - **output:** images :math:`(B, F, H, W)`; a view of readings of one channel if the
           taxels fill all cells row by row
-
-    Raises:
-        ValueError: If the layout has no map.
     """
 
     cell: Tensor
@@ -36,11 +30,7 @@ class TaxelImage(Module):
         self.register_buffer("cell", cell, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the images.
-
-        Args:
-            x (torch.Tensor): Readings.
-        """
+        r"""Returns the images."""
         rows, columns = self.size
         image = x
         if not self.is_full:

@@ -24,10 +24,6 @@ class TaxelNorm(BatchNorm1d):
     channel share one scale. The numbers of a single row are scaled as in evaluation, since they
     have no spread. Rows that are not kept do not count.
 
-    Args:
-        num_features (int): Number of channels.
-        **kwargs: Further arguments of :class:`torch.nn.BatchNorm1d`.
-
     Shapes:
         - **input:** features :math:`(B, N, F)` or :math:`(B, F)`
         - **output:** likewise
@@ -36,9 +32,8 @@ class TaxelNorm(BatchNorm1d):
     def forward(self, input: Tensor, kept: OptTensor = None) -> Tensor:
         r"""Scales features.
 
-        Args:
-            input (torch.Tensor): Features.
-            kept (torch.Tensor, optional): Which rows count :math:`(B, N, 1)`; all if left out.
+        Shapes:
+            - **kept:** Which rows count :math:`(B, N, 1)`; all if left out.
         """
         if self.training and kept is not None:
             return self._scaled_by_kept(input, kept)
@@ -71,10 +66,6 @@ class ReadingNorm(Module):
     taxels: of the batch in training, and of all batches so far in evaluation, each of which counts
     the same. After a single batch, raw counts are scaled as they should be.
 
-    Args:
-        num_features (int): Number of channels.
-        eps (float): Added to the variance.
-
     Shapes:
         - **input:** readings :math:`(B, N, F)`
         - **output:** likewise
@@ -100,9 +91,8 @@ class ReadingNorm(Module):
     def forward(self, x: Tensor, kept: OptTensor = None) -> Tensor:
         r"""Scales readings.
 
-        Args:
-            x (torch.Tensor): The readings.
-            kept (torch.Tensor, optional): Which rows count :math:`(B, N, 1)`; all if left out.
+        Shapes:
+            - **kept:** Which rows count :math:`(B, N, 1)`; all if left out.
         """
         mean, var = self.running_mean, self.running_var
         if self.training and x.size(0) * x.size(1) > 1:
@@ -133,15 +123,7 @@ def _kept_moments(
 
 
 class TaxelBlock(Module):
-    r"""A convolution, :class:`TaxelNorm`, the input added where the widths are equal, and ReLU.
-
-    Args:
-        in_channels (int): Size of each input feature.
-        out_channels (int): Size of each output feature.
-        conv (str): :obj:`"sector"`, :obj:`"self"` or :obj:`"difference"`.
-        num_sectors (int): Number of sectors, for :obj:`"sector"`.
-        fast (bool): As of the convolution.
-    """
+    r"""A convolution, :class:`TaxelNorm`, the input added where the widths are equal, and ReLU."""
 
     def __init__(
         self, in_channels: int, out_channels: int, conv: ConvName, num_sectors: int, fast: bool
@@ -163,12 +145,7 @@ class TaxelBlock(Module):
             part.reset_parameters()  # type: ignore[operator]
 
     def forward(self, x: Tensor, *edges: Tensor) -> Tensor:
-        r"""Convolves node features :math:`(B, N, F)`.
-
-        Args:
-            x (torch.Tensor): Node features.
-            *edges (torch.Tensor): Edges and, if the convolution needs them, their sectors.
-        """
+        r"""Convolves node features :math:`(B, N, F)`."""
         out = self.norm(self.conv(x, *edges))
         return (x + out).relu() if self.is_residual else out.relu()
 
@@ -176,13 +153,8 @@ class TaxelBlock(Module):
 class TaxelLevel(Module):
     r"""Blocks on one layout, after the pooling that leads to it.
 
-    Args:
-        layout (TaxelLayout): The layout.
-        pool (TaxelPool, optional): The pooling, whose coarser layout it is.
-        widths (sequence of int): Width before the first block and after each.
-        conv (str): As of :class:`TaxelBlock`.
-        num_sectors (int): Number of sectors.
-        fast (bool): As of :class:`TaxelBlock`.
+    Shapes:
+        - **pool:** The pooling, whose coarser layout it is.
     """
 
     def __init__(
@@ -212,11 +184,7 @@ class TaxelLevel(Module):
             block.reset_parameters()  # type: ignore[operator]
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Pools and convolves node features :math:`(B, N, F)`.
-
-        Args:
-            x (torch.Tensor): Node features of the level before.
-        """
+        r"""Pools and convolves node features :math:`(B, N, F)`."""
         if self.pool is not None:
             x = self.pool(x)
         edges: tuple[Any, ...] = (self.edge_index,)
@@ -230,10 +198,6 @@ class TaxelLevel(Module):
 def pooled_layouts(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
     r"""Returns the poolings over :math:`2 \times 2` neighbours that lead to a layout with at most
     so many taxels, or to one that cannot be pooled further.
-
-    Args:
-        layout (TaxelLayout): The layout.
-        max_taxels (int): Number of taxels.
     """
     pools: list[TaxelPool] = []
     with torch.device("cpu"):
@@ -248,16 +212,7 @@ def pooled_layouts(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
 
 
 def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ...]:
-    r"""Returns the width of each level.
-
-    Args:
-        widths (sequence of int, optional): The widths, the last for all further levels; 32 for one
-            level and 16, 32 and 64 for several, if left out.
-        num_levels (int): Number of levels.
-
-    Raises:
-        ValueError: If there is none, or one is below one.
-    """
+    r"""Returns the width of each level."""
     if widths is None:
         widths = (32,) if num_levels == 1 else (16, 32, 64)
     widths = tuple(widths)
@@ -269,9 +224,6 @@ def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ..
 def pitch(layout: TaxelLayout) -> tuple[float, float]:
     r"""Returns the distances between neighbouring taxels along :math:`x` and :math:`y` in metres:
     the medians over the neighbours in these directions.
-
-    Args:
-        layout (TaxelLayout): The layout.
     """
     edge_index, sector = layout_sectors(layout, 4)
     length = (layout.pos[edge_index[0]] - layout.pos[edge_index[1]]).norm(dim=1)

@@ -19,12 +19,8 @@ LayoutLike = Union[TaxelLayout, int, PathLike]
 def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
     r"""Returns the layout of a model that needs more than the number of taxels.
 
-    Args:
-        layout (TaxelLayout, int, str or PathLike): The layout, its name or its file.
-        purpose (str): What it is needed for, for the message.
-
-    Raises:
-        ValueError: If it is a number, or no layout has this name.
+    Shapes:
+        - **layout:** The layout, its name or its file.
     """
     if isinstance(layout, int):
         raise ValueError(
@@ -38,11 +34,8 @@ def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
 def count_taxels(layout: LayoutLike) -> int:
     r"""Returns the number of taxels :math:`N`.
 
-    Args:
-        layout (TaxelLayout, int, str or PathLike): The layout, its name or its file, or the number.
-
-    Raises:
-        ValueError: If the number is below one, or no layout has this name.
+    Shapes:
+        - **layout:** The layout, its name or its file, or the number.
     """
     if not isinstance(layout, int):
         return load_layout(layout, "its number of taxels").num_taxels
@@ -55,8 +48,8 @@ def portable_layout(layout: Any) -> Any:
     r"""Returns the contents of a layout file, which need not exist elsewhere, and anything else as
     it is.
 
-    Args:
-        layout (TaxelLayout, int, str or PathLike): The layout, its name or its file, or the number.
+    Shapes:
+        - **layout:** The layout, its name or its file, or the number.
     """
     is_file = isinstance(layout, os.PathLike) or (
         isinstance(layout, str) and layout not in stock_names()
@@ -67,17 +60,11 @@ def portable_layout(layout: Any) -> Any:
 def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -> Tensor:
     r"""Returns readings of any form sample by sample.
 
-    Args:
-        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
-        num_taxels (int): Number of taxels :math:`N`.
-        num_channels (int): Number of channels :math:`F`.
-        what (str): What a model calls its channels, for the message.
-
     Shapes:
+        - **x:** Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
+        - **num_taxels:** Number of taxels :math:`N`.
+        - **num_channels:** Number of channels :math:`F`.
         - **output:** :math:`(B, N, F)`
-
-    Raises:
-        ValueError: If they have other taxels or channels.
     """
     if x.dim() not in (2, 3) or x.size(-1) != num_channels:
         advice = f": give the model in_channels={x.size(-1)}" if what in _CHANNELS else ""
@@ -94,14 +81,7 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
 
 
 def check_taxel_dropout(part: float) -> float:
-    r"""Returns the part of the taxels that are not seen in training.
-
-    Args:
-        part (float): The part.
-
-    Raises:
-        ValueError: If it is negative or not below one.
-    """
+    r"""Returns the part of the taxels that are not seen in training."""
     if not 0 <= part < 1:
         raise ValueError(f"'taxel_dropout' must be at least 0 and below 1 (got {part})")
     return part
@@ -110,11 +90,8 @@ def check_taxel_dropout(part: float) -> float:
 def seen_taxels(x: Tensor, taxel_dropout: float) -> OptTensor:
     r"""Returns which taxels are seen, drawn for each sample; of one that would lose all, all.
 
-    Args:
-        x (torch.Tensor): Readings :math:`(B, N, F)`.
-        taxel_dropout (float): Part of the taxels that are not.
-
     Shapes:
+        - **x:** Readings :math:`(B, N, F)`.
         - **output:** :math:`(B, N)`; nothing where none is dropped
     """
     if taxel_dropout == 0:

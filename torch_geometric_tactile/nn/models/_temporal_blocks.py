@@ -16,11 +16,6 @@ from torch_geometric_tactile.nn.models.tactile_model import with_joints
 class FrameFilters(Module):
     r"""Causal filters of the readings of each taxel, the same for all taxels, with normalisation
     and ReLU.
-
-    Args:
-        in_channels (int): Channels of a taxel in one frame.
-        out_channels (int): Number of filters.
-        kernel_size (int): Length of the filters in frames.
     """
 
     def __init__(self, in_channels: int, out_channels: int, kernel_size: int) -> None:
@@ -34,21 +29,11 @@ class FrameFilters(Module):
         self.norm.reset_parameters()
 
     def forward(self, x: Tensor, stride: int = 1) -> Tensor:
-        r"""Filters readings :math:`(B, N, T, C)`.
-
-        Args:
-            x (torch.Tensor): Readings.
-            stride (int): As of :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv`.
-        """
+        r"""Filters readings :math:`(B, N, T, C)`."""
         return self._scaled(self.conv(x, stride=stride))
 
     def step(self, x: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        r"""Filters the readings :math:`(B, N, C)` of the next frame.
-
-        Args:
-            x (torch.Tensor): Readings of one frame.
-            state (torch.Tensor): The state of the convolution.
-        """
+        r"""Filters the readings :math:`(B, N, C)` of the next frame."""
         out, state = self.conv.step(x, state)
         return self._scaled(out), state
 
@@ -59,12 +44,6 @@ class FrameFilters(Module):
 class TemporalBlock(Module):
     r"""A causal convolution over the features of each taxel, normalisation, ReLU and dropout, with
     the input added.
-
-    Args:
-        channels (int): Size of each feature, before and after.
-        kernel_size (int): As of the convolution.
-        dilation (int): As of the convolution.
-        dropout (float): Part of the features dropped in training.
     """
 
     def __init__(self, channels: int, kernel_size: int, dilation: int, dropout: float) -> None:
@@ -79,24 +58,13 @@ class TemporalBlock(Module):
         self.norm.reset_parameters()
 
     def forward(self, h: Tensor, spacing: int = 1, stride: int = 1) -> Tensor:
-        r"""Convolves features :math:`(B, M, T, F)`.
-
-        Args:
-            h (torch.Tensor): Features.
-            spacing (int): As of :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv`.
-            stride (int): Likewise.
-        """
+        r"""Convolves features :math:`(B, M, T, F)`."""
         out = self.conv(h, spacing=spacing, stride=stride)
         h = h[:, :, (h.size(2) - 1) % stride :: stride]
         return self._join(h, out)
 
     def step(self, h: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        r"""Convolves the features :math:`(B, M, F)` of the next frame.
-
-        Args:
-            h (torch.Tensor): Features of one frame.
-            state (torch.Tensor): The state of the convolution.
-        """
+        r"""Convolves the features :math:`(B, M, F)` of the next frame."""
         out, state = self.conv.step(h, state)
         return self._join(h, out), state
 
@@ -107,13 +75,6 @@ class TemporalBlock(Module):
 class FrameHead(Module):
     r"""From the features of all taxels to the logits of a frame: all side by side, their mean and
     their maximum, a hidden layer, and the logits.
-
-    Args:
-        in_channels (int): Size of all three.
-        out_channels (int): Number of labels or classes.
-        hidden_channels (int): Width of the hidden layer.
-        dropout (float): Part of the features dropped in training before each layer.
-        num_joints (int): Number of joint angles that join before the hidden layer.
     """
 
     def __init__(
@@ -139,10 +100,9 @@ class FrameHead(Module):
     def forward(self, h: Tensor, joint: OptTensor) -> Tensor:
         r"""Returns the logits of one frame :math:`(B, O)`, or of all :math:`(B, T, O)`.
 
-        Args:
-            h (torch.Tensor): Features of one frame :math:`(B, M, F)`, or of all
-                :math:`(B, M, T, F)`.
-            joint (torch.Tensor, optional): Joint angles in radians.
+        Shapes:
+            - **h:** Features of one frame :math:`(B, M, F)`, or of all
+              :math:`(B, M, T, F)`.
         """
         rows = h if h.dim() == 3 else h.transpose(1, 2).flatten(0, 1)
         found = torch.cat([rows.flatten(1), rows.mean(dim=1), rows.amax(dim=1)], dim=1)
@@ -154,11 +114,9 @@ class FrameHead(Module):
 def in_frames(layer: Module, h: Tensor) -> Tensor:
     r"""Applies a layer of taxels to each frame.
 
-    Args:
-        layer (torch.nn.Module): The layer, from :math:`(S, N, F)` to :math:`(S, M, O)`.
-        h (torch.Tensor): Features :math:`(B, N, T, F)`.
-
     Shapes:
+        - **layer:** The layer, from :math:`(S, N, F)` to :math:`(S, M, O)`.
+        - **h:** Features :math:`(B, N, T, F)`.
         - **output:** :math:`(B, M, T, O)`
     """
     out: Tensor = layer(h.transpose(1, 2).flatten(0, 1))

@@ -9,16 +9,7 @@ _BATCHES = (16, 64)
 
 
 class TrainingRecipe(NamedTuple):
-    r"""What a training needs besides model and data.
-
-    Args:
-        batch_size (int): Samples of a batch.
-        max_epochs (int): Passes over the data.
-        lr (float): The largest learning rate of :class:`torch.optim.AdamW`, reached by and left by
-            :class:`torch.optim.lr_scheduler.OneCycleLR`, step by step.
-        weight_decay (float): That of :class:`torch.optim.AdamW`.
-        label_smoothing (float): Of the cross entropy.
-    """
+    r"""What a training needs besides model and data."""
 
     batch_size: int
     max_epochs: int
@@ -36,12 +27,6 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
     A batch has a twenty-fourth of the samples, within limits; training has about 1,500 steps, but
     at least 15 and at most 60 epochs. The rate falls to zero, so that the last weights are taken
     and nothing has to be kept back to stop early.
-
-    Args:
-        num_samples (int): Number of samples to train on.
-
-    Raises:
-        ValueError: If it is below one.
 
     Examples:
         >>> recipe = training_recipe(4000)

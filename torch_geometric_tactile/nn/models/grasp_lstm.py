@@ -15,11 +15,6 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, 
 class LSTMCells(Module):
     r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`, of the same weights by
     the same names. :func:`torch.compile` refuses to look into that class; here it can.
-
-    Args:
-        in_channels (int): Features of each frame.
-        hidden_channels (int): Number of cells.
-        num_layers (int): Number of layers.
     """
 
     def __init__(self, in_channels: int, hidden_channels: int, num_layers: int = 1) -> None:
@@ -46,8 +41,8 @@ class LSTMCells(Module):
     def forward(self, x: Tensor) -> Tensor:
         r"""Returns the hidden state of the last layer in each frame :math:`(B, T, H)`.
 
-        Args:
-            x (torch.Tensor): The frames :math:`(B, T, F)`.
+        Shapes:
+            - **x:** The frames :math:`(B, T, F)`.
         """
         zeros = x.new_zeros(self.num_layers, x.size(0), self.hidden_channels)
         weights: list[Tensor] = list(self.parameters())

@@ -85,15 +85,7 @@ class HandCNN(TactileModel):
 
 
 def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:
-    r"""Returns row and column of each taxel on the map of a hand :math:`(N, 2)`.
-
-    Args:
-        layout (TaxelLayout): The taxels.
-        inputs (sequence of str): The inputs of the model, none of which may be on edges.
-
-    Raises:
-        ValueError: If there is no map, or an input is on edges.
-    """
+    r"""Returns row and column of each taxel on the map of a hand :math:`(N, 2)`."""
     check_no_edges(inputs)
     if layout.image_map is None:
         raise ValueError(f"'layout' must have an image_map (got none in '{layout.name}')")

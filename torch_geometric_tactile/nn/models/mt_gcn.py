@@ -128,13 +128,8 @@ def checked_edges(
 ) -> Tensor:
     r"""Returns the edges of a thread's own :math:`(2, |\mathcal{E}_m|)`.
 
-    Args:
-        name (str): Name of the thread.
-        edges (sequence or torch.Tensor): The edges.
-        num_nodes (int): Number of taxels :math:`N`.
-
-    Raises:
-        ValueError: If they are no edges, or join other taxels.
+    Shapes:
+        - **num_nodes:** Number of taxels :math:`N`.
     """
     edges = torch.as_tensor(edges, device="cpu")  # to be checked
     return check_edges(edges, num_nodes, f"the adjacency of '{name}'")
@@ -143,16 +138,7 @@ def checked_edges(
 def thread_settings(
     inputs: Sequence[str], threads: Optional[Mapping[str, Any]], keys: Sequence[str]
 ) -> dict[str, dict[str, Any]]:
-    r"""Returns the settings of each thread, by default the paper's.
-
-    Args:
-        inputs (sequence of str): The inputs, each of which has a thread.
-        threads (dict, optional): Settings by input.
-        keys (sequence of str): The settings that a thread may have.
-
-    Raises:
-        ValueError: If there are settings for another input, or of another name.
-    """
+    r"""Returns the settings of each thread, by default the paper's."""
     threads = threads or {}
     for name, own in threads.items():
         if name not in inputs:

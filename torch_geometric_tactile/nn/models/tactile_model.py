@@ -292,14 +292,8 @@ def make_encoder(
 ) -> Module:
     r"""Returns an encoder of edge features.
 
-    Args:
-        encoder (str or torch.nn.Module): Its name, or the encoder itself.
-        num_nodes (int): Number of taxels :math:`N`.
-        num_edges (int, optional): Number of edges, for :obj:`"dense"`.
-        width (int): Features of each edge and, encoded, of each taxel.
-
-    Raises:
-        ValueError: If the name is unknown, or the number of edges is missing.
+    Shapes:
+        - **num_nodes:** Number of taxels :math:`N`.
     """
     if isinstance(encoder, Module):
         return encoder
@@ -319,13 +313,10 @@ def make_encoder(
 def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
     r"""Returns the features of each sample with its joint angles.
 
-    Args:
-        rows (torch.Tensor): Features of each sample :math:`(B, F)`.
-        joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
-        num_joints (int): Number of joint angles :math:`J`; with 0, features stay as they are.
-
-    Raises:
-        ValueError: If joint angles are missing, or are of other samples or joints.
+    Shapes:
+        - **rows:** Features of each sample :math:`(B, F)`.
+        - **joint:** Joint angles in radians :math:`(B, J)`.
+        - **num_joints:** Number of joint angles :math:`J`; with 0, features stay as they are.
     """
     if num_joints == 0:
         return rows
@@ -342,21 +333,14 @@ def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
 def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
     r"""Returns the features of several inputs or threads as one.
 
-    Args:
-        parts (dict): The features by name :math:`(B, N, F_m)`.
+    Shapes:
+        - **parts:** The features by name :math:`(B, N, F_m)`.
     """
     values = list(parts.values())
     return values[0] if len(values) == 1 else torch.cat(values, dim=-1)
 
 
 def check_no_edges(inputs: Sequence[str]) -> None:
-    r"""Checks the inputs of a model without a graph.
-
-    Args:
-        inputs (sequence of str): The inputs.
-
-    Raises:
-        ValueError: If one is on edges.
-    """
+    r"""Checks the inputs of a model without a graph."""
     if "edge" in inputs:
         raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {tuple(inputs)})")

@@ -104,14 +104,6 @@ def checked_widths(
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
     r"""Returns widths and pools of layers, which must fit each other, and the width before each
     layer and after the last.
-
-    Args:
-        in_channels (int): Width of the input.
-        widths (sequence of int): Width of each layer.
-        pools (sequence of int): How many channels share one maximum, after each layer.
-
-    Raises:
-        ValueError: If they do not fit.
     """
     widths, pools = tuple(widths), tuple(pools)
     if in_channels < 1:

@@ -77,9 +77,5 @@ class BilinearFeature(torch.nn.Module):
 
 
 def signed_root(phi: Tensor) -> Tensor:
-    r"""Returns the root of each number's magnitude, raised by :math:`10^{-8}`, with its sign.
-
-    Args:
-        phi (torch.Tensor): The numbers, of any shape.
-    """
+    r"""Returns the root of each number's magnitude, raised by :math:`10^{-8}`, with its sign."""
     return phi.sign() * (phi.abs() + _FLOOR).sqrt()
