@@ -32,12 +32,12 @@ NEEDS_EXTRA = tuple(
     for room in (
         "training",
         "experiments",
-        "reports.analysis",
-        "reports.compare",
-        "reports.grasp",
-        "reports.simulation",
-        "reports.table",
-        "visualization.shown_figure",  # a class of matplotlib; `visualization.figure` imports it
+        "reports._analysis",
+        "reports._compare",
+        "reports._grasp",
+        "reports._simulation",
+        "reports._table",
+        "visualization._shown_figure",  # a class of matplotlib; `visualization.figure` imports it
     )
 )
 
