@@ -4,12 +4,14 @@ import json
 import math
 import stat
 import unicodedata
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from torch_geometric_tactile._limits import JSON_BYTES
 from torch_geometric_tactile._typing import PathLike
 
-_LARGEST_JSON = 1 << 27  # bytes; a layout of half a million taxels has less
+_LONGEST_QUOTE = 60  # characters of a text or value in a message
 _MARKDOWN = str.maketrans({char: f"\\{char}" for char in "\\|<>`[]"})
 
 
@@ -35,6 +37,42 @@ def _escaped(char: str) -> str:
     return char.encode("unicode_escape").decode("ascii")
 
 
+def quoted(text: str) -> str:
+    r"""Returns a text of a file for a message: in quotes, not too long, and without characters that
+    a terminal would obey.
+    """
+    short = text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}..."
+    return f"'{short}'" if short.isprintable() else ascii(short)
+
+
+def short_repr(value: object) -> str:
+    r"""Returns any value of a file for a message, cut where it is long."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # nested deeply, or a number that Python does not print
+        return f"a {type(value).__name__}"
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[: _LONGEST_QUOTE - 3]}..."
+
+
+def short_list(
+    items: Sequence[Any],
+    most: int,
+    show: Callable[[Any], str] = str,
+    rest: str = " and {} more",
+    joint: str = ", ",
+) -> str:
+    r"""Returns the first of some names or numbers for a message, and how many others there are.
+
+    Examples:
+        >>> short_list(["thumb", "index", "middle", "ring"], most=2)
+        'thumb, index and 2 more'
+        >>> short_list([], most=2)
+        'none'
+    """
+    text = joint.join(map(show, items[:most])) if len(items) else "none"
+    return text + (rest.format(len(items) - most) if len(items) > most else "")
+
+
 def markdown_text(text: object) -> str:
     r"""Returns text as Markdown that shows it and is nothing else: no markup, link or new cell.
 
@@ -53,8 +91,8 @@ def read_json(path: PathLike) -> Any:
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise ValueError("it must be a regular file (got a folder, pipe or device)")
-    if found.st_size > _LARGEST_JSON:
-        raise ValueError(f"it must not exceed {_LARGEST_JSON} bytes (got {found.st_size})")
+    if found.st_size > JSON_BYTES:
+        raise ValueError(f"it must not exceed {JSON_BYTES} bytes (got {found.st_size})")
     return parse_json(path.read_text(encoding="utf-8"))
 
 

@@ -7,7 +7,7 @@ from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 
 @pytest.fixture(autouse=True)
 def little_room(monkeypatch):
-    monkeypatch.setattr(allocation_limit, "_ROOM", 1000)
+    monkeypatch.setattr(allocation_limit, "MODEL_BYTES", 1000)
 
 
 def test_a_model_may_take_four_times_its_weights_and_some_room():

@@ -193,7 +193,7 @@ def test_bomb_is_refused_unless_allowed(tmp_path, monkeypatch):
     total = 4096 * (300 * 4 + 8)
     assert total > 100 * size
     assert read_hdf5(path).num_frames == 4096
-    monkeypatch.setattr("torch_geometric_tactile.io._hdf5_checks.MAX_BYTES", 2**20)
+    monkeypatch.setattr("torch_geometric_tactile.io._hdf5_checks.ARRAY_BYTES", 2**20)
     with pytest.raises(
         ValueError, match=rf"no more than {100 * size} bytes in memory \(got (\d+), "
     ) as caught:

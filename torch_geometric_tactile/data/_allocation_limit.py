@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-_ROOM = 2**28  # bytes that building a model may ask for beside its own
-_TENSORS = 5_000  # likewise, so that building many small layers ends soon
+from torch_geometric_tactile._limits import MODEL_BYTES, MODEL_TENSORS
 
 
 class AllocationLimit(TorchFunctionMode):
@@ -22,8 +21,8 @@ class AllocationLimit(TorchFunctionMode):
     def __init__(self, weights: Iterable[Tensor]) -> None:
         super().__init__()
         held = [w.numel() * w.element_size() for w in weights if isinstance(w, Tensor)]
-        self._most = _ROOM + 4 * sum(held)
-        self._most_tensors = _TENSORS + 4 * len(held)
+        self._most = MODEL_BYTES + 4 * sum(held)
+        self._most_tensors = MODEL_TENSORS + 4 * len(held)
         self._used = self._tensors = 0
 
     def __torch_function__(

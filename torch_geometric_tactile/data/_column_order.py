@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data.recording import Recording
 
 _KEYS = ("tactile", "joint")
@@ -51,7 +52,7 @@ def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) 
         if lacks or more:
             raise ValueError(
                 f"its columns of '{key}' must have the names of the others, in any order (got "
-                f"{_few(sorted(more))} in place of {_few(lacks)})"
+                f"{_listed(sorted(more))} in place of {_listed(lacks)})"
             )
         order = [place[name] for name in wanted]
         array = getattr(recording, key)
@@ -63,6 +64,5 @@ def in_column_order(recording: Recording, columns: Mapping[str, Sequence[str]]) 
     return replace(recording, **changed, meta=meta)
 
 
-def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return (", ".join(repr(name[:60]) for name in names[:_MOST_NAMES]) or "none") + more
+def _listed(names: Sequence[str]) -> str:
+    return short_list(names, _MOST_NAMES, lambda name: repr(name[:60]))

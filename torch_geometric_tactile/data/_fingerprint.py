@@ -29,7 +29,6 @@ _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _BYTECODE = re.compile(r"bytecode (\d+\.\d+) [0-9a-f]+")
 _LONG = 400  # characters of a description, beyond which only its hash is kept
 _SHORT = 60  # characters of a description in a message
-_NUM_CHANGES = 3  # that a message names
 
 
 def describe(value: Any) -> str:
@@ -226,9 +225,3 @@ def state_changes(before: Iterable[str], now: Iterable[str]) -> list[str]:
         for key in sorted(old.keys() | new.keys())
         if old.get(key) != new.get(key)
     ]
-
-
-def listed(what: Sequence[str]) -> str:
-    r"""Returns the first few changes, and the number of the others."""
-    more = f" and {len(what) - _NUM_CHANGES} more" if len(what) > _NUM_CHANGES else ""
-    return ", ".join(what[:_NUM_CHANGES]) + more

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._batches import joined
 from torch_geometric_tactile.data._trial_runs import TrialRuns
@@ -88,7 +89,7 @@ class FrameView(StaticDataset):
                 len(short),
                 len(runs.length),
                 length,
-                runs.name_some(short),
+                short_list(short.tolist(), 3, runs.name),
             )
 
     def _label(self, runs: TrialRuns, constant: bool) -> str | None:

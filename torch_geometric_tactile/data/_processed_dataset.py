@@ -9,11 +9,11 @@ import torch
 from torch_geometric.data import Dataset
 from torch_geometric.data.dataset import files_exist
 
+from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data._fingerprint import (
     changes,
     constructor_arguments,
     describe,
-    listed,
     state_changes,
 )
 from torch_geometric_tactile.data._processed_file import (
@@ -29,6 +29,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 # Arguments of any data set that do not change the processed file, or are described apart.
 _OTHER_ARGS = ("root", "transform", "pre_transform", "pre_filter", "force_reload", "log", "layout")
 _logger = logging.getLogger(__name__)
+_NUM_CHANGES = 3  # that a message names
 
 
 class ProcessedDataset(Dataset):
@@ -140,7 +141,7 @@ class ProcessedDataset(Dataset):
         if other:
             raise RuntimeError(
                 f"another process has written '{path}' meanwhile, with other settings "
-                f"({listed(other)}); give each a 'root' of its own"
+                f"({short_list(other, _NUM_CHANGES)}); give each a 'root' of its own"
             )
         self._file = written
 
@@ -162,7 +163,7 @@ class ProcessedDataset(Dataset):
         why = changes(file.settings, self._settings())
         if self._has_raw():  # what is missing has not changed
             why += state_changes(file.raw_state, self.raw_state())
-        return (None, listed(why)) if why else (file, "")
+        return (None, short_list(why, _NUM_CHANGES)) if why else (file, "")
 
     def _has_raw(self) -> bool:
         try:

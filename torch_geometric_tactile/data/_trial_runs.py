@@ -51,11 +51,6 @@ class TrialRuns(NamedTuple):
         known = 0 <= number < len(self.names)
         return f"trial {number} ('{self.names[number]}')" if known else f"trial {number}"
 
-    def name_some(self, index: Tensor, most: int = 3) -> str:
-        r"""Returns a text that names some trials, and tells how many others there are."""
-        named = ", ".join(self.name(int(i)) for i in index[:most])
-        return named if len(index) <= most else f"{named} and {len(index) - most} more"
-
     @property
     def of_frame(self) -> Tensor:
         r"""Which trial each frame belongs to :math:`(S,)`."""

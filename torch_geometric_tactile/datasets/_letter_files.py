@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile._texts import read_json
+from torch_geometric_tactile._texts import read_json, short_list
 from torch_geometric_tactile.io.matrix_files import read_matrices
 
 SIMULATION = "simulation.json"
@@ -60,7 +60,7 @@ def check_folders(folder: Path, letters: Sequence[str]) -> None:
     unknown = [name for name in found if name not in letters]
     if missing or unknown:
         said = [
-            f"{what}: {_listed(names)}"
+            f"{what}: {short_list(names, _LISTED, repr, ', ... and {} more')}"
             for what, names in (("missing", missing), ("unknown", unknown))
             if names
         ]
@@ -69,11 +69,6 @@ def check_folders(folder: Path, letters: Sequence[str]) -> None:
             f"(got {len(found)} folders; {'; '.join(said)}): add or remove them, or name other "
             "classes by letters=[...]"
         )
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f", ... and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return ", ".join(map(repr, names[:_LISTED])) + more
 
 
 def is_synthetic(folder: Path) -> bool:

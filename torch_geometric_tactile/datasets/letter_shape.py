@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, apply_transform
 from torch_geometric_tactile.data._file_state import file_state
@@ -359,11 +360,9 @@ def _layout(folder: Path, layout: TaxelLayout | PathLike | None) -> TaxelLayout:
 
 def _report(left_out: Sequence[str], folder: Path) -> None:
     if left_out:
-        more = len(left_out) - _NAMED
         _logger.warning(
-            "'%s': %d files or matrices are left out: %s%s",
+            "'%s': %d files or matrices are left out: %s",
             folder,
             len(left_out),
-            "; ".join(left_out[:_NAMED]),
-            f"; and {more} more" if more > 0 else "",
+            short_list(left_out, _NAMED, rest="; and {} more", joint="; "),
         )

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.io._array_order import arranged, parsed_order
-from torch_geometric_tactile.io._csv_table import shown
 from torch_geometric_tactile.io._field_file import read_fields
 from torch_geometric_tactile.io.bigs_format import (
     ARRAYS,
@@ -36,7 +36,7 @@ class BiGSFields:
     def where(self, key: str) -> str:
         r"""Returns file and field for messages."""
         names = " | ".join(self.stored[key].names) if key in self.stored else key
-        return f"'{self.path}': '{key}'" + (f" (in {shown(names)})" if names != key else "")
+        return f"'{self.path}': '{key}'" + (f" (in {quoted(names)})" if names != key else "")
 
     def missing(self, key: str) -> ValueError:
         r"""Returns the error for a field that is not there."""
@@ -47,7 +47,7 @@ class BiGSFields:
             )
         return ValueError(
             f"{self.where(key)} must be there (got a file with "
-            f"{', '.join(map(shown, self.names)) or 'nothing'}): state its name, as in "
+            f"{', '.join(map(quoted, self.names)) or 'nothing'}): state its name, as in "
             f"fields={{'{key}': 'NAME'}} or --field {key}=NAME"
         )
 

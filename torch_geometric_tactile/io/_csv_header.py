@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile.io._csv_table import is_number, shown
+from torch_geometric_tactile._texts import quoted
+from torch_geometric_tactile.io._csv_table import is_number
 
 _TIME = re.compile(r"(?:time|timestamp|t)(?:_(s|ms|us|ns))?", re.ASCII)
 # Times whose unit is not known, and numbers of frames.
@@ -56,7 +57,7 @@ def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -
         unnamed = (column == 1 and not name) or re.fullmatch(r"Unnamed: [0-9]+", name)
         if unnamed and len(names) > 1 and name not in ignore:
             raise ValueError(
-                f"'{path}', line 1 must name column {column} (got {shown(name)}, as above the "
+                f"'{path}', line 1 must name column {column} (got {quoted(name)}, as above the "
                 "index of pandas): write the file with to_csv(index=False), or name the column"
             )
 
@@ -65,7 +66,7 @@ def refuse_twice(path: Path, names: Sequence[str]) -> None:
     r"""Checks that all columns have names of their own."""
     twice = [name for name, number in Counter(names).items() if number > 1]
     if twice:
-        raise ValueError(f"'{path}' must name each column once (got {shown(twice[0])} twice)")
+        raise ValueError(f"'{path}' must name each column once (got {quoted(twice[0])} twice)")
 
 
 def time_unit(name: str) -> str | None:
@@ -107,7 +108,7 @@ def cell_to_seconds(path: Path, line: int, cell: str, unit: str) -> float:
         seconds = float(f"{cell}e-{_PLACES[unit]}")
     if abs(seconds) > _LATEST:
         raise ValueError(
-            f"'{path}', line {line}: 'time' must be in {unit} (got {shown(cell)}, after the year "
+            f"'{path}', line {line}: 'time' must be in {unit} (got {quoted(cell)}, after the year "
             "5000): name the column time_ms, time_us or time_ns if that is its unit"
         )
     return seconds

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
+
 # With these a spreadsheet program takes a cell for a formula, and runs it; also as wide characters.
 _FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 _SEPARATOR = re.compile(r"[;\t|]")
-_MOST_SHOWN = 60
 
 
 def safe_cell(text: str) -> str:
@@ -27,14 +28,6 @@ def safe_cell(text: str) -> str:
     if text.startswith(("\t", "\r", "\n")) or text.lstrip().startswith(_FORMULA):
         return f"'{text}"
     return text
-
-
-def shown(text: str) -> str:
-    r"""Returns a text of a file for a message: in quotes, not too long, and without characters that
-    a terminal would obey.
-    """
-    short = text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
-    return f"'{short}'" if short.isprintable() else ascii(short)
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -66,7 +59,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                 if len(row) == 1 and not is_number(row[0]) and _SEPARATOR.search(row[0]):
                     raise ValueError(
                         f"'{path}', line {last} must have cells that are separated by commas (got "
-                        f"{shown(row[0])})"
+                        f"{quoted(row[0])})"
                     )
                 yield last, row
     except (csv.Error, UnicodeDecodeError) as error:
@@ -113,8 +106,8 @@ def csv_numbers(
     if len(infinite):
         column = places[int(infinite[0])]
         raise ValueError(
-            f"'{path}', line {line}, column {column + 1}: {shown(names[column])} must be finite, "
-            f"or empty where it is missing (got {shown(row[column])})"
+            f"'{path}', line {line}, column {column + 1}: {quoted(names[column])} must be finite, "
+            f"or empty where it is missing (got {quoted(row[column])})"
         )
     return numbers
 
@@ -136,6 +129,6 @@ def _number(path: Path, line: int, column: int, cell: str, name: str) -> float:
     if is_number(cell):
         return float(cell)
     raise ValueError(
-        f"'{path}', line {line}, column {column + 1}: {shown(name)} must be a number "
-        f"(got {shown(cell)})"
+        f"'{path}', line {line}, column {column + 1}: {quoted(name)} must be a number "
+        f"(got {quoted(cell)})"
     )

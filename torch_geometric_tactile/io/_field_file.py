@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION, TEXT_BYTES
 from torch_geometric_tactile.io._hdf5_arrays import read_rows
 from torch_geometric_tactile.io._hdf5_checks import (
-    MAX_BYTES,
-    MAX_EXPANSION,
     check_hard_link,
     check_storage,
     hdf5_file,
@@ -23,7 +22,6 @@ from torch_geometric_tactile.io._hdf5_file import opened, require_h5py
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 
 _MOST_LISTED = 12
-_MOST_TEXT = 2**16  # bytes of one text
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz"}
 
 
@@ -57,7 +55,7 @@ def read_fields(path: Path, wanted: Iterable[str]) -> Fields:
 def _hdf5_fields(path: Path, wanted: Iterable[str]) -> Fields:
     require_h5py()
     found: dict[str, np.ndarray] = {}
-    left = max(MAX_BYTES, MAX_EXPANSION * path.stat().st_size)
+    left = max(ARRAY_BYTES, HDF5_EXPANSION * path.stat().st_size)
     with opened(hdf5_file(path), "r") as file:
         for name in dict.fromkeys(wanted):
             place, is_attribute, attribute = name.partition("@")
@@ -87,7 +85,7 @@ def _attribute(path: Path, attrs: Any, name: str, attribute: str) -> np.ndarray:
     stored = attrs.get_id(attribute)
     _check_type(path, name, stored.get_type())
     size = stored.get_type().get_size() * math.prod(stored.shape or ())
-    if stored.shape is None or size > _MOST_TEXT:
+    if stored.shape is None or size > TEXT_BYTES:
         raise ValueError(f"'{path}' must hold one value in '{name}' (got {size} bytes)")
     return _plain(path, name, attrs[attribute])
 
@@ -139,7 +137,7 @@ def _plain(path: Path, name: str, value: Any) -> np.ndarray:
         return array
     texts = [item.decode() if isinstance(item, bytes) else item for item in array.ravel().tolist()]
     longest = max((len(text) for text in texts if isinstance(text, str)), default=0)
-    if not all(isinstance(text, str) for text in texts) or longest * len(texts) * 4 > MAX_BYTES:
+    if not all(isinstance(text, str) for text in texts) or longest * len(texts) * 4 > ARRAY_BYTES:
         raise ValueError(f"'{path}' must hold short texts in '{name}' (got others)")
     return np.array(texts, dtype=str).reshape(array.shape)
 

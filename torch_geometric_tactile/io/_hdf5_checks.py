@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION
 from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
     GROUPS,
@@ -15,8 +16,6 @@ from torch_geometric_tactile.io._recording_schema import (
     missing_field,
 )
 
-MAX_EXPANSION = 100
-MAX_BYTES = 2**30
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
 
 
@@ -68,8 +67,8 @@ def check_storage(path: Path, dataset: Any, name: str) -> None:
             "are in other files): copy the data into the file"
         )
     block = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
-    if block > max(MAX_BYTES, path.stat().st_size):
-        raise ValueError(f"'{path}' must have blocks of at most {MAX_BYTES} bytes (got {block})")
+    if block > max(ARRAY_BYTES, path.stat().st_size):
+        raise ValueError(f"'{path}' must have blocks of at most {ARRAY_BYTES} bytes (got {block})")
     for index in range(created.get_nfilters()):
         code = created.get_filter(index)[0]
         if code not in _FILTERS:
@@ -85,7 +84,9 @@ def check_sizes(
     r"""Checks that frames were written and that there is a limit to what they take in memory, and
     returns this limit.
     """
-    limit = max(MAX_BYTES, MAX_EXPANSION * path.stat().st_size) if max_bytes is None else max_bytes
+    limit = (
+        max(ARRAY_BYTES, HDF5_EXPANSION * path.stat().st_size) if max_bytes is None else max_bytes
+    )
     total = 0
     for name, dataset in datasets.items():
         if num_frames > len(dataset):

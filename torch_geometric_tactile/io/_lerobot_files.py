@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.io._lerobot_features import require_pyarrow
 from torch_geometric_tactile.io._parquet_pages import check_pages
@@ -27,8 +28,6 @@ A LeRobot data set (v3.0) with touch, written by torch_geometric_tactile. `meta/
 its shape, labels and metadata.
 """
 
-_MOST_BYTES = 2**30
-_MOST_TIMES = 200
 _BYTES = 8  # of a value in memory, at most
 
 
@@ -150,7 +149,7 @@ def _chunks(file: Any, names: list[str] | None) -> list[Any]:
 
 
 def _check_size(path: Path, size: int, allow_large: bool) -> None:
-    if not allow_large and size > _MOST_BYTES and size > _MOST_TIMES * path.stat().st_size:
+    if not allow_large and is_absurd(size, path.stat().st_size, ARRAY_BYTES):
         raise ValueError(
             f"its tables would take {size / 2**30:.1f} GiB: pass allow_large=True if it is right"
         )

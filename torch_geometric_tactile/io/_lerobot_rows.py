@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from torch_geometric_tactile._limits import LEROBOT_TASKS
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.io._lerobot_features import require_pyarrow
 from torch_geometric_tactile.io._lerobot_files import is_list, num_rows, read_texts
 from torch_geometric_tactile.io._lerobot_own import read_object
 
-_MOST_TASKS = 1_000_000
 _Any = TypeVar("_Any")
 
 
@@ -146,8 +146,8 @@ def read_tasks(root: Path) -> dict[int, str]:
     path = root / "meta" / "tasks.parquet"
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; a LeRobot data set must have its tasks")
-    if num_rows(path) > _MOST_TASKS:
-        raise ValueError(f"'{path}' must hold at most {_MOST_TASKS} tasks (got {num_rows(path)})")
+    if num_rows(path) > LEROBOT_TASKS:
+        raise ValueError(f"'{path}' must hold at most {LEROBOT_TASKS} tasks (got {num_rows(path)})")
     table = read_texts(path, "task_index", ("task", "__index_level_0__"))
     numbers = integers(path, table, "task_index").tolist()
     if len(set(numbers)) < len(numbers) or table.column("text").null_count:

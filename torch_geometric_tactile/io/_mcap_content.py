@@ -6,11 +6,12 @@ import zlib
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile._limits import RECORD_BYTES
+
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 METADATA, DATA_END = 0x0C, 0x0F
 HEAD = struct.Struct("<BQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
-MOST_BYTES = 2**27  # that are read of a record, and that a chunk may become
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
@@ -118,7 +119,7 @@ def _chunk_records(content: bytes) -> Iterator[Record]:
     compression, place = _text(view, CHUNK_HEAD.size)
     (length,) = struct.unpack_from("<Q", content, place)
     packed = view[place + 8 : place + 8 + length]
-    if len(packed) < length or size > MOST_BYTES:
+    if len(packed) < length or size > RECORD_BYTES:
         raise Damaged("the length of a chunk is damaged")
     data = _unpacked(compression, packed, size)
     if len(data) != size or (crc and zlib.crc32(data) != crc):
@@ -165,7 +166,7 @@ def _zstd(packed: memoryview, size: int) -> bytes:
         raise Damaged("a chunk says two sizes")
     if not size:
         return b""
-    limit = zstandard.ZstdDecompressor(max_window_size=MOST_BYTES)
+    limit = zstandard.ZstdDecompressor(max_window_size=RECORD_BYTES)
     return bytes(limit.decompress(packed, max_output_size=size))
 
 

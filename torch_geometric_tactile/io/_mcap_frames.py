@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._limits import ARRAY_BYTES, EXPANSION, FRAME_BYTES
 from torch_geometric_tactile.io._mcap_schemas import FRAME, decode
 
-_MOST_BYTES = 2**30
-_MOST_TIMES = 200  # a hand that rests for long is packed to a hundredth
-_MOST_WIDTH = 64 * 2**20  # bytes of one frame
 _FIELDS = ("extra", "privileged")
 
 
@@ -60,7 +58,7 @@ class FrameRows:
     def __init__(self, expected: int, file_size: int, allow_large: bool) -> None:
         self.num_frames = 0
         self._expected = expected
-        self._limit = 2**63 if allow_large else max(_MOST_BYTES, _MOST_TIMES * file_size)
+        self._limit = 2**63 if allow_large else max(ARRAY_BYTES, EXPANSION * file_size)
         self._columns: dict[str, _Column] = {}
         self._widths: dict[str, int] = {}
         self._frame_bytes = 0
@@ -136,8 +134,8 @@ def _values(frame: Mapping[str, Any]) -> dict[str, np.ndarray]:
     for kind in _FIELDS:
         for signal in frame[kind]:
             out[f"{kind}/{signal.get('name', '')}"] = _signal(signal)
-    if sum(value.nbytes for value in out.values()) > _MOST_WIDTH:
-        raise ValueError(f"a frame must take at most {_MOST_WIDTH} bytes (got more)")
+    if sum(value.nbytes for value in out.values()) > FRAME_BYTES:
+        raise ValueError(f"a frame must take at most {FRAME_BYTES} bytes (got more)")
     return out
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+from torch_geometric_tactile._limits import RECORD_BYTES
 from torch_geometric_tactile.io._mcap_content import (
     CHANNEL,
     CHUNK,
@@ -25,7 +26,6 @@ from torch_geometric_tactile.io._mcap_content import (
     MESSAGE,
     MESSAGE_INDEX,
     METADATA,
-    MOST_BYTES,
     SCHEMA,
     Channel,
     Damaged,
@@ -144,7 +144,7 @@ def _next_record(file: BinaryIO) -> tuple[int, bytes]:
     if len(head) < HEAD.size:
         raise Damaged("it is truncated")
     kind, length = HEAD.unpack(head)
-    if length > MOST_BYTES:
+    if length > RECORD_BYTES:
         raise Damaged("a length is absurd")
     content = file.read(length)
     if len(content) < length:
@@ -160,7 +160,7 @@ def _implausible(head: bytes, room: int) -> str:
         return "a record is damaged"
     if length > room - HEAD.size:
         return "a record is truncated or damaged"
-    return "a record is too large" if kind in _READ and length > MOST_BYTES else ""
+    return "a record is too large" if kind in _READ and length > RECORD_BYTES else ""
 
 
 def _crc_of(file: BinaryIO, length: int, crc: int) -> int:
@@ -209,7 +209,7 @@ def summary_records(path: Path) -> list[Record]:
         footer = file.read()
         start, _, crc = struct.unpack_from("<QQI", footer, HEAD.size)
         length = size - footer_size - start
-        if footer[0] != FOOTER or not 0 < length <= MOST_BYTES or not start:
+        if footer[0] != FOOTER or not 0 < length <= RECORD_BYTES or not start:
             return []
         file.seek(start)
         content = file.read(length)

@@ -14,8 +14,8 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-_MOST_BYTES = 2**30
-_MOST_TIMES = 200  # a hand that rests for long is packed to a hundredth
+from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
+
 _MOST_CHARACTER = 0x10FFFF
 _BLOCK = 2**24
 _SUFFIX = ".npy"
@@ -73,7 +73,7 @@ class NpzArrays:
             raise ValueError("something stands before its first part, as if two files were joined")
         total = sum(entry.file_size for entry in self._entries.values())
         stored = path.stat().st_size
-        if not allow_large and total > _MOST_BYTES and total > _MOST_TIMES * stored:
+        if not allow_large and is_absurd(total, stored, ARRAY_BYTES):
             raise ValueError(
                 f"its arrays would take {total / 2**30:.1f} GiB, {total // stored} times the file, "
                 "as in a file that is made to fill the memory: pass allow_large=True if it is right"

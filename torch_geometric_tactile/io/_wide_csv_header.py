@@ -5,8 +5,8 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.io._csv_header import time_unit
-from torch_geometric_tactile.io._csv_table import shown
 
 _Key = TypeVar("_Key", bound=Hashable)
 _AXES = ("x", "y", "z")
@@ -139,7 +139,7 @@ def not_understood(path: Path, name: str) -> ValueError:
         f"'{path}', line 1 must name the columns 'time', 'taxel_0_x', 'taxel_0_y', 'taxel_0_z', "
         "'taxel_1_x', ..., 'joint_0', ... in any order, with units 'time_ms', 'time_us', "
         "'time_ns', 'joint_0_deg', 'taxel_0_x_n', 'taxel_0_x_mn' or 'taxel_0_x_count' if they are "
-        f"not s, rad and as the sensor gives them (got {shown(name)}): rename the columns, or say "
+        f"not s, rad and as the sensor gives them (got {quoted(name)}): rename the columns, or say "
         "what they are with read_named_csv(path, tactile=..., num_channels=..., joint=..., "
         "time=...) or the same options of tactile convert"
     )
@@ -156,8 +156,8 @@ def _placed(path: Path, names: Sequence[str], keys: Mapping[int, _Key]) -> dict[
     for column, key in keys.items():
         if key in place:
             raise ValueError(
-                f"'{path}', line 1 must name each column once (got {shown(names[place[key]])} and "
-                f"{shown(names[column])})"
+                f"'{path}', line 1 must name each column once (got {quoted(names[place[key]])} and "
+                f"{quoted(names[column])})"
             )
         place[key] = column
     return place

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_header import refuse_twice
-from torch_geometric_tactile.io._csv_table import check_width, csv_rows, is_number, shown
+from torch_geometric_tactile.io._csv_table import check_width, csv_rows, is_number
 
 FINGERS = ("ff", "mf", "th")
 NUM_ELECTRODES = 24
@@ -86,7 +87,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
             _number(cell, where, name) for cell, name in zip(cells[1:], _COLUMNS[1:], strict=True)
         ]
         if numbers[0] not in (0.0, 1.0):
-            raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got {shown(cells[1])})")
+            raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got {quoted(cells[1])})")
         slipped.append(int(numbers[0]))
         reading.append(numbers[1:])
     if not reading:
@@ -101,8 +102,8 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
 
 def _number(cell: str, where: str, column: str) -> float:
     if not cell.strip() or not is_number(cell):
-        raise ValueError(f"{where}: '{column}' must be a number (got {shown(cell)})")
+        raise ValueError(f"{where}: '{column}' must be a number (got {quoted(cell)})")
     value = float(cell)
     if not abs(value) <= _HIGHEST:
-        raise ValueError(f"{where}: '{column}' must be finite (got {shown(cell)})")
+        raise ValueError(f"{where}: '{column}' must be finite (got {quoted(cell)})")
     return value

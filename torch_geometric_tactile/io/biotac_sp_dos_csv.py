@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_header import refuse_twice
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, shown
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
 from torch_geometric_tactile.io.biotac_sp_csv import FINGERS, NUM_ELECTRODES
 
 _RATE = 100.0  # frames per second
@@ -61,7 +62,7 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
             column = int(missing[0])
             raise ValueError(
                 f"'{path}', line {line}, column {column + 1}: '{header[column]}' must be a number "
-                f"(got {shown(row[column])})"
+                f"(got {quoted(row[column])})"
             )
         frames.append(numbers[places])
     if not frames:
@@ -80,7 +81,7 @@ def _check_header(path: Path, header: list[str]) -> None:
     if unknown:
         raise ValueError(
             f"'{path}' must have the columns '{_OWN[0]}' to '{_OWN[-1]}' only (got "
-            f"{shown(unknown[0])}): is it a file of another data set, or written with an index?"
+            f"{quoted(unknown[0])}): is it a file of another data set, or written with an index?"
         )
     missing = [name for name in expected if name not in header]
     if missing:

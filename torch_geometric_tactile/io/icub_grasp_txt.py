@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._csv_table import is_number, shown
+from torch_geometric_tactile.io._csv_table import is_number
 
 ICUB_FINGERS = ("thumb", "index", "middle", "ring", "little")
 NUM_ENCODERS = 9
@@ -80,7 +81,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
     lines = _lines(path)
     _, first = next(lines, (0, ""))
     if not is_number(first) or not first.strip() or float(first) != _HEAD:
-        raise ValueError(f"'{path}', line 1 must be -10000 (got {shown(first)})")
+        raise ValueError(f"'{path}', line 1 must be -10000 (got {quoted(first)})")
     columns: list[list[np.ndarray]] = [[] for _ in _LINES]
     for i, (line, text) in enumerate(lines):
         what, count = _LINES[i % len(_LINES)]
@@ -124,7 +125,7 @@ def _numbers(text: str, where: str, what: str, count: int) -> np.ndarray:
         raise ValueError(f"{where} must hold {count} numbers, {what} (got {len(cells)})")
     for cell in cells:
         if not is_number(cell) or not abs(float(cell)) < float("inf"):
-            raise ValueError(f"{where}: {what} must be finite numbers (got {shown(cell)})")
+            raise ValueError(f"{where}: {what} must be finite numbers (got {quoted(cell)})")
     return np.array([float(cell) for cell in cells])
 
 

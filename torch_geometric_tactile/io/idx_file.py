@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._limits import IDX_BYTES, is_absurd
 from torch_geometric_tactile._typing import PathLike
 
 _GZIP = b"\x1f\x8b"
-_MOST_BYTES = 2**27
-_MOST_TIMES = 200
 _MOST_DIMENSIONS = 4
 _BYTES = 0x08  # the code of unsigned bytes
 
@@ -66,7 +65,7 @@ def _array(read: Callable[[int], bytes], num_stored: int) -> np.ndarray:
         raise ValueError(f"it must have 1 to {_MOST_DIMENSIONS} dimensions (got {magic[3]})")
     shape = struct.unpack(f">{magic[3]}I", read(4 * magic[3]))
     count = math.prod(shape)
-    if count > _MOST_BYTES and count > _MOST_TIMES * num_stored:
+    if is_absurd(count, num_stored, IDX_BYTES):
         raise ValueError(f"it would take {count} bytes, {count // num_stored} times the file")
     numbers = read(count + 1)  # one more: to the end, where the checksum is compared
     if len(numbers) != count:

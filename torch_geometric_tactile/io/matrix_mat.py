@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._limits import MAT_BYTES, is_absurd
+from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._csv_table import shown
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _START = 128  # bytes of the file's header
@@ -26,8 +27,6 @@ _CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13
 _CLASSES |= {14: "i8", 15: "u8"}
 _COMPLEX, _LOGICAL = 0x08, 0x02
 _HEAD = 2**12  # bytes in which class, size and name are found
-_MOST_BYTES = 2**26
-_MOST_TIMES = 200
 
 
 class _Variable(NamedTuple):
@@ -172,20 +171,17 @@ def _chosen(variables: Sequence[_Variable], name: str | None) -> _Variable:
     if name is not None:
         found = [variable for variable in variables if variable.name == name]
         if len(found) != 1 or not found[0].is_numeric:
-            raise ValueError(f"it must have one numeric array '{name}' (got {_shown(names)})")
+            listed = short_list(names, 10, quoted, rest="")
+            raise ValueError(f"it must have one numeric array '{name}' (got {listed})")
         return found[0]
     found = [variable for variable in variables if variable.is_numeric and variable.name]
     if len(found) != 1:
-        numeric = _shown([variable.name for variable in found])
+        numeric = short_list([v.name for v in found], 10, quoted, rest="")
         if not found:
             numeric = f"none in {len(names)} variables"
         hint = ": name it by 'variable'" if found else ""
         raise ValueError(f"it must have one numeric array (got {numeric}){hint}")
     return found[0]
-
-
-def _shown(names: Sequence[str]) -> str:
-    return ", ".join(map(shown, names[:10])) or "none"
 
 
 def _numbers(variable: _Variable, size: tuple[int, ...], order: str, num_stored: int) -> np.ndarray:
@@ -206,7 +202,7 @@ def _numbers(variable: _Variable, size: tuple[int, ...], order: str, num_stored:
         raise ValueError(f"'{variable.name}' must hold real numbers (got complex or logical ones)")
     count = math.prod(shape)
     most = 2 * _HEAD + 8 * count
-    if most > _MOST_BYTES and most > _MOST_TIMES * num_stored:
+    if is_absurd(most, num_stored, MAT_BYTES):
         raise ValueError(f"'{variable.name}' would take {most} bytes, far more than the file")
     content = variable.content
     if variable.is_packed:

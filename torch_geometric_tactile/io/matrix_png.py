@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_LARGEST = 2**22  # bytes, with whatever a camera or program writes beside a small image
 _GREY = 0
 _COLORS = {2: "RGB", 3: "a palette", 4: "grey with transparency", 6: "RGB with transparency"}
 _DEPTHS = (8, 16)
@@ -47,9 +47,9 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; give the path of a PNG file")
-    if path.stat().st_size > _LARGEST:
+    if path.stat().st_size > PNG_BYTES:
         raise ValueError(
-            f"'{path}' must have {_LARGEST} bytes at most, as a small image has (got "
+            f"'{path}' must have {PNG_BYTES} bytes at most, as a small image has (got "
             f"{path.stat().st_size})"
         )
     data = path.read_bytes()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._texts import parse_json, printable
+from torch_geometric_tactile._texts import parse_json, printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata, Record, Schema
@@ -90,9 +90,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
 
 def told(problems: list[str]) -> str:
     r"""Returns the first few of some problems as one text."""
-    more = len(problems) - _MOST_TOLD
-    few = "; ".join(printable(problem) for problem in problems[:_MOST_TOLD])
-    return f"{few}; and {more} more" if more > 0 else few
+    return short_list(problems, _MOST_TOLD, printable, rest="; and {} more", joint="; ")
 
 
 @dataclass

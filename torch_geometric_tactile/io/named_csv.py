@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_header import (
@@ -20,7 +21,7 @@ from torch_geometric_tactile.io._csv_header import (
     warn_of_unit,
 )
 from torch_geometric_tactile.io._csv_header import time_unit as time_unit_of
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, is_number, shown
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, is_number
 from torch_geometric_tactile.io._recording_schema import checked_file
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
@@ -112,13 +113,13 @@ def read_named_csv(
     columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
     if columns.time is None and rate is None:
         raise ValueError(
-            f"'{path}' must have a column of the time (got {_few(columns.names)}): give its name "
+            f"'{path}' must have a column of the time (got {_listed(columns.names)}): give its name "
             "as 'time', or if there is none 'rate', the frames per second"
         )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
             f"'{path}' must have columns of readings for taxels of {num_channels} channels (got "
-            f"{len(columns.tactile)}: {_few([columns.names[i] for i in columns.tactile])})"
+            f"{len(columns.tactile)}: {_listed([columns.names[i] for i in columns.tactile])})"
         )
     numeric = [*columns.tactile, *columns.joint]
     numeric += [] if columns.time is None else [columns.time]
@@ -196,7 +197,7 @@ def _columns(
 
     def find(name: str) -> int:
         if name not in place:
-            raise ValueError(f"'{path}' must have the column '{name}' (got {_few(names)})")
+            raise ValueError(f"'{path}' must have the column '{name}' (got {_listed(names)})")
         return place[name]
 
     def find_all(argument: str, wanted: Sequence[str] | str) -> list[int]:
@@ -205,7 +206,7 @@ def _columns(
             found = [i for i, name in enumerate(names) if pattern.fullmatch(name)]
             if not found:
                 raise ValueError(
-                    f"'{argument}' must match whole names of columns of '{path}', {_few(names)} "
+                    f"'{argument}' must match whole names of columns of '{path}', {_listed(names)} "
                     f"(got {wanted!r}, which matches none)"
                 )
             return found
@@ -249,7 +250,7 @@ def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None
     times = [i for i, name in enumerate(names) if time_unit_of(name) and i not in used]
     if len(times) > 1:
         raise ValueError(
-            f"'{path}' must have one column of the time (got {_few([names[i] for i in times])}): "
+            f"'{path}' must have one column of the time (got {_listed([names[i] for i in times])}): "
             "give it as 'time', and the others as 'ignore'"
         )
     return times[0] if times else None
@@ -273,7 +274,7 @@ def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
 def _no_time(path: Path, column: int, name: str) -> ValueError:
     return ValueError(
         f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the time, "
-        f"one of {list(TIME_UNITS)} (got {shown(name)}): give it as 'time' or 'ignore'"
+        f"one of {list(TIME_UNITS)} (got {quoted(name)}): give it as 'time' or 'ignore'"
     )
 
 
@@ -282,7 +283,7 @@ def _refuse_count(path: Path, table: np.ndarray, names: Sequence[str]) -> None:
     if counts.any() and len(table) >= _SURELY_COUNTS:
         first = int(counts.argmax())
         raise ValueError(
-            f"'{path}' must have readings in column {shown(names[first])} (got "
+            f"'{path}' must have readings in column {quoted(names[first])} (got "
             f"{table[0, first]:g}, {table[1, first]:g}, {table[2, first]:g}, ..., which counts the "
             "frames): give it as 'ignore', or the readings as 'tactile'"
         )
@@ -290,7 +291,7 @@ def _refuse_count(path: Path, table: np.ndarray, names: Sequence[str]) -> None:
 
 def _no_name(path: Path, column: int, name: str) -> ValueError:
     return ValueError(
-        f"'{path}', line 1, column {column + 1} must be the name of a column (got {shown(name)}): "
+        f"'{path}', line 1, column {column + 1} must be the name of a column (got {quoted(name)}): "
         "write the names in the first line, or give num_taxels, num_channels and num_joints of a "
         "file without names"
     )
@@ -319,5 +320,5 @@ def _labels(path: Path, name: str, labels: Sequence[str]) -> dict[str, Any]:
     return {"privileged": {name: values}}
 
 
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(shown(name)[1:-1] for name in names[:6]) + (", ..." if len(names) > 6 else "")
+def _listed(names: Sequence[str]) -> str:
+    return short_list(names, 6, lambda name: quoted(name)[1:-1], rest=", ...") if names else ""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_table import shown
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
@@ -103,7 +103,7 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
     listed = texts.pop("arrays", None)
     if listed not in (None, json.dumps(sorted(content), ensure_ascii=False)):
         raise ValueError(
-            f"'{path}' holds no consistent recording: it must hold the arrays {shown(str(listed))} "
+            f"'{path}' holds no consistent recording: it must hold the arrays {quoted(str(listed))} "
             f"(got {sorted(content)}); write it anew"
         )
     return recording_from_fields(path, content, texts)

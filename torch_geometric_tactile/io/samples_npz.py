@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._csv_table import shown
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 
 #: The arrays of a file, and the names by which each is found.
@@ -82,14 +82,14 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         raise ValueError(f"'{path}' must hold labelled samples: {problem}")
     unknown = sorted(set(shapes) - set(_BY_NAME))
     if unknown:
-        _logger.warning("'%s': not used: %s", path, ", ".join(map(shown, unknown[:10])))
+        _logger.warning("'%s': not used: %s", path, ", ".join(map(quoted, unknown[:10])))
     return content
 
 
 def _problem(found: dict[str, list[str]], shapes: dict[str, tuple[int, ...]]) -> str:
     for key in ("x", "y"):
         if key not in found:
-            names = ", ".join(map(shown, sorted(shapes)[:10]))
+            names = ", ".join(map(quoted, sorted(shapes)[:10]))
             hint = " (a recording is not a data set: give its folder)" if "format" in shapes else ""
             return f"an array '{key}' is missing (got {names or 'no arrays'}){hint}"
     for key, same in found.items():

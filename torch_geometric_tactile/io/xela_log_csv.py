@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, shown
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
 from torch_geometric_tactile.io._recording_schema import checked_file
 
 _SEND_TIME, _NUMBER = "send time", "message number"
@@ -63,7 +64,7 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         if name not in names:
             raise ValueError(
                 f"'{path}' must have the column '{name.capitalize()}', as a log of xela_log (got "
-                f"{', '.join(map(shown, header[:3]))})"
+                f"{', '.join(map(quoted, header[:3]))})"
             )
     time_column, number_column = names.index(_SEND_TIME), names.index(_NUMBER)
     reading_columns = _reading_columns(path, names, force=False)
@@ -75,13 +76,13 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
         )
     if not reading_columns and not force_columns:
         raise ValueError(
-            f"'{path}' must have the column '1X' (got {', '.join(map(shown, header[:6]))})"
+            f"'{path}' must have the column '1X' (got {', '.join(map(quoted, header[:6]))})"
         )
     clocks = [i for i, name in enumerate(names) if name in _CLOCKS]
     read = [*clocks, *reading_columns, *force_columns]
     unread = sorted({*range(len(header))} - {*read})
     if unread:
-        some = ", ".join(shown(header[i]) for i in unread[:6])
+        some = ", ".join(quoted(header[i]) for i in unread[:6])
         _logger.warning("'%s' has columns that are not read: %s", path, some)
     measured = [*reading_columns, *force_columns]
     columns = force_columns if forces else reading_columns
@@ -151,7 +152,7 @@ def _refuse_twice(path: Path, names: list[str], header: list[str]) -> None:
         key = name if match is None else (match[1], int(match[2]), match[3])
         if key in keys:
             raise ValueError(
-                f"'{path}', line 1 must name each column once (got {shown(cell)} twice)"
+                f"'{path}', line 1 must name each column once (got {quoted(cell)} twice)"
             )
         keys.add(key)
 

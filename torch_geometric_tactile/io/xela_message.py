@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.io._csv_table import shown
+from torch_geometric_tactile._texts import quoted as shown
 
 _WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
 _HIGHEST = 0xFFFF

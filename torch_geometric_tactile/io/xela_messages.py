@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import quoted as shown
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_table import shown
 from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.xela_message import (
     XELA_VERSION,

@@ -10,8 +10,9 @@ from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
+from torch_geometric_tactile._limits import VIEWER_MESSAGE_BYTES
+
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
-_LARGEST_MESSAGE = 1024  # bytes that a client may send at once
 
 
 class WebServer:
@@ -91,7 +92,7 @@ class WebServer:
             sock=listening,
             process_request=self._answer,
             compression=None,
-            max_size=_LARGEST_MESSAGE,
+            max_size=VIEWER_MESSAGE_BYTES,
             close_timeout=self._closing,
             server_header=None,
             logger=quiet,

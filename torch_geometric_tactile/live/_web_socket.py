@@ -8,9 +8,10 @@ from collections import deque
 from contextlib import suppress
 from typing import Any
 
+from torch_geometric_tactile._limits import SENSOR_MESSAGE_BYTES
+
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _PIECE = 1 << 16  # bytes of one read
-_LARGEST = 1 << 24  # bytes of a message
 _SAME = 0.95  # part of a time-out that is as good as the whole of it
 _CLOSE = 0.5  # seconds that a goodbye may take
 
@@ -48,7 +49,7 @@ class WebSocket:
         uri = self._uri
         self._timeout = math.inf
         self._socket = socket.create_connection((uri.host, uri.port), timeout=timeout)
-        self._protocol = ClientProtocol(uri, max_size=_LARGEST)
+        self._protocol = ClientProtocol(uri, max_size=SENSOR_MESSAGE_BYTES)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             if uri.secure:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.recording import UNITS
@@ -105,11 +105,8 @@ def _joint_lines(recording: Recording) -> list[str]:
 
 
 def _indices(indices: np.ndarray) -> str:
-    if len(indices) == 0:
-        return "none"
-    names = ", ".join(str(i) for i in indices[:_MOST_NAMES])
-    more = f" and {len(indices) - _MOST_NAMES} more" if len(indices) > _MOST_NAMES else ""
-    return f"{len(indices)}: {names}{more}"
+    count = f"{len(indices)}: " if len(indices) else ""
+    return count + short_list(indices.tolist(), _MOST_NAMES)
 
 
 def _shortened(value: object) -> str:

@@ -3,24 +3,16 @@ r"""Checks of plain data, such as JSON, that somebody else may have written."""
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from torch_geometric_tactile._texts import short_repr
+
 MOST_TAXELS = 1_000_000
-_MOST_LETTERS = 60
 LARGEST = 1e18  # of a number: far beyond any length or angle, and within float32
-
-
-def shown(value: Any) -> str:
-    r"""Returns a value for a message, cut where it is long."""
-    try:
-        text = repr(value)
-    except (RecursionError, ValueError):  # nested deeply, or a number that Python does not print
-        return f"a {type(value).__name__}"
-    return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS - 3]}..."
 
 
 def need_mapping(value: Any, what: str) -> None:
     r"""Checks that a value is an object of names and values."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise ValueError(f"{what} must be a JSON object (got {shown(value)})")
+        raise ValueError(f"{what} must be a JSON object (got {short_repr(value)})")
 
 
 def need_key(item: Any, key: str, what: str) -> Any:
@@ -34,7 +26,7 @@ def need_key(item: Any, key: str, what: str) -> Any:
 def need_list(value: Any, what: str) -> list[Any] | tuple[Any, ...]:
     r"""Returns a value that is a list."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{what} must be a list (got {shown(value)})")
+        raise ValueError(f"{what} must be a list (got {short_repr(value)})")
     return value
 
 
@@ -48,14 +40,14 @@ def only_keys(item: Mapping[str, Any], known: Collection[str], what: str) -> Non
     unknown = next((key for key in item if key not in known), None)
     if unknown is not None:
         raise ValueError(
-            f"{what} must have no other keys than {', '.join(known)} (got {shown(unknown)})"
+            f"{what} must have no other keys than {', '.join(known)} (got {short_repr(unknown)})"
         )
 
 
 def need_text(value: Any, what: str) -> None:
     r"""Checks that a value is a text that can be written to a file."""
     if not isinstance(value, str):
-        raise ValueError(f"{what} must be a text (got {shown(value)})")
+        raise ValueError(f"{what} must be a text (got {short_repr(value)})")
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
@@ -65,11 +57,11 @@ def need_text(value: Any, what: str) -> None:
 def need_texts(values: Any, what: str, may_repeat: bool = False) -> None:
     r"""Checks that a value is a list of texts."""
     if not isinstance(values, list | tuple):
-        raise ValueError(f"{what} must be a list of texts (got {shown(values)})")
+        raise ValueError(f"{what} must be a list of texts (got {short_repr(values)})")
     for value in values:
         need_text(value, f"each of {what}")
     if not may_repeat and len(set(values)) < len(values):
-        raise ValueError(f"{what} must differ from one another (got {shown(values)})")
+        raise ValueError(f"{what} must differ from one another (got {short_repr(values)})")
 
 
 def is_number(value: Any) -> bool:

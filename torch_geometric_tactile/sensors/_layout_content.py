@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
     MOST_TAXELS,
     are_numbers,
@@ -14,7 +15,6 @@ from torch_geometric_tactile.sensors._content_checks import (
     need_text,
     need_texts,
     only_keys,
-    shown,
 )
 from torch_geometric_tactile.sensors.patches import expand_patches
 
@@ -101,7 +101,9 @@ def _adjacency(named: Any, num_taxels: int) -> dict[str, Tensor]:
             raise ValueError(f"{what} must be a list of pairs of taxels, whole numbers")
         wrong = next((pair for pair in pairs if not 0 <= min(pair) <= max(pair) < num_taxels), None)
         if wrong is not None:
-            raise ValueError(f"{what} must join taxels 0 to {num_taxels - 1} (got {shown(wrong)})")
+            raise ValueError(
+                f"{what} must join taxels 0 to {num_taxels - 1} (got {short_repr(wrong)})"
+            )
         out[name] = torch.tensor(pairs, dtype=torch.long).view(-1, 2).t()
     return out
 
@@ -142,22 +144,22 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
         place = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
         if not isinstance(taxel, Mapping) or not are_numbers(place, 2, 3):
             raise ValueError(
-                f"taxel {i} must have a 'pos' of two or three numbers (got {shown(place)})"
+                f"taxel {i} must have a 'pos' of two or three numbers (got {short_repr(place)})"
             )
         only_keys(taxel, _TAXEL_KEYS, f"taxel {i}")
         if "normal" in taxel and not are_numbers(taxel["normal"], 3):
             raise ValueError(
-                f"'normal' of taxel {i} must be three numbers (got {shown(taxel['normal'])})"
+                f"'normal' of taxel {i} must be three numbers (got {short_repr(taxel['normal'])})"
             )
         tangent = taxel.get("tangent", ([0.0] * 3,) * 2)
         is_pair = isinstance(tangent, list | tuple) and len(tangent) == 2
         if not is_pair or not all(are_numbers(axis, 3) for axis in tangent):
             raise ValueError(
-                f"'tangent' of taxel {i} must be two axes of three numbers (got {shown(tangent)})"
+                f"'tangent' of taxel {i} must be two axes of three numbers (got {short_repr(tangent)})"
             )
         if "cell" in taxel and not are_whole(taxel["cell"], 2):
             raise ValueError(
-                f"'cell' of taxel {i} must be a row and a column (got {shown(taxel['cell'])})"
+                f"'cell' of taxel {i} must be a row and a column (got {short_repr(taxel['cell'])})"
             )
         dims.add(len(taxel["pos"]))
     if len(dims) > 1:

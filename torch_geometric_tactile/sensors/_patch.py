@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
     are_numbers,
     are_whole,
@@ -16,7 +17,6 @@ from torch_geometric_tactile.sensors._content_checks import (
     need_list,
     need_text,
     only_keys,
-    shown,
 )
 
 _PATCH_KEYS = ("name", "digit", "link", "shape", "origin", "cell", "column", "row")
@@ -39,7 +39,7 @@ class Patch:
         shape = need_key(patch, "shape", what)
         if not is_named(shape, shapes):
             raise ValueError(
-                f"the shape of {what} must be one of {sorted(shapes)} (got {shown(shape)})"
+                f"the shape of {what} must be one of {sorted(shapes)} (got {short_repr(shape)})"
             )
         self.shape: Mapping[str, Any] = shapes[shape]
         for key in ("link", "digit"):
@@ -49,7 +49,7 @@ class Patch:
         self.cell = patch.get("cell")
         if self.cell is not None and not are_whole(self.cell, 2):
             raise ValueError(
-                f"'cell' of {what} must be a row and a column (got {shown(self.cell)})"
+                f"'cell' of {what} must be a row and a column (got {short_repr(self.cell)})"
             )
         self.start = start
         self.rows = _checked_rows(self.shape, shape)
@@ -151,12 +151,12 @@ def _checked_rows(shape: Mapping[str, Any], name: str) -> list[int]:
         or not all(is_whole(r) and r > 0 for r in rows)
     ):
         raise ValueError(
-            f"the rows of shape '{name}' must count at least one taxel each (got {shown(rows)})"
+            f"the rows of shape '{name}' must count at least one taxel each (got {short_repr(rows)})"
         )
     if any((max(rows) - row) % 2 for row in rows):
         raise ValueError(
             f"the rows of shape '{name}' must be all even or all odd, so that shorter ones "
-            f"are in the middle (got {shown(rows)})"
+            f"are in the middle (got {short_repr(rows)})"
         )
     return list(rows)
 
@@ -168,7 +168,7 @@ def _checked_across(shape: Mapping[str, Any], name: str, patch: Patch) -> set[Ce
         if not is_cell or not patch.has(tuple(cell)) or not patch.has((cell[0], cell[1] + 1)):
             raise ValueError(
                 f"'sparse_across' of shape '{name}' must list taxels with a neighbour to "
-                f"their right (got {shown(cell)})"
+                f"their right (got {short_repr(cell)})"
             )
     return {(row, column) for row, column in across}
 
@@ -178,16 +178,16 @@ def _checked_surface(shape: Mapping[str, Any], name: str) -> "_Surface":
     kind = need_key(shape, "kind", what)
     if not is_named(kind, _SURFACES):
         raise ValueError(
-            f"the kind of {what} must be one of {sorted(_SURFACES)} (got {shown(kind)})"
+            f"the kind of {what} must be one of {sorted(_SURFACES)} (got {short_repr(kind)})"
         )
     surface, sizes = _SURFACES[kind]
     only_keys(shape, ("kind", "rows", "sparse_across", *sizes), what)
     for size in sizes:
         value = need_key(shape, size, what)
         if not is_number(value):
-            raise ValueError(f"'{size}' of {what} must be a number (got {shown(value)})")
+            raise ValueError(f"'{size}' of {what} must be a number (got {short_repr(value)})")
         if value < 0:
-            raise ValueError(f"'{size}' of {what} must not be negative (got {shown(value)})")
+            raise ValueError(f"'{size}' of {what} must not be negative (got {short_repr(value)})")
         if value == 0 and size not in _MAY_BE_ZERO:
             raise ValueError(f"'{size}' of {what} must not be zero")
     return surface
@@ -195,7 +195,7 @@ def _checked_surface(shape: Mapping[str, Any], name: str) -> "_Surface":
 
 def _vector(value: Any, what: str) -> np.ndarray:
     if not are_numbers(value, 3):
-        raise ValueError(f"{what} must be three numbers (got {shown(value)})")
+        raise ValueError(f"{what} must be three numbers (got {short_repr(value)})")
     return np.array(value, dtype=float)
 
 
@@ -203,7 +203,7 @@ def _unit(value: Any, what: str) -> np.ndarray:
     vector = _vector(value, what)
     length = np.linalg.norm(vector)
     if length == 0:
-        raise ValueError(f"{what} must have a direction (got {shown(value)})")
+        raise ValueError(f"{what} must have a direction (got {short_repr(value)})")
     return vector / length
 
 

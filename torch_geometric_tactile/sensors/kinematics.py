@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._texts import read_json
+from torch_geometric_tactile._texts import read_json, short_repr
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.sensors._content_checks import need_text, only_keys, shown
+from torch_geometric_tactile.sensors._content_checks import need_text, only_keys
 from torch_geometric_tactile.sensors._pose_tables import (
     few_tables,
     link_tables,
@@ -159,7 +159,7 @@ class HandKinematics:
             raise ValueError("it must be a JSON object with the key 'joints'")
         only_keys(content, _KEYS, "a table of joints")
         if not isinstance(content["joints"], list | tuple):
-            raise ValueError(f"'joints' must be a list (got {shown(content['joints'])})")
+            raise ValueError(f"'joints' must be a list (got {short_repr(content['joints'])})")
         try:
             joints = [Joint(**joint) for joint in content["joints"]]
         except (TypeError, OverflowError) as error:

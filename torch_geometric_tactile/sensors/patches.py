@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
     are_whole,
     is_named,
@@ -12,7 +13,6 @@ from torch_geometric_tactile.sensors._content_checks import (
     need_list,
     need_mapping,
     only_keys,
-    shown,
 )
 from torch_geometric_tactile.sensors._patch import Edge, Patch
 
@@ -118,7 +118,9 @@ class _Join:
         self.ends = [_end(need_key(join, end, "a join"), patches) for end in ("from", "to")]
         self.kind: str = need_key(join, "kind", "a join")
         if not is_named(self.kind, _JOIN_KEYS):
-            raise ValueError(f"the kind of a join must be 'seam' or 'fan' (got {shown(self.kind)})")
+            raise ValueError(
+                f"the kind of a join must be 'seam' or 'fan' (got {short_repr(self.kind)})"
+            )
         only_keys(join, _JOIN_KEYS[self.kind], f"a {self.kind}")
         counts = [end.last + 1 - end.first for end in self.ends]
         if counts[0] != counts[1]:
@@ -129,14 +131,14 @@ class _Join:
         self.reverse = join.get("reverse", False)
         if not isinstance(self.reverse, bool):
             raise ValueError(
-                f"'reverse' of a join must be true or false (got {shown(self.reverse)})"
+                f"'reverse' of a join must be true or false (got {short_repr(self.reverse)})"
             )
         self.straight = -1
         if self.kind == "fan":
             self.straight = need_key(join, "straight", "a fan")
             if not is_whole(self.straight) or not 0 <= self.straight < counts[0]:
                 raise ValueError(
-                    f"'straight' of a fan must be 0 to {counts[0] - 1} (got {shown(self.straight)})"
+                    f"'straight' of a fan must be 0 to {counts[0] - 1} (got {short_repr(self.straight)})"
                 )
         # The most pairs that it stands for.
         self.most = counts[0] ** 2 if self.kind == "fan" else 3 * counts[0]
@@ -174,19 +176,19 @@ def _end(place: Any, patches: Mapping[str, Patch]) -> _End:
     if not isinstance(place, list | tuple) or len(place) not in (2, 4):
         raise ValueError(
             f"an end of a join must be [patch, side] or [patch, side, first, last] (got "
-            f"{shown(place)})"
+            f"{short_repr(place)})"
         )
     name, side, *part = place
     if not is_named(name, patches):
-        raise ValueError(f"a join must name patches (got {shown(name)})")
+        raise ValueError(f"a join must name patches (got {short_repr(name)})")
     if not is_named(side, _SIDES):
-        raise ValueError(f"the side of a join must be one of {_SIDES} (got {shown(side)})")
+        raise ValueError(f"the side of a join must be one of {_SIDES} (got {short_repr(side)})")
     count = patches[name].side_length(side)
     first, last = part or (0, count - 1)
     if not are_whole([first, last], 2) or not 0 <= first <= last < count:
         raise ValueError(
             f"the first and last taxel of a join's end must be from 0 to {count - 1} (got "
-            f"{shown(part)})"
+            f"{short_repr(part)})"
         )
     return _End(patches[name], side, first, last)
 
@@ -211,5 +213,5 @@ def _taxel(place: Any, patches: Mapping[str, Patch]) -> int:
         if patch.has((row, column)):
             return patch.taxel((row, column))
     raise ValueError(
-        f"a one-way edge must join taxels, as [patch, row, column] (got {shown(place)})"
+        f"a one-way edge must join taxels, as [patch, row, column] (got {short_repr(place)})"
     )

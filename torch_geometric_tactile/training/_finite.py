@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
+from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileModel
@@ -198,8 +199,7 @@ def _samples(index: Sequence[int], trials: Sequence[int]) -> str:
 
 
 def _listed(numbers: Sequence[int]) -> str:
-    text = ", ".join(str(i) for i in numbers[:_LISTED])
-    return text + (f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else "")
+    return short_list(numbers, _LISTED)
 
 
 def _trials(trial: Tensor | None, rows: Tensor) -> list[int]:

@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from torch_geometric_tactile._files import new_scratch_folder
+from torch_geometric_tactile._limits import CONFIG_BYTES
 
-_MAX_BYTES = 2**21
 _MAX_VALUES = 100_000
 _MAX_DEPTH = 50
 
@@ -105,8 +105,8 @@ def load_config(name: str) -> dict[str, Any]:
 def read_yaml(path: Path) -> Any:
     r"""Reads a YAML file of plain values, whoever wrote it."""
     with path.open("rb") as file:
-        text = file.read(_MAX_BYTES + 1)
-    problem = f"more than {_MAX_BYTES} bytes" if len(text) > _MAX_BYTES else ""
+        text = file.read(CONFIG_BYTES + 1)
+    problem = f"more than {CONFIG_BYTES} bytes" if len(text) > CONFIG_BYTES else ""
     content = None
     if not problem:
         try:
