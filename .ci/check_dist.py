@@ -13,7 +13,7 @@ NEEDED = (
     "configs/grasp_gcn_df.yaml",
     "experiments/tables.yaml",
     "live/taxel_maps/xela_allegro_368.json",
-    "live/viewer.html",
+    "live/_viewer/viewer.html",
     "reports/report.html",
     "sensors/chains/allegro_right.json",
     "sensors/layouts/biotac_sp.json",

@@ -3,7 +3,7 @@ import struct
 import numpy as np
 from viewer_pages import unpack
 
-from torch_geometric_tactile.live._viewer_message import pack_message
+from torch_geometric_tactile.live._viewer.message import pack_message
 
 
 def test_arrays_come_back_and_begin_at_a_multiple_of_four():

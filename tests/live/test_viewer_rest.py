@@ -1,6 +1,6 @@
 import numpy as np
 
-from torch_geometric_tactile.live._viewer_rest import ViewerRest
+from torch_geometric_tactile.live._viewer.rest import ViewerRest
 
 
 def reading(value, shape=(2, 1)):

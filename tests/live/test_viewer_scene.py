@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.live._viewer_scene import layout_scene, number_scene
+from torch_geometric_tactile.live._viewer.scene import layout_scene, number_scene
 from torch_geometric_tactile.sensors import (
     HandKinematics,
     TaxelLayout,

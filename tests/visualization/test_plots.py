@@ -7,6 +7,7 @@ import torch
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.sensors._views import facing_axes
 from torch_geometric_tactile.visualization import (
     layout_plane,
     plot_confusion,
@@ -16,7 +17,6 @@ from torch_geometric_tactile.visualization import (
     plot_roc,
     save_figure,
 )
-from torch_geometric_tactile.visualization.layout import facing_axes
 
 LAYOUT = grid(2, 3, pitch=0.002)
 

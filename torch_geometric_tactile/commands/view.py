@@ -85,7 +85,7 @@ def _show(stream: "Stream", viewer: "Viewer") -> None:
 
 def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
     # From the beginning, whenever a page is opened.
-    from torch_geometric_tactile.live._viewer_rest import ViewerRest
+    from torch_geometric_tactile.live._viewer.rest import ViewerRest
 
     rest = ViewerRest()
     for frame in stream:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.datasets._allegro_objects import PAPER_OBJECTS, PROPERTIES
 from torch_geometric_tactile.datasets._grasp_targets import (
     GRASP_TARGETS,
     grasp_target,
@@ -12,7 +13,6 @@ from torch_geometric_tactile.datasets._grasp_targets import (
 )
 from torch_geometric_tactile.datasets._object_labels import ObjectLabels
 from torch_geometric_tactile.datasets._trial import Trial, checked_labels, checked_names
-from torch_geometric_tactile.sim import PROPERTIES, paper8
 
 
 class AllegroLabels(ObjectLabels):
@@ -22,9 +22,9 @@ class AllegroLabels(ObjectLabels):
 
     def object_names(self, trials: Sequence[Trial]) -> list[str]:
         r"""Returns the names of the objects: those of the papers in their order, then others."""
-        known = [item.name for item in paper8()]
         found = super().object_names(trials)
-        return [name for name in known if name in found] + [n for n in found if n not in known]
+        known = [name for name in PAPER_OBJECTS if name in found]
+        return known + [name for name in found if name not in known]
 
     def properties(self, trial: Trial) -> tuple[tuple[str, ...], tuple[int, ...]] | None:
         r"""Returns names and values of the properties of a trial, if they are known."""
@@ -32,8 +32,8 @@ class AllegroLabels(ObjectLabels):
         if trial.meta.get("label_names") is not None:
             names = checked_names(trial, "label_names")
         if trial.meta.get("labels") is None or sorted(names) != sorted(PROPERTIES):
-            known = {item.name: item.labels for item in paper8()}.get(trial.object_name or "")
-            return None if known is None else (PROPERTIES, known)
+            has = PAPER_OBJECTS.get(trial.object_name or "")
+            return None if has is None else (PROPERTIES, tuple(int(p in has) for p in PROPERTIES))
         labels = checked_labels(trial, names)
         values = {name: labels[names.index(name)] for name in PROPERTIES}
         for first, other in zip(PROPERTIES[::2], PROPERTIES[1::2], strict=True):
@@ -62,5 +62,5 @@ class AllegroLabels(ObjectLabels):
         return (
             f"the properties of {list(unknown)} are unknown: give 0 or 1 for each of "
             f"{list(PROPERTIES)} as 'labels' in the metadata of their recordings, name them as "
-            f"one of {[item.name for item in paper8()]}, or choose task='object'"
+            f"one of {list(PAPER_OBJECTS)}, or choose task='object'"
         )

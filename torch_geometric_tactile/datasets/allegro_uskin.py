@@ -8,11 +8,11 @@ from torch import Tensor
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets._allegro_labels import AllegroLabels
+from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES
 from torch_geometric_tactile.datasets._grasp_targets import GRASP_TARGETS
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
-from torch_geometric_tactile.sim import PROPERTIES
 
 Task = Literal["object", "property", "shape", "width", "centre", "yaw"]
 _TASKS = ("object", "property", *GRASP_TARGETS)

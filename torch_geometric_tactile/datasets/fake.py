@@ -8,7 +8,6 @@ from torch import Tensor
 from torch_geometric_tactile._typing import Filter, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
-from torch_geometric_tactile.sim import simulate_grasps
 
 _SESSIONS = ("palm_down", "palm_side", "palm_45")
 
@@ -113,6 +112,8 @@ class FakeTactileDataset(StaticDataset):
         return data, names
 
     def _generate(self, offset: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        from torch_geometric_tactile.sim import simulate_grasps
+
         num_samples = self.num_test if offset else self.num_samples
         objects = min(self.num_objects, num_samples)
         grasps = simulate_grasps(

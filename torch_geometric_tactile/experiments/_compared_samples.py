@@ -49,7 +49,9 @@ def _score(comparison: Comparison, said: Judgement) -> float:
 
 
 def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
-    r"""Yields the header of a table with a row for each model, split and test sample, and its rows."""
+    r"""Yields the header of a table with a row for each model, split and test sample, and
+    its rows.
+    """
     dataset = comparison.run.plan.data.load()
     kinds = [kind for kind in KINDS if column_of(dataset, kind) is not None]
     y = column_of(dataset, "y")

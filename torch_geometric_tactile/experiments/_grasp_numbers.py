@@ -27,7 +27,9 @@ class Judged(NamedTuple):
 
 @dataclass(frozen=True)
 class Score:
-    r"""Mean and standard deviation over the seeds; NaN for one seed, whose deviation is not zero."""
+    r"""Mean and standard deviation over the seeds; NaN for one seed, whose deviation is not
+    zero.
+    """
 
     mean: float
     spread: float

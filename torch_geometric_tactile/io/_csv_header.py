@@ -81,7 +81,9 @@ def time_unit(name: str) -> str | None:
 
 
 def is_clock(name: str) -> bool:
-    r"""Tells whether a name is that of a time whose unit it does not say, or of a number of frames."""
+    r"""Tells whether a name is that of a time whose unit it does not say, or of a number of
+    frames.
+    """
     name = name.lower()
     return time_unit(name) is None and _CLOCK.fullmatch(name) is not None
 

@@ -24,7 +24,9 @@ def require_h5py() -> Any:
 
 @contextmanager
 def opened(path: Path, mode: str) -> Iterator[Any]:
-    r"""Opens a file, locked against other processes; what is changed in it is written as a whole."""
+    r"""Opens a file, locked against other processes; what is changed in it is written as a
+    whole.
+    """
     h5py = require_h5py()
     handle, release = _locked(path, exclusive=mode == "r+")
     try:

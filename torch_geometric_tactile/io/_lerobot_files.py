@@ -60,7 +60,9 @@ def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False
 
 
 def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
-    r"""Returns a column of numbers and one of texts of a Parquet file; equal texts are held once."""
+    r"""Returns a column of numbers and one of texts of a Parquet file; equal texts are held
+    once.
+    """
     pa = require_pyarrow()
 
     def find(file: Any) -> str:

@@ -19,7 +19,9 @@ _SLACK = 1e-3
 
 
 def regular_steps(time: np.ndarray, fps: float, whole: bool = False) -> np.ndarray:
-    r"""Returns the times of a regular clock that starts with the first frame, in seconds since it."""
+    r"""Returns the times of a regular clock that starts with the first frame, in seconds
+    since it.
+    """
     steps = (time[-1] - time[0]) * fps
     count = math.ceil(steps - _SLACK) if whole else math.floor(steps + _SLACK)
     return np.arange(count + 1) / fps

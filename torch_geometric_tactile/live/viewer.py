@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.live._viewer_client import ViewerClient
-from torch_geometric_tactile.live._viewer_page import ViewerPage
-from torch_geometric_tactile.live._viewer_screen import ViewerScreen
+from torch_geometric_tactile.live._viewer.client import ViewerClient
+from torch_geometric_tactile.live._viewer.page import ViewerPage
+from torch_geometric_tactile.live._viewer.screen import ViewerScreen
 from torch_geometric_tactile.live._web_server import WebServer
 
 if TYPE_CHECKING:

@@ -74,7 +74,9 @@ def analyze(
     seed: int = 0,
     name: str | None = None,
 ) -> Path:
-    r"""Analyses a predictor on labelled samples that it was not trained on, and returns the page."""
+    r"""Analyses a predictor on labelled samples that it was not trained on, and returns the
+    page.
+    """
     if frames < 2:
         raise ValueError(f"'frames' must be at least 2 (got {frames})")
     if predictor.task == "regression":

@@ -105,7 +105,9 @@ def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -
 
 
 def predicted(predictor: Predictor, samples: StaticDataset) -> Iterator[tuple[Tensor, StaticData]]:
-    r"""Yields the logits of some samples after the others, with the samples as the model saw them."""
+    r"""Yields the logits of some samples after the others, with the samples as the model
+    saw them.
+    """
     for index in torch.arange(len(samples)).split(_BATCH_SIZE):
         with torch.inference_mode():
             data = predictor.prepare_samples(samples.batch(index))

@@ -33,7 +33,9 @@ class BigsRun(NamedTuple):
 
 
 def run_bigs(out: PathLike, *, grasps: int | None = None, seed: int = 0, jobs: int = 1) -> BigsRun:
-    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` with a progress bar on the terminal."""
+    r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` with a progress bar on the
+    terminal.
+    """
     start = time.monotonic()
     total = BIGS_GRASPS if grasps is None else grasps
     held = 0

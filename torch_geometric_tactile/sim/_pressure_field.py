@@ -24,7 +24,9 @@ class FieldSampling:
     def cells(
         self, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, tuple[slice, slice]]:
-        r"""Returns the middles of the cells that a box touches, along both axes, and their numbers."""
+        r"""Returns the middles of the cells that a box touches, along both axes, and their
+        numbers.
+        """
         middles, parts = [], []
         for axis in range(2):
             number = self.weights[0][axis].shape[1]

@@ -182,7 +182,9 @@ def palm_path(
 
 
 def postures(rng: np.random.Generator, spread: GraspSpread) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns the joint angles of the open and of the closed hand in radians, each :math:`(16,)`."""
+    r"""Returns the joint angles of the open and of the closed hand in radians, each
+    :math:`(16,)`.
+    """
     start = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
     return start, np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
 

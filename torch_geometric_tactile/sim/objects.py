@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
-#: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
-PROPERTIES = ("light", "heavy", "hard", "soft", "non-slippery", "slippery")
+from torch_geometric_tactile.datasets._allegro_objects import PAPER_OBJECTS
 
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg
 _FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
@@ -96,16 +95,17 @@ def paper8() -> list[GraspObject]:
         >>> [item.name for item in paper8()][:3]
         ['plastic_tube', 'sponge', 'mayonnaise']
     """
-    return [
-        _object("plastic_tube", "cylinder", (56, 170, 56), "light soft slippery"),
-        _object("sponge", "box", (70, 115, 60), "light soft non-slippery"),
-        _object("mayonnaise", "ellipsoid", (68, 190, 68), "heavy soft slippery"),
-        _object("kitchen_paper", "cylinder", (90, 220, 90), "heavy soft non-slippery"),
-        _object("potato_chip_can", "cylinder", (74, 200, 74), "light hard slippery"),
-        _object("mango_replica", "ellipsoid", (80, 115, 80), "light hard non-slippery"),
-        _object("saran_wrap", "box", (50, 220, 50), "heavy hard slippery"),
-        _object("purse", "box", (60, 120, 85), "heavy hard non-slippery"),
-    ]
+    forms: dict[str, tuple[Shape, tuple[float, float, float]]] = {
+        "plastic_tube": ("cylinder", (56, 170, 56)),
+        "sponge": ("box", (70, 115, 60)),
+        "mayonnaise": ("ellipsoid", (68, 190, 68)),
+        "kitchen_paper": ("cylinder", (90, 220, 90)),
+        "potato_chip_can": ("cylinder", (74, 200, 74)),
+        "mango_replica": ("ellipsoid", (80, 115, 80)),
+        "saran_wrap": ("box", (50, 220, 50)),
+        "purse": ("box", (60, 120, 85)),
+    }
+    return [_object(name, *forms[name], " ".join(PAPER_OBJECTS[name])) for name in PAPER_OBJECTS]
 
 
 def control8() -> list[GraspObject]:

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors._views import facing_sides, pads_side_by_side
 from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,
@@ -22,15 +23,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_TIE = 1e-6  # relative difference below which two extents count as equal
-PAD_GAP = 0.3  # between pads, of the largest extent of one
-
 
 def layout_plane(layout: TaxelLayout) -> Tensor:
     r"""Projects the taxels onto the plane that faces the viewer of the pad, and pads on several
     links side by side in the order of their links, as the viewer shows them.
 
-    The plane of a pad is that of :func:`facing_axes`. The origin is that of the link frame; of
+    The mean normal of a pad points at the viewer; of the axes of the link frame, the two that are
+    farthest from it are to the right and up. The origin is that of the link frame; of
     several links, the lower left corner of the first pad is at the left.
 
     Args:
@@ -52,71 +51,6 @@ def layout_plane(layout: TaxelLayout) -> Tensor:
         places = layout.pos[mine].double() @ axes.T + (shift if len(pads) > 1 else 0.0)
         plane[mine] = (1e3 * places[:, :2]).to(plane.dtype)
     return plane
-
-
-def pads_side_by_side(layout: TaxelLayout) -> list[tuple[Tensor, Tensor, Tensor]]:
-    r"""Returns the taxels of each link :math:`(M)`, the axes of :func:`facing_axes`
-    :math:`(3, 3)`, and the shift in metres :math:`(3)` along them that sets the pads side by side.
-    """
-    assert layout.link is not None
-    pads = []
-    for link in layout.link.unique():
-        mine = (layout.link == link).nonzero().view(-1)
-        axes = facing_axes(layout.pos[mine], None if layout.normal is None else layout.normal[mine])
-        places = layout.pos[mine].double() @ axes.T
-        pads.append((mine, axes, places.amin(dim=0), places.amax(dim=0)))
-    gap = PAD_GAP * max(float((high - low).max()) for *_, low, high in pads)
-    found, edge = [], 0.0
-    for mine, axes, low, high in pads:
-        shift = -(low + high) / 2
-        shift[0] = edge - low[0]
-        found.append((mine, axes, shift))
-        edge += float(high[0] - low[0]) + gap
-    return found
-
-
-def facing_axes(pos: Tensor, normal: Tensor | None) -> Tensor:
-    r"""Returns the axes from which a pad is seen: to the right, up and towards the viewer.
-
-    The mean normal points at the viewer; without normals (or where they cancel) it is the direction
-    of least extent. Of the frame of the link, the axis closest to it is left out, and the others
-    are to the right and up, such that the view is never mirrored: :math:`x` and :math:`y` seen from
-    :math:`+z`, :math:`x` and :math:`z` from :math:`-y`.
-
-    Shapes:
-        - **pos:** Places of the taxels in metres :math:`(N, 3)`.
-        - **normal:** Their outward normals :math:`(N, 3)`.
-        - **output:** unit axes as rows of a rotation :math:`(3, 3)`, in double
-    """
-    toward = pos.new_zeros(3).double() if normal is None else normal.double().mean(dim=0)
-    if float(toward.norm()) <= 1e-3:
-        toward = _least_axis(pos.double() - pos.double().mean(dim=0))
-    toward = toward / toward.norm()
-    right = toward.new_zeros(3)
-    right[_shown(toward)[0]] = 1.0
-    right = right - (right @ toward) * toward
-    right = right / right.norm()
-    return torch.stack([right, torch.linalg.cross(toward, right), toward])
-
-
-def _shown(toward: Tensor) -> tuple[int, int]:
-    # The numbers of the frame's axes to the right and up.
-    out = 2 - _largest(toward.flip(0))  # z where components are equal
-    first, second = (out + 1) % 3, (out + 2) % 3
-    return (first, second) if float(toward[out]) > 0 else (second, first)
-
-
-def _largest(vector: Tensor) -> int:
-    return int(vector.abs().div(_TIE).round().argmax())
-
-
-def _least_axis(points: Tensor) -> Tensor:
-    value, vector = torch.linalg.eigh(points.T @ points)
-    least = vector[:, value <= value[0] + _TIE * value[-1]]
-    # Of the frame's axes projected onto the directions of least extent, the longest: unlike an
-    # eigenvector it has a sign, and stays the same where extents are equal.
-    candidates = (least @ least.T).flip(1)
-    return candidates[:, _largest(candidates.norm(dim=0))]
 
 
 def plot_layout(
@@ -201,7 +135,7 @@ def plot_layout(
 
 def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) -> None:
     pads = pads_side_by_side(layout)
-    shown = {_shown(axes[2]) for _, axes, _ in pads}
+    shown = {facing_sides(axes[2]) for _, axes, _ in pads}
     if len(shown) == 1:  # pads may be seen from different sides
         first, second = shown.pop()
         ax.set_xlabel(f"{'xyz'[first]} (mm)", fontsize=SMALL)

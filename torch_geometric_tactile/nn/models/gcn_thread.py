@@ -90,7 +90,9 @@ class GCNThread(Thread):
 
 
 def weight_like(edge_weight: OptTensor, x: Tensor) -> OptTensor:
-    r"""Returns edge weights in the precision of the node features, in which several layers compute."""
+    r"""Returns edge weights in the precision of the node features, in which several layers
+    compute.
+    """
     if edge_weight is None or not edge_weight.is_floating_point():
         return edge_weight
     return edge_weight.to(x.dtype)

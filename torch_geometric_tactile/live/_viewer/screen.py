@@ -11,9 +11,9 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live._viewer_message import pack_message
-from torch_geometric_tactile.live._viewer_rest import ViewerRest
-from torch_geometric_tactile.live._viewer_scene import Scene, layout_scene, number_scene
+from torch_geometric_tactile.live._viewer.message import pack_message
+from torch_geometric_tactile.live._viewer.rest import ViewerRest
+from torch_geometric_tactile.live._viewer.scene import Scene, layout_scene, number_scene
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live._viewer_message import pack_message
-from torch_geometric_tactile.live._viewer_scene import Scene
-from torch_geometric_tactile.live._viewer_screen import ViewerScreen
+from torch_geometric_tactile.live._viewer.message import pack_message
+from torch_geometric_tactile.live._viewer.scene import Scene
+from torch_geometric_tactile.live._viewer.screen import ViewerScreen
 
 _RATE = 30.0  # frames per second
 _LOOK = 1 / 120  # seconds between two looks for a new frame

@@ -133,7 +133,7 @@ def _hand(
     joint: np.ndarray | None,
     bodies: Sequence[Mapping[str, Any]],
 ) -> Scene:
-    from torch_geometric_tactile.visualization.hand import open_hand
+    from torch_geometric_tactile.sensors._views import open_hand
 
     kinematics.require_links(layout)
     number = {name: i for i, name in enumerate(kinematics.link_names)}
@@ -197,7 +197,7 @@ def _digit_labels(layout: "TaxelLayout", link: np.ndarray) -> list[dict[str, Any
 
 
 def _pads(layout: "TaxelLayout") -> Scene:
-    from torch_geometric_tactile.visualization.layout import PAD_GAP, pads_side_by_side
+    from torch_geometric_tactile.sensors._views import PAD_GAP, pads_side_by_side
 
     assert layout.link is not None
     used, link = np.unique(layout.link.numpy(), return_inverse=True)
