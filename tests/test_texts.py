@@ -1,6 +1,13 @@
 import pytest
 
-from torch_geometric_tactile._texts import markdown_text, parse_json, printable
+from torch_geometric_tactile._texts import (
+    markdown_text,
+    parse_json,
+    printable,
+    quoted,
+    short_list,
+    short_repr,
+)
 
 
 @pytest.mark.parametrize(
@@ -45,3 +52,28 @@ def test_parse_json_refuses(text, message):
 
 def test_parse_json_reads_what_json_has():
     assert parse_json('{"a": [1, -2.5e3, true, null, "x"]}') == {"a": [1, -2500.0, True, None, "x"]}
+
+
+def test_texts_of_files_are_cut_and_harmless():
+    assert quoted("cup") == "'cup'"
+    assert quoted("x" * 61) == f"'{'x' * 60}...'"
+    assert quoted("\x1b[2J") == r"'\x1b[2J'"
+
+
+def test_values_of_files_are_cut():
+    deep = []
+    for _ in range(100_000):
+        deep = [deep]
+    assert short_repr("cup") == "'cup'"
+    assert short_repr(list(range(99))) == f"{str(list(range(99)))[:57]}..."
+    assert short_repr(deep) == "a list"
+    assert short_repr(10**5000) == "a int"
+
+
+def test_a_short_list_tells_how_many_others_there_are():
+    names = ["a", "b", "c"]
+    assert short_list(names, 3) == "a, b, c"
+    assert short_list(names, 2) == "a, b and 1 more"
+    assert short_list(names, 1, repr, ", ... and {} more") == "'a', ... and 2 more"
+    assert short_list(names, 2, rest="; and {} more", joint="; ") == "a; b; and 1 more"
+    assert short_list([], 2) == "none"

@@ -28,7 +28,7 @@ def test_without_weights_there_is_the_room_only():
 
 
 def test_many_small_tensors_end_it_too(monkeypatch):
-    monkeypatch.setattr(allocation_limit, "_TENSORS", 3)
+    monkeypatch.setattr(allocation_limit, "MODEL_TENSORS", 3)
     with AllocationLimit([torch.zeros(50)]):
         for _ in range(7):
             torch.zeros(1)

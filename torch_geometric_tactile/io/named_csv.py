@@ -113,8 +113,8 @@ def read_named_csv(
     columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
     if columns.time is None and rate is None:
         raise ValueError(
-            f"'{path}' must have a column of the time (got {_listed(columns.names)}): give its name "
-            "as 'time', or if there is none 'rate', the frames per second"
+            f"'{path}' must have a column of the time (got {_listed(columns.names)}): give its "
+            "name as 'time', or if there is none 'rate', the frames per second"
         )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
@@ -250,8 +250,8 @@ def _time(path: Path, names: Sequence[str], used: set[int | None]) -> int | None
     times = [i for i, name in enumerate(names) if time_unit_of(name) and i not in used]
     if len(times) > 1:
         raise ValueError(
-            f"'{path}' must have one column of the time (got {_listed([names[i] for i in times])}): "
-            "give it as 'time', and the others as 'ignore'"
+            f"'{path}' must have one column of the time (got {_listed([names[i] for i in times])})"
+            ": give it as 'time', and the others as 'ignore'"
         )
     return times[0] if times else None
 

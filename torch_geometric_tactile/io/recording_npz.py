@@ -103,8 +103,8 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
     listed = texts.pop("arrays", None)
     if listed not in (None, json.dumps(sorted(content), ensure_ascii=False)):
         raise ValueError(
-            f"'{path}' holds no consistent recording: it must hold the arrays {quoted(str(listed))} "
-            f"(got {sorted(content)}); write it anew"
+            f"'{path}' holds no consistent recording: it must hold the arrays "
+            f"{quoted(str(listed))} (got {sorted(content)}); write it anew"
         )
     return recording_from_fields(path, content, texts)
 

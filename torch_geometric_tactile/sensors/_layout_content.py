@@ -155,7 +155,8 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
         is_pair = isinstance(tangent, list | tuple) and len(tangent) == 2
         if not is_pair or not all(are_numbers(axis, 3) for axis in tangent):
             raise ValueError(
-                f"'tangent' of taxel {i} must be two axes of three numbers (got {short_repr(tangent)})"
+                f"'tangent' of taxel {i} must be two axes of three numbers (got "
+                f"{short_repr(tangent)})"
             )
         if "cell" in taxel and not are_whole(taxel["cell"], 2):
             raise ValueError(

@@ -151,7 +151,8 @@ def _checked_rows(shape: Mapping[str, Any], name: str) -> list[int]:
         or not all(is_whole(r) and r > 0 for r in rows)
     ):
         raise ValueError(
-            f"the rows of shape '{name}' must count at least one taxel each (got {short_repr(rows)})"
+            f"the rows of shape '{name}' must count at least one taxel each (got "
+            f"{short_repr(rows)})"
         )
     if any((max(rows) - row) % 2 for row in rows):
         raise ValueError(

@@ -138,7 +138,8 @@ class _Join:
             self.straight = need_key(join, "straight", "a fan")
             if not is_whole(self.straight) or not 0 <= self.straight < counts[0]:
                 raise ValueError(
-                    f"'straight' of a fan must be 0 to {counts[0] - 1} (got {short_repr(self.straight)})"
+                    f"'straight' of a fan must be 0 to {counts[0] - 1} (got "
+                    f"{short_repr(self.straight)})"
                 )
         # The most pairs that it stands for.
         self.most = counts[0] ** 2 if self.kind == "fan" else 3 * counts[0]
