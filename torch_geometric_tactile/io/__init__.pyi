@@ -1,17 +1,22 @@
-from .anyskin import AnySkinDecoder
+from ._decoders.anyskin import AnySkinDecoder
+from ._decoders.decoder import Decoder, DecoderCounts
+from ._decoders.flexitac import FlexiTacDecoder
+from ._decoders.letter_array_packets import LetterArrayDecoder, encode_letter_array
+from ._decoders.m1616 import M1616Decoder
+from ._decoders.packets import CobsDecoder, encode_packet
+from ._decoders.paxini import PaXiniDecoder
+from ._decoders.protocols import PROTOCOLS, decoder_of
+from ._decoders.robotiq import RobotiqDecoder
+from ._decoders.text_rows import TextRowsDecoder
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
 from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
 from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
-from .decoder import Decoder, DecoderCounts
-from .flexitac import FlexiTacDecoder
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot
 from .lerobot_reader import read_lerobot
 from .lerobot_touch import add_to_lerobot
-from .letter_array_packets import LetterArrayDecoder, encode_letter_array
-from .m1616 import M1616Decoder
 from .matrix_csv import read_matrix_csv
 from .matrix_files import read_matrices
 from .matrix_mat import read_matrix_mat
@@ -20,16 +25,11 @@ from .matrix_png import read_matrix_png
 from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
-from .packets import CobsDecoder, encode_packet
-from .paxini import PaXiniDecoder
-from .protocols import PROTOCOLS, decoder_of
 from .recording_files import read_recording, recording_format, write_recording
 from .recording_hdf5 import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
 from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
-from .robotiq import RobotiqDecoder
 from .samples_npz import read_samples_npz
-from .text_rows import TextRowsDecoder
 from .wide_csv import read_wide_csv, write_wide_csv
 from .xela_live import parse_xela_text
 from .xela_log_csv import read_xela_log_csv

@@ -90,7 +90,7 @@ def _websocket(url: str, options: Mapping[str, Any]) -> Source:
 
 
 def _serial(port: str, options: Mapping[str, Any]) -> Source:
-    from torch_geometric_tactile.io.protocols import PROTOCOLS, decoder_of
+    from torch_geometric_tactile.io import PROTOCOLS, decoder_of
     from torch_geometric_tactile.live.serial_source import SerialSource
 
     settings = dict(options)

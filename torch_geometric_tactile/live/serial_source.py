@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoder import Decoder
+from torch_geometric_tactile.io import Decoder
 from torch_geometric_tactile.live.serial_port import SerialPort, find_again, find_port, list_ports
 from torch_geometric_tactile.live.source import Source
 

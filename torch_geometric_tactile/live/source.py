@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoder import DecoderCounts
+from torch_geometric_tactile.io import DecoderCounts
 
 
 class SourceEnded(EOFError):  # noqa: N818 - an end, not an error

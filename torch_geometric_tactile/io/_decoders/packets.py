@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._sequence_numbers import SequenceNumbers
-from torch_geometric_tactile.io.decoder import Decoder
+from torch_geometric_tactile.io._decoders.decoder import Decoder, SequenceNumbers
 
 PACKET_VERSION = 1
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"

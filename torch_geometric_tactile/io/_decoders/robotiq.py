@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._header_decoder import NONE, WAIT, HeaderDecoder
+from torch_geometric_tactile.io._decoders.decoder import NONE, WAIT, HeaderDecoder
 
 _HEADER = b"\x9a"
 _HEAD = 4  # header, check byte, command, length
@@ -75,7 +75,6 @@ class RobotiqDecoder(HeaderDecoder):
         if not 0.0005 < period < 0.2555:
             raise ValueError(f"'period' must be between 0.001 and 0.255 seconds (got {period})")
         self.num_fingers, self.period = num_fingers, period
-        self._sequence = -1
         self._extra = {
             name: np.full((num_fingers, _VALUES[kind]), np.nan, np.float32)
             for kind, name in _NAMES.items()
@@ -132,15 +131,13 @@ class RobotiqDecoder(HeaderDecoder):
         return frames
 
     def _frame(self, now: int) -> LiveFrame:
-        self._sequence += 1
-        self.counts.good += 1
         extra = {
             name: values[:, 0].copy() if values.shape[1] == 1 else values.copy()
             for name, values in self._extra.items()
         }
         tactile, device_time = self._static.reshape(-1, 1), self._device_time
         self._clear()
-        return LiveFrame(self._sequence, now / 1e9, now, device_time, tactile, None, extra)
+        return self._good_frame(now, tactile, None, device_time, **extra)
 
 
 def _may_hold_header(data: bytes) -> bool:

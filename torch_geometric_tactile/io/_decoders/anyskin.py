@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoder import Decoder
+from torch_geometric_tactile.io._decoders.decoder import Decoder
 
 _END = b"\r\n"
 _LOOK_AHEAD = 4  # frames in a row that may be damaged before their places are forgotten
@@ -61,11 +61,9 @@ class AnySkinDecoder(Decoder):
             )
         self.num_magnetometers = num_magnetometers
         self.stride = 16 * num_magnetometers + len(_END)
-        self._sequence = -1
         self._buffer, self._begin = b"", 0
         self._looked = 0  # up to where terminators were looked for
         self._in_place = True  # whether the next frame is expected where the buffer begins
-        self._missing = 0  # bytes since the last frame
 
     @property
     def layout(self) -> str | None:
@@ -134,13 +132,8 @@ class AnySkinDecoder(Decoder):
             return True
 
     def _frame(self, values: np.ndarray, now: int) -> LiveFrame:
-        lost = round(self._missing / self.stride) if self._sequence >= 0 else 0
-        self._missing = 0
-        self._sequence += 1 + lost
-        self.counts.lost += lost
-        self.counts.good += 1
         temp, tactile = values[:, 0].astype(np.float32), values[:, 1:].astype(np.float32)
-        return LiveFrame(self._sequence, now / 1e9, now, None, tactile, None, {"temp": temp})
+        return self._good_frame(now, tactile, self.stride, temp=temp)
 
     def _skip(self, size: int) -> None:
         self._begin += size

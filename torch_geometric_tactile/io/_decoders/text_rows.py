@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.decoder import Decoder
-from torch_geometric_tactile.io.flexitac import checked_shape
+from torch_geometric_tactile.io._decoders.decoder import Decoder, checked_shape
 
 _TEXT = b"0123456789 \t\r\n"
 _LEADING = re.compile(rb"[\r\n]*")
@@ -46,8 +45,6 @@ class TextRowsDecoder(Decoder):
         super().__init__()
         self.shape = checked_shape(shape)
         self._longest = self.shape[0] * (5 * self.shape[1] + 2)  # of a frame, with some blanks
-        self._sequence = -1
-        self._missing = 0  # rows since the last frame
         self._buffer = b""
         self._whole = False  # whether an empty row came before what is in the buffer
         self._too_long = False
@@ -96,12 +93,7 @@ class TextRowsDecoder(Decoder):
                 )
             self._skip(block)
             return None
-        lost = round(self._missing / self.shape[0]) if self._sequence >= 0 else 0
-        self._missing = 0
-        self._sequence += 1 + lost
-        self.counts.lost += lost
-        self.counts.good += 1
-        return LiveFrame(self._sequence, now / 1e9, now, None, counts)
+        return self._good_frame(now, counts, self.shape[0])
 
     def _counts(self, block: bytes) -> np.ndarray | None:
         if len(block) > self._longest or block.translate(None, _TEXT):

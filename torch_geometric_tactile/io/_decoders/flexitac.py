@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._header_decoder import NONE, WAIT, HeaderDecoder
+from torch_geometric_tactile.io._decoders.decoder import NONE, WAIT, HeaderDecoder, checked_shape
 
 
 class FlexiTacDecoder(HeaderDecoder):
@@ -42,7 +42,6 @@ class FlexiTacDecoder(HeaderDecoder):
         super().__init__()
         self.shape = checked_shape(shape)
         self._length = len(self.header) + self.shape[0] * self.shape[1]
-        self._sequence = -1
 
     def _size(self, buffer: bytes, start: int) -> int:
         end = start + self._length
@@ -59,16 +58,5 @@ class FlexiTacDecoder(HeaderDecoder):
         return WAIT if self.header.startswith(told) else NONE
 
     def _read(self, packet: bytes, now: int) -> list[LiveFrame] | None:
-        lost = round(self._missing / self._length) if self._sequence >= 0 else 0
-        self._sequence += 1 + lost
-        self.counts.lost += lost
-        self.counts.good += 1
         counts = np.frombuffer(packet, np.uint8, offset=len(self.header)).astype(np.float32)
-        return [LiveFrame(self._sequence, now / 1e9, now, None, counts.reshape(-1, 1))]
-
-
-def checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    r"""Returns numbers of rows and columns, from 1 to 1024 each."""
-    if len(shape) != 2 or not all(1 <= size <= 1024 for size in shape):
-        raise ValueError(f"'shape' must be rows and columns, from 1 to 1024 each (got {shape})")
-    return int(shape[0]), int(shape[1])
+        return [self._good_frame(now, counts.reshape(-1, 1), self._length)]

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._header_decoder import NONE, WAIT, HeaderDecoder
+from torch_geometric_tactile.io._decoders.decoder import NONE, WAIT, HeaderDecoder
 
 _HEAD = 6  # bytes before the data: header, reserved, length of error code and data, error code
 _FORCE = 6  # bytes of the whole force of a module: x, y, z, of which the lower bytes are read
@@ -55,7 +55,6 @@ class PaXiniDecoder(HeaderDecoder):
             )
         self.points = tuple(map(int, points))
         self._length = sum(_FORCE + 3 * number for number in self.points)
-        self._sequence = -1
 
     def start(self) -> bytes:
         r"""Returns what asks the board to push frames."""
@@ -75,11 +74,6 @@ class PaXiniDecoder(HeaderDecoder):
             return None
         if len(packet) == _HEAD + 1:
             return []
-        size = _HEAD + self._length + 1
-        lost = round(self._missing / size) if self._sequence >= 0 else 0
-        self._sequence += 1 + lost
-        self.counts.lost += lost
-        self.counts.good += 1
         forces, readings, place = [], [], _HEAD
         for number in self.points:
             forces.append(_newtons(packet[place : place + _FORCE : 2]))
@@ -87,9 +81,8 @@ class PaXiniDecoder(HeaderDecoder):
             readings.append(_newtons(packet[place : place + 3 * number]))
             place += 3 * number
         error = np.array([packet[_HEAD - 1]], dtype=np.float32)
-        extra = {"force": np.concatenate(forces), "error": error}
-        tactile = np.concatenate(readings)
-        return [LiveFrame(self._sequence, now / 1e9, now, None, tactile, None, extra)]
+        tactile, force = np.concatenate(readings), np.concatenate(forces)
+        return [self._good_frame(now, tactile, len(packet), force=force, error=error)]
 
 
 def _newtons(data: bytes) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._header_decoder import WAIT, HeaderDecoder
+from torch_geometric_tactile.io._decoders.decoder import WAIT, HeaderDecoder
 
 _TAXELS = 256
 _SIZE = 3 + 2 * _TAXELS + 4
@@ -36,7 +36,6 @@ class M1616Decoder(HeaderDecoder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._sequence = -1
 
     def _size(self, buffer: bytes, start: int) -> int:
         # A header inside, or over the end, belongs to the next packet: this one lost bytes.
@@ -51,10 +50,6 @@ class M1616Decoder(HeaderDecoder):
     def _read(self, packet: bytes, now: int) -> list[LiveFrame] | None:
         if len(packet) != _SIZE:
             return None
-        lost = round(self._missing / _SIZE) if self._sequence >= 0 else 0
-        self._sequence += 1 + lost
-        self.counts.lost += lost
-        self.counts.good += 1
         counts = np.frombuffer(packet, ">u2", _TAXELS, len(self.header))
         tactile = counts.astype(np.float32).reshape(-1, 1)
-        return [LiveFrame(self._sequence, now / 1e9, now, None, tactile)]
+        return [self._good_frame(now, tactile, _SIZE)]

@@ -1,0 +1,1 @@
+r"""Decoders of what serial sensors send."""
