@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io import _lerobot_features as lerobot_features
 from torch_geometric_tactile.io import _lerobot_steps as lerobot_steps
 from torch_geometric_tactile.io import write_lerobot
 
@@ -14,7 +13,6 @@ from torch_geometric_tactile.io import write_lerobot
 def write_without_touch(recordings: Sequence[Recording], root: Path, fps: int) -> None:
     """Writes a data set whose readings have another name, without our file."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (lerobot_features, lerobot_steps):
-            patch.setattr(module, "TACTILE", "observation.other")
+        patch.setattr(lerobot_steps, "TACTILE", "observation.other")
         write_lerobot(recordings, root, fps=fps, task="pick")
     (Path(root) / "meta/tactile.json").unlink()

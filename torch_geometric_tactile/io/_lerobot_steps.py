@@ -1,21 +1,72 @@
-r"""The frames of a recording at the steps of a regular clock."""
+r"""What LeRobot data sets hold of touch: features, their values at the steps of a regular clock,
+and their statistics without the readings that are missing.
+"""
 
 import math
+import warnings
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._lerobot_features import (
-    FRAME_TIMES,
-    STATE,
-    STATE_FRAMES,
-    TACTILE,
-    TACTILE_FRAMES,
-)
+from torch_geometric_tactile.io._wide_csv_header import wide_csv_header
 
+TACTILE, STATE = "observation.tactile", "observation.state"
+TACTILE_FRAMES, STATE_FRAMES = f"{TACTILE}_frames", f"{STATE}_frames"
+FRAME_TIMES = f"{TACTILE_FRAMES}_time"
+INDICES = ("frame_index", "episode_index", "index", "task_index")
 # A step that lies on a frame but for rounding, as of times since 1970, is that frame's.
 _SLACK = 1e-3
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+
+Stats = dict[str, np.ndarray]
+
+
+def taxel_names(num_taxels: int, num_channels: int) -> list[str]:
+    r"""Returns the names of the readings of one frame, as in wide CSV.
+
+    Examples:
+        >>> taxel_names(2, 1)
+        ['taxel_0_x', 'taxel_1_x']
+
+    Shapes:
+        - **num_taxels:** Number of taxels :math:`N`.
+        - **num_channels:** Number of channels of a taxel :math:`C`.
+    """
+    return wide_csv_header(num_taxels, num_channels, 0)[1:]
+
+
+def shape_of_names(names: Any) -> tuple[int, int] | None:
+    r"""Returns the numbers of taxels and channels if the names are those of :func:`taxel_names`.
+
+    Examples:
+        >>> shape_of_names(["taxel_0_x", "taxel_0_y", "taxel_1_x", "taxel_1_y"])
+        (2, 2)
+    """
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return None
+    num_channels = sum(name.startswith("taxel_0_") for name in names)
+    if not num_channels or len(names) % num_channels:
+        return None
+    shape = (len(names) // num_channels, num_channels)
+    return shape if names == taxel_names(*shape) else None
+
+
+def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -> dict[str, Any]:
+    r"""Returns the description of a feature of one dimension."""
+    return {"dtype": dtype, "shape": [size], "names": names}
+
+
+def touch_features(recording: Recording, rows: int) -> dict[str, Any]:
+    r"""Returns the features of the readings."""
+    shape = (recording.num_taxels, recording.num_channels)
+    out = {TACTILE: feature(shape[0] * shape[1], taxel_names(*shape))}
+    if rows:
+        out[TACTILE_FRAMES] = feature(rows * shape[0] * shape[1])
+        out[FRAME_TIMES] = feature(rows)
+    return out
 
 
 def regular_steps(time: np.ndarray, fps: float, whole: bool = False) -> np.ndarray:
@@ -79,3 +130,56 @@ def _taken(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     out = values[frames].astype(np.float32)
     out[frames < 0] = np.nan
     return out
+
+
+def feature_stats(values: np.ndarray) -> Stats:
+    r"""Returns the statistics of one feature in one episode.
+
+    Each value of a step has its own. Those of frames since the last step are pooled over their
+    rows. A value without any reading has zeros.
+
+    Shapes:
+        - **values:** The values :math:`(T,)`, :math:`(T, D)` or :math:`(T, R, D)`.
+    """
+    rows = values.reshape(len(values), -1) if values.ndim == 1 else values
+    rows = rows.reshape(-1, rows.shape[-1]).astype(np.float64)
+    with warnings.catch_warnings(), np.errstate(invalid="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a channel without readings
+        out = {
+            "min": np.nanmin(rows, axis=0),
+            "max": np.nanmax(rows, axis=0),
+            "mean": np.nanmean(rows, axis=0),
+            "std": np.nanstd(rows, axis=0),
+        }
+        quantiles = np.nanquantile(rows, [*QUANTILES.values()], axis=0)
+    out |= dict(zip(QUANTILES, quantiles, strict=True))
+    times = values[0].size // rows.shape[1]
+    out = {name: np.tile(np.nan_to_num(value, nan=0.0), times) for name, value in out.items()}
+    return {**out, "count": np.array([len(values)])}
+
+
+def joined_stats(episodes: Sequence[Mapping[str, Stats]]) -> dict[str, Stats]:
+    r"""Returns the statistics of a data set from those of its episodes, as LeRobot joins them: by
+    the numbers of frames; quantiles are averages.
+    """
+    out = {}
+    for name in episodes[0]:
+        parts = [episode[name] for episode in episodes]
+        counts = np.array([float(part["count"][0]) for part in parts])
+        share = (counts / counts.sum())[:, None]
+        mean = (share * [part["mean"] for part in parts]).sum(axis=0)
+        spread = [part["std"] ** 2 + (part["mean"] - mean) ** 2 for part in parts]
+        out[name] = {
+            "min": np.min([part["min"] for part in parts], axis=0),
+            "max": np.max([part["max"] for part in parts], axis=0),
+            "mean": mean,
+            "std": np.sqrt((share * spread).sum(axis=0)),
+            **{q: (share * [part[q] for part in parts]).sum(axis=0) for q in QUANTILES},
+            "count": np.array([int(counts.sum())]),
+        }
+    return out
+
+
+def stats_lists(stats: Mapping[str, Stats]) -> dict[str, dict[str, Any]]:
+    r"""Returns statistics as LeRobot's :obj:`meta/stats.json` holds them."""
+    return {name: {key: v.tolist() for key, v in part.items()} for name, part in stats.items()}

@@ -25,28 +25,36 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._lerobot_features import (
+from torch_geometric_tactile.io._lerobot_content import (
+    check_alike,
+    check_new_folder,
+    own_content,
+    task_of_label,
+    write_description,
+    write_json,
+)
+from torch_geometric_tactile.io._lerobot_steps import (
     INDICES,
     STATE,
     STATE_FRAMES,
-    column,
+    Stats,
     feature,
-    require_pyarrow,
-    schema_metadata,
+    feature_stats,
+    frames_since,
+    joined_stats,
+    regular_steps,
+    stats_lists,
+    touch_columns,
     touch_features,
 )
-from torch_geometric_tactile.io._lerobot_files import (
-    README,
-    check_new_folder,
+from torch_geometric_tactile.io._lerobot_tables import (
+    column,
+    require_pyarrow,
+    schema_metadata,
     write_table,
-    write_text,
 )
-from torch_geometric_tactile.io._lerobot_own import PATH as OWN_PATH
-from torch_geometric_tactile.io._lerobot_own import own_content, task_of_label
-from torch_geometric_tactile.io._lerobot_stats import Stats, feature_stats, joined_stats, stats_json
-from torch_geometric_tactile.io._lerobot_steps import frames_since, regular_steps, touch_columns
 
-CODEBASE_VERSION = "v3.0"
+_CODEBASE_VERSION = "v3.0"
 _PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _DATA_MB, _VIDEO_MB, _FILES_PER_CHUNK = 100, 200, 1000
 _INDEX_COLUMN = "__index_level_0__"
@@ -134,13 +142,11 @@ def write_lerobot(
     first = {"chunk_index": 0, "file_index": 0}
     write_table(table, root / "meta" / "episodes" / _PATH.format(**first))
     write_table(_task_table(pa, tasks), root / "meta" / "tasks.parquet")
-    write_text(root / "meta" / "stats.json", stats_json(joined_stats(stats)))
+    write_json(root / "meta/stats.json", stats_lists(joined_stats(stats)), allow_nan=False)
     lengths = [episode["length"] for episode in episodes]
     own = own_content(recordings, lengths, names, rows)
-    write_text(root / OWN_PATH, json.dumps(own, indent=4, ensure_ascii=False))
-    write_text(root / "README.md", README)
     info = {
-        "codebase_version": CODEBASE_VERSION,
+        "codebase_version": _CODEBASE_VERSION,
         "robot_type": robot_type,
         "total_episodes": len(recordings),
         "total_frames": total,
@@ -154,26 +160,7 @@ def write_lerobot(
         "video_path": None,
         "features": features,
     }
-    # At last: a folder without it is no data set.
-    write_text(root / "meta" / "info.json", json.dumps(info, indent=4, ensure_ascii=False))
-
-
-def check_alike(recordings: Sequence[Recording]) -> None:
-    r"""Raises an error unless there are recordings with frames, of the same shapes and unit."""
-    if not recordings:
-        raise ValueError("'recordings' must hold at least one recording (got none)")
-    shapes = [(r.num_taxels, r.num_channels, r.num_joints) for r in recordings]
-    for i, (recording, shape) in enumerate(zip(recordings, shapes, strict=True)):
-        if recording.num_frames == 0:
-            raise ValueError(f"recording {i} must hold at least one frame (got none)")
-        if shape != shapes[0]:
-            raise ValueError(
-                f"recording {i} must have {shapes[0][0]} taxels, {shapes[0][1]} channels and "
-                f"{shapes[0][2]} joints, as the first one (got {shape})"
-            )
-    units = {r.meta.get("unit") for r in recordings}
-    if len(units) > 1:
-        raise ValueError(f"'recordings' must have one unit (got {sorted(map(str, units))})")
+    write_description(root, own, info)
 
 
 def _features(recording: Recording, rows: int) -> dict[str, Any]:

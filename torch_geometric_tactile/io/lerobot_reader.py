@@ -11,24 +11,20 @@ import numpy as np
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._lerobot_features import (
-    STATE,
-    TACTILE,
-    require_pyarrow,
-    shape_of_names,
-)
-from torch_geometric_tactile.io._lerobot_files import read_numbers
-from torch_geometric_tactile.io._lerobot_own import OwnContent, read_own
-from torch_geometric_tactile.io._lerobot_rows import (
+from torch_geometric_tactile.io._lerobot_content import (
+    OwnContent,
     data_files,
     episodes_of,
     in_order,
     integers,
     read_info,
+    read_own,
     read_tasks,
     row_values,
     step_times,
 )
+from torch_geometric_tactile.io._lerobot_steps import STATE, TACTILE, shape_of_names
+from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
 
 _INDICES = ("frame_index", "episode_index", "task_index")
 

@@ -1,6 +1,5 @@
 r"""Touch added to a LeRobot data set, such as one of joints and videos."""
 
-import json
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -13,34 +12,38 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._lerobot_features import (
-    column,
-    require_pyarrow,
-    schema_metadata,
-    touch_features,
-)
-from torch_geometric_tactile.io._lerobot_files import (
-    README,
+from torch_geometric_tactile.io._lerobot_content import (
+    check_alike,
     check_new_folder,
-    read_numbers,
-    read_whole,
-    write_table,
-    write_text,
-)
-from torch_geometric_tactile.io._lerobot_own import PATH as OWN_PATH
-from torch_geometric_tactile.io._lerobot_own import own_content, read_object
-from torch_geometric_tactile.io._lerobot_rows import (
     data_files,
     episodes_of,
     in_order,
     integers,
+    own_content,
     read_info,
+    read_object,
     read_tasks,
     step_times,
+    write_description,
+    write_json,
 )
-from torch_geometric_tactile.io._lerobot_stats import Stats, feature_stats, joined_stats
-from torch_geometric_tactile.io._lerobot_steps import frames_since, touch_columns
-from torch_geometric_tactile.io.lerobot_dataset import check_alike
+from torch_geometric_tactile.io._lerobot_steps import (
+    Stats,
+    feature_stats,
+    frames_since,
+    joined_stats,
+    stats_lists,
+    touch_columns,
+    touch_features,
+)
+from torch_geometric_tactile.io._lerobot_tables import (
+    column,
+    read_numbers,
+    read_whole,
+    require_pyarrow,
+    schema_metadata,
+    write_table,
+)
 
 
 def add_to_lerobot(
@@ -132,11 +135,8 @@ def add_to_lerobot(
         _add_stats(copy, stats)
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
         own = own_content(recordings, lengths, tasks, rows)
-        write_text(copy / OWN_PATH, json.dumps(own, indent=4, ensure_ascii=False))
-        if not (copy / "README.md").exists():
-            write_text(copy / "README.md", README)
         info["features"] |= features
-        write_text(copy / "meta/info.json", json.dumps(info, indent=4, ensure_ascii=False))
+        write_description(copy, own, info)
 
 
 @dataclass
@@ -179,8 +179,7 @@ def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
     path = root / "meta/stats.json"
     content = read_object(path) if path.is_file() else {}
     joined = joined_stats([stats[number] for number in sorted(stats)])
-    content |= {n: {k: v.tolist() for k, v in part.items()} for n, part in joined.items()}
-    write_text(path, json.dumps(content, indent=4, allow_nan=False))
+    write_json(path, content | stats_lists(joined), allow_nan=False)
 
 
 @contextmanager

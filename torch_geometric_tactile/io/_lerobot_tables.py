@@ -1,34 +1,36 @@
-r"""Files of LeRobot data sets: Parquet whose sizes are known before memory is taken, and texts."""
+r"""Parquet tables of LeRobot data sets, whose sizes are known before memory is taken."""
 
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
+
+import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 from torch_geometric_tactile._texts import printable
-from torch_geometric_tactile.io._lerobot_features import require_pyarrow
-from torch_geometric_tactile.io._parquet_pages import check_pages
-
-# Without it, `datasets` takes the files of `meta` for data.
-README = """\
----
-configs:
-- config_name: default
-  data_files: data/*/*.parquet
-task_categories:
-- robotics
-tags:
-- LeRobot
-- tactile
----
-
-A LeRobot data set (v3.0) with touch, written by torch_geometric_tactile. `meta/tactile.json` has
-its shape, labels and metadata.
-"""
 
 _BYTES = 8  # of a value in memory, at most
+_SCHEMA_KEY = b"huggingface"
+_DATA_PAGES = (0, 3)
+# Numbers of the fields of a header, and of those of the two kinds of data pages in it.
+_KIND, _UNPACKED, _PACKED, _COUNTS = 1, 2, 3, (5, 8)
+_BOOLEANS, _INTEGERS, _BYTE, _DOUBLE, _BINARY, _STRUCT = (1, 2), (4, 5, 6), 3, 7, 8, 12
+
+
+def require_pyarrow() -> Any:
+    r"""Returns pyarrow, with its parts for Parquet and computing."""
+    try:
+        import pyarrow
+        import pyarrow.compute
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ImportError(
+            "LeRobot data sets need pyarrow: pip install 'torch-geometric-tactile[lerobot]'"
+        ) from error
+    return pyarrow
 
 
 def is_list(kind: Any) -> bool:
@@ -157,12 +159,6 @@ def _check_size(path: Path, size: int, allow_large: bool) -> None:
         )
 
 
-def check_new_folder(root: Path) -> None:
-    r"""Raises an error unless a folder is missing or empty."""
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise FileExistsError(f"'{root}' must be a new or empty folder (got one that is not)")
-
-
 def write_table(table: Any, path: Path) -> None:
     r"""Writes a Parquet file with checksums."""
     with atomic_path(path) as temporary:
@@ -171,7 +167,118 @@ def write_table(table: Any, path: Path) -> None:
         )
 
 
-def write_text(path: Path, text: str) -> None:
-    r"""Writes a text file."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+def column(values: np.ndarray) -> Any:
+    r"""Returns the column of a feature as LeRobot has it: one value a step is no list.
+
+    Shapes:
+        - **values:** Values :math:`(T, ...)`.
+    """
+    pa = require_pyarrow()
+    array = pa.array(np.ascontiguousarray(values).ravel())
+    size = values[0].size
+    return array if size == 1 else pa.FixedSizeListArray.from_arrays(array, size)
+
+
+def schema_metadata(
+    features: Mapping[str, Any], metadata: Mapping[bytes, bytes] | None = None
+) -> dict[bytes, bytes]:
+    r"""Returns the metadata of a Parquet file with which :obj:`datasets` reads it.
+
+    Shapes:
+        - **metadata:** Those of an existing file, to which the features are added.
+    """
+    content: dict[str, Any] = {}
+    if metadata is not None:
+        content = json.loads(metadata[_SCHEMA_KEY])
+    known = content.setdefault("info", {}).setdefault("features", {})
+    for name, description in features.items():
+        (size,) = description["shape"]
+        value = {"dtype": description["dtype"], "_type": "Value"}
+        known[name] = (
+            value if size == 1 else {"feature": value, "length": size, "_type": "Sequence"}
+        )
+    return {**(metadata or {}), _SCHEMA_KEY: json.dumps(content).encode()}
+
+
+def check_pages(path: Path, chunks: list[Any]) -> None:
+    r"""Raises an error unless the pages of columns hold what the footer of the file declares."""
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        for chunk in chunks:
+            values, unpacked = _totals(file, chunk, size)
+            if values != chunk.num_values or unpacked > chunk.total_uncompressed_size:
+                raise ValueError(
+                    f"its pages must hold {chunk.num_values} values in "
+                    f"{chunk.total_uncompressed_size} bytes, as its footer declares (got {values} "
+                    f"in {unpacked})"
+                )
+
+
+def _totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
+    start = chunk.data_page_offset
+    first = chunk.dictionary_page_offset
+    if first is not None and 0 < first < start:
+        start = first
+    end = start + chunk.total_compressed_size
+    values = unpacked = 0
+    while 0 < start < end <= size:
+        file.seek(start)
+        header = _Header(file.read(min(end - start, 1 << 20)))
+        fields = header.struct()
+        packed, whole = fields.get(_PACKED), fields.get(_UNPACKED)
+        if not isinstance(packed, int) or not isinstance(whole, int) or min(packed, whole) < 0:
+            raise ValueError("its pages must have sizes (got a header without)")
+        if fields.get(_KIND) in _DATA_PAGES:
+            counts = [fields[key] for key in _COUNTS if isinstance(fields.get(key), dict)]
+            values += counts[0].get(1, 0) if counts else 0
+        unpacked += whole
+        start += header.place + packed
+    if start != end:
+        raise ValueError("its pages must end where its footer declares (got another place)")
+    return values, unpacked
+
+
+class _Header:
+    # Thrift's compact protocol, as far as headers of pages use it.
+    def __init__(self, data: bytes) -> None:
+        self.data, self.place = data, 0
+
+    def struct(self, depth: int = 0) -> dict[int, Any]:
+        out: dict[int, Any] = {}
+        number = 0
+        while head := self._byte():
+            number += head >> 4
+            if not head >> 4:
+                number = self._integer()
+            kind = head & 15
+            if kind in _INTEGERS:
+                out[number] = self._integer()
+            elif kind == _STRUCT and depth < 3:
+                out[number] = self.struct(depth + 1)
+            elif kind == _BINARY:
+                length = self._unsigned()
+                self.place += length
+            elif kind in (_BYTE, _DOUBLE):
+                self.place += 1 if kind == _BYTE else 8
+            elif kind not in _BOOLEANS:
+                raise ValueError(f"its pages must have headers of Parquet (got a field of {kind})")
+        return out
+
+    def _byte(self) -> int:
+        if self.place >= len(self.data):
+            raise ValueError("its pages must have whole headers (got the end)")
+        self.place += 1
+        return self.data[self.place - 1]
+
+    def _unsigned(self) -> int:
+        out = 0
+        for shift in range(0, 70, 7):
+            byte = self._byte()
+            out |= (byte & 127) << shift
+            if byte < 128:
+                return out
+        raise ValueError("its pages must have headers of Parquet (got a number that is too long)")
+
+    def _integer(self) -> int:
+        number = self._unsigned()
+        return number >> 1 ^ -(number & 1)

@@ -8,7 +8,7 @@ pytest.importorskip("pyarrow", reason="needs the extra 'lerobot'")
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from torch_geometric_tactile.io._parquet_pages import check_pages
+from torch_geometric_tactile.io._lerobot_tables import check_pages
 
 ROWS = 1_000_000
 
