@@ -45,8 +45,10 @@ linkcheck: $(VENV)/installed
 dist: $(VENV)/installed
 	rm -rf dist
 	$(VENV)/bin/python -m build
+	$(VENV)/bin/python -m build --wheel --outdir dist packaging/live
 	$(VENV)/bin/twine check --strict dist/*
 	$(VENV)/bin/python .ci/check_dist.py dist
+	$(VENV)/bin/python .ci/check_live.py dist
 
 # The first command installs what it needs only: 1.6 GB, where the rest makes 2.8 GB of it.
 $(VENV)/demo: pyproject.toml constraints.txt

@@ -23,7 +23,7 @@ PACKAGE = "torch_geometric_tactile"
 
 def problems(folder):
     """Yields what is wrong with the distributions of a folder."""
-    (wheel,) = folder.glob("*.whl")
+    (wheel,) = folder.glob("torch_geometric_tactile-*.whl")
     (sdist,) = folder.glob("*.tar.gz")
     for path in (wheel, sdist):
         if path.stat().st_size > MOST_BYTES:

@@ -34,12 +34,17 @@ the user's cache, where missing ones are downloaded.
 """
 
 
+def _is_installed(line: str) -> bool:
+    words = line.split()
+    return words[:1] != ["tactile"] or words[1] in VERBS
+
+
 def build_parser() -> argparse.ArgumentParser:
     r"""Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="tactile",
         description="Machine learning on robot touch with PyTorch Geometric.",
-        epilog=_EXAMPLES,
+        epilog="\n".join(line for line in _EXAMPLES.split("\n") if _is_installed(line)),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tactile {__version__}")
@@ -105,6 +110,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _with_pip_line(error: ModuleNotFoundError, argv: Sequence[str]) -> str:
+    if error.name and error.name.startswith("torch_geometric_tactile."):
+        return (
+            f"'{error.name}' is not in tactile-live: pip uninstall tactile-live, then "
+            'pip install "torch-geometric-tactile[live]"'
+        )
     extras = getattr(_verb(argv[0]), "EXTRAS", None) if argv and argv[0] in VERBS else None
     if extras is None or "pip install" in str(error):
         return str(error)

@@ -187,7 +187,7 @@ def test_port_replaced_by_another_of_its_name_is_noticed(port, tmp_path):
 
 def test_usb_device_is_found_again_under_another_name(port, tmp_path, monkeypatch):
     usb = SerialPort(str(port.path), "Board", 1, 2, "A7")
-    module = "torch_geometric_tactile.live.serial_port.list_ports"
+    module = "torch_geometric_tactile.live.serial_source.list_ports"
     monkeypatch.setattr(module, lambda: [SerialPort("/dev/ttyS0"), usb])
     source = SerialSource(str(port.path), CheckedDecoder())
     source.open()

@@ -7,7 +7,9 @@ module with its own arguments. All modules are imported to print the help, so th
 packages in functions only.
 """
 
-VERBS = (
+from importlib.util import find_spec
+
+_VERBS: tuple[str, ...] = (
     "demo",
     "inspect",
     "convert",
@@ -26,5 +28,8 @@ VERBS = (
     "predict",
     "export",
 )
+_LIVE = ("convert", "ports", "live", "record", "replay", "view")  # what `tactile-live` has
+
+VERBS = _VERBS if find_spec("torch_geometric_tactile.nn") else _LIVE
 
 __all__ = ["VERBS"]

@@ -5,6 +5,11 @@ import select
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.commands._status_line import StatusLine
+    from torch_geometric_tactile.live import Recorder
 
 
 @contextmanager
@@ -37,6 +42,15 @@ def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[
         yield heed
     finally:
         termios.tcsetattr(line, termios.TCSADRAIN, before)
+
+
+def mark(recorder: "Recorder | None", line: "StatusLine") -> None:
+    r"""Writes an event :obj:`"mark"` of this moment into a recording that can hold it."""
+    if recorder is None or recorder.path.suffix.lower() != ".mcap":
+        line.tell("nothing was marked: it needs a recording to an .mcap file")
+        return
+    recorder.event("mark")
+    line.tell(f"marked at {recorder.seconds:.2f} s")
 
 
 def _heed_console(actions: Mapping[str, Callable[[], None]]) -> None:

@@ -83,11 +83,7 @@ recommendation means.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("data", metavar="DATA", help="an npz file, a folder or a class; see above")
     parser.add_argument(
         "--layout",
@@ -203,11 +199,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     with options_named(arguments, data="DATA", tare="--rest", length="--window", num="--trials"):
         return _run(arguments)
 

@@ -35,11 +35,7 @@ KINDS = {"bigs": "_convert_bigs"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("source", metavar="IN", nargs="+", help=f"the recording ({READABLE})")
     parser.add_argument(
         "target", metavar="OUT", help=f"the file to write ({_WRITABLE}), or a folder (.lerobot)"
@@ -49,11 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile.io import read_recording, write_recording
 
     if Path(arguments.target).suffix.lower() == convert_lerobot.SUFFIX:

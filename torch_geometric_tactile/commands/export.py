@@ -19,11 +19,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     from torch_geometric_tactile.commands._arguments import few
 
     parser.add_argument(
@@ -57,11 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     if not arguments.model.endswith(".onnx"):
         raise ValueError(f"'FILE.onnx' must end in .onnx (got '{arguments.model}')")
     from torch_geometric_tactile._texts import printable

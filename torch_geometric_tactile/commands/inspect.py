@@ -24,11 +24,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("file", metavar="FILE", help=f"the recording ({READABLE})")
     picture = parser.add_mutually_exclusive_group()
     picture.add_argument(
@@ -41,11 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports._recording import describe_file, draw_recording
 

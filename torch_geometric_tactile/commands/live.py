@@ -34,11 +34,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
     model = parser.add_argument_group("model")
     model.add_argument(
@@ -94,15 +90,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile._interrupts import ends_heeded
-    from torch_geometric_tactile.commands._keys import keys_heeded
+    from torch_geometric_tactile.commands._keys import keys_heeded, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
-    from torch_geometric_tactile.commands.record import mark
 
     if arguments.label is not None and arguments.record is None:
         raise ValueError("'--label' must come with '--record FILE' (got no file)")

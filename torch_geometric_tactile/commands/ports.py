@@ -16,20 +16,12 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from dataclasses import asdict
 
     from torch_geometric_tactile._texts import printable

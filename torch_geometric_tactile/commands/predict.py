@@ -31,11 +31,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument(
         "model", metavar="MODEL", help="a checkpoint of 'tactile fit', or a predictor of --save"
     )
@@ -83,11 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _predictions as predictions
     from torch_geometric_tactile.reports import _run_data as run_data

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile.commands._arguments import SOURCE, seconds
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.commands._status_line import StatusLine
     from torch_geometric_tactile.live import Recorder
 
 _SHOWN_EVERY = 0.1
@@ -31,11 +30,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
     parser.add_argument("file", metavar="FILE", help="the file to write (.mcap, .h5 or .hdf5)")
     parser.add_argument("--label", metavar="LABEL", help="label of the recording")
@@ -59,11 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile._interrupts import ends_heeded
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live import Recorder, Stream, TaxelMap, open_source
@@ -100,7 +91,7 @@ def _wait(recorder: "Recorder", seconds: float | None) -> None:
     import threading
     import time
 
-    from torch_geometric_tactile.commands._keys import keys_heeded
+    from torch_geometric_tactile.commands._keys import keys_heeded, mark
     from torch_geometric_tactile.commands._status_line import StatusLine
 
     stream, over, line = recorder.stream, threading.Event(), StatusLine()
@@ -112,17 +103,3 @@ def _wait(recorder: "Recorder", seconds: float | None) -> None:
                 return
             line.show(f"{recorder.frames} frames, {stream.health().line()}")
             time.sleep(_SHOWN_EVERY)
-
-
-def mark(recorder: "Recorder | None", line: "StatusLine") -> None:
-    r"""Writes an event :obj:`"mark"` of this moment into a recording that can hold it.
-
-    Args:
-        recorder (Recorder, optional): The recorder, if one runs.
-        line (StatusLine): Where it is told.
-    """
-    if recorder is None or recorder.path.suffix.lower() != ".mcap":
-        line.tell("nothing was marked: it needs a recording to an .mcap file")
-        return
-    recorder.event("mark")
-    line.tell(f"marked at {recorder.seconds:.2f} s")

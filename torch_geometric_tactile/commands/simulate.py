@@ -76,11 +76,7 @@ measured.
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("--out", metavar="DIR", required=True, help="folder for the recordings")
     parser.add_argument(
         "--objects",
@@ -179,11 +175,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     number = _NUMBERS.get(arguments.objects, "trials")
     for objects, name in _NUMBERS.items():
         value = getattr(arguments, name)

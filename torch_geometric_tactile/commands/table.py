@@ -80,11 +80,7 @@ A single experiment: tactile fit --config p1_table2/mt_gcn_te_joint
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument(
         "name",
         metavar="TABLE",
@@ -175,11 +171,7 @@ def _table_name(text: str) -> str:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     if arguments.list:
         print(_listed(arguments.name))
         return 0

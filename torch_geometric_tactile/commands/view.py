@@ -29,11 +29,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the arguments of the verb.
-
-    Args:
-        parser (argparse.ArgumentParser): The parser of the verb.
-    """
+    r"""Adds the arguments of the verb."""
     parser.add_argument("source", metavar="SOURCE", help="a sensor or a recording; see below")
     parser.add_argument(
         "--layout",
@@ -50,11 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    r"""Runs the verb and returns the exit status.
-
-    Args:
-        arguments (argparse.Namespace): The arguments.
-    """
+    r"""Runs the verb and returns the exit status."""
     from torch_geometric_tactile.live import Stream, Viewer
 
     layout = None if arguments.layout is None else _layout(arguments.layout)

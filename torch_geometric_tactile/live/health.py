@@ -9,7 +9,7 @@ import numpy as np
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.source import Source
 
-STATES = ("closed", "open", "silent", "lost", "ended")
+_STATES = ("closed", "open", "silent", "lost", "ended")
 _NS = 1_000_000_000
 _SPAN = 2 * _NS  # over which rate and jitter are measured
 _KEPT = 4096  # times of frames: 2 s at 2 kHz

@@ -1,6 +1,5 @@
 r"""The serial ports of this machine."""
 
-import os
 from dataclasses import dataclass
 
 
@@ -61,21 +60,3 @@ def list_ports() -> list[SerialPort]:
         for port in comports()
     ]
     return sorted(ports, key=lambda port: port.device)
-
-
-def find_port(path: str) -> SerialPort | None:
-    r"""Returns the port of a path, which may be a link such as one in :obj:`/dev/serial/by-id`."""
-    real = os.path.normcase(os.path.realpath(path))
-    for port in list_ports():
-        if real == os.path.normcase(os.path.realpath(port.device)):
-            return port
-    return None
-
-
-def find_again(port: SerialPort) -> SerialPort | None:
-    r"""Returns where a USB device is now, by its vendor, product and serial number."""
-    same = (port.vid, port.pid, port.serial_number)
-    for other in list_ports():
-        if (other.vid, other.pid, other.serial_number) == same:
-            return other
-    return None

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io import Decoder
-from torch_geometric_tactile.live.serial_port import SerialPort, find_again, find_port, list_ports
+from torch_geometric_tactile.live.serial_port import SerialPort, list_ports
 from torch_geometric_tactile.live.source import Source
 
 try:
@@ -77,7 +77,7 @@ class SerialSource(Source):
         self.decoder.reset()
         self._line = self._opened(path)
         if not self._known:  # what it was at first; another one may be there later
-            port = find_port(path)
+            port = _port_of(path)
             self._usb = port if port is not None and port.serial_number else None
             self._known = True
         start = self.decoder.start()
@@ -111,7 +111,7 @@ class SerialSource(Source):
     def _path(self) -> str | None:
         if self._usb is None:
             return self.port
-        found = find_again(self._usb)
+        found = _found_again(self._usb)
         return None if found is None else found.device
 
     def _missing(self, path: str | None) -> str:
@@ -180,8 +180,8 @@ class SerialSource(Source):
     def is_there(self) -> bool:
         r"""Returns whether the port is there."""
         if self._usb is not None:
-            return find_again(self._usb) is not None
-        return os.path.exists(self.port) or find_port(self.port) is not None
+            return _found_again(self._usb) is not None
+        return os.path.exists(self.port) or _port_of(self.port) is not None
 
     def close(self) -> None:
         r"""Closes the port; does nothing if it is closed."""
@@ -189,3 +189,21 @@ class SerialSource(Source):
         if line is not None:
             with suppress(OSError, termios_error):
                 line.close()
+
+
+def _port_of(path: str) -> SerialPort | None:
+    r"""Returns the port of a path, which may be a link such as one in :obj:`/dev/serial/by-id`."""
+    real = os.path.normcase(os.path.realpath(path))
+    for port in list_ports():
+        if real == os.path.normcase(os.path.realpath(port.device)):
+            return port
+    return None
+
+
+def _found_again(port: SerialPort) -> SerialPort | None:
+    r"""Returns where a USB device is now, by its vendor, product and serial number."""
+    same = (port.vid, port.pid, port.serial_number)
+    for other in list_ports():
+        if (other.vid, other.pid, other.serial_number) == same:
+            return other
+    return None

@@ -1,0 +1,87 @@
+"""Tries the wheel of `tactile-live` in an empty environment: python check_live.py DIST."""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import venv
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[1]
+sys.path[:0] = [str(SOURCE), str(SOURCE / "tests")]
+
+import onnx_predictors as made  # noqa: E402
+
+from torch_geometric_tactile import __version__  # noqa: E402
+from torch_geometric_tactile.commands import VERBS  # noqa: E402
+from torch_geometric_tactile.io import read_recording, write_recording  # noqa: E402
+
+LARGEST = 400e6  # bytes of the environment; that of the whole package has gigabytes
+
+
+def main(folder):
+    """Installs the wheel, uses it, and installs the whole package over it."""
+    (wheel,) = folder.glob("tactile_live-*.whl")
+    (whole,) = folder.glob("torch_geometric_tactile-*.whl")
+    with tempfile.TemporaryDirectory() as place:
+        place = Path(place)
+        venv.create(place / "env", with_pip=True)
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+        scripts = place / "env" / "bin"
+
+        def run(*words, fails=False):
+            done = subprocess.run(
+                [str(scripts / words[0]), *map(str, words[1:])],
+                cwd=place, env=environment, capture_output=True, text=True, timeout=600,
+            )  # fmt: skip
+            text = done.stdout + done.stderr
+            assert (done.returncode != 0) == fails, f"{words}: {text}"
+            return text
+
+        def pip(*words):
+            return run("python", "-m", "pip", "--quiet", "--disable-pip-version-check", *words)
+
+        pip("install", "--constraint", SOURCE / "constraints.txt", wheel)
+        size = sum(path.stat().st_size for path in (place / "env").rglob("*") if path.is_file())
+        assert size < LARGEST, f"the environment has {size} bytes"
+        names = [re.split("[= ]", line)[0] for line in pip("freeze").splitlines()]
+        assert not {"torch", "torch-geometric", "scikit-learn", "umap-learn"} & set(names), names
+
+        # A recording is replayed, judged by an exported model, recorded and converted.
+        recording = made.recording()
+        write_recording(recording, place / "whole.npz")
+        model = made.onnx_file("frame")
+        text = run(
+            "tactile",
+            "live",
+            "whole.npz",
+            "--model",
+            model,
+            "--record",
+            "a.mcap",
+            "--policy",
+            "all",
+        )
+        count = recording.num_frames
+        assert f"{count} frames, {count} judged" in text, text
+        run("tactile", "convert", "a.mcap", "b.npz")
+        assert read_recording(place / "b.npz").num_frames == count
+        page = run("tactile", "--help")
+        listed = [verb for verb in VERBS if f"    {verb} " in page]
+        assert sorted(listed) == ["convert", "live", "ports", "record", "replay", "view"], page
+        text = run("tactile", "live", "whole.npz", "--model", "a.predictor", fails=True)
+        assert 'pip install "torch-geometric-tactile' in text, text
+
+        # docs/install.md: the whole package over it brings the other commands, of the same files.
+        pip("install", "--no-deps", whole)
+        page = run("tactile", "--help")
+        assert all(f"    {verb} " in page for verb in VERBS), page
+        assert __version__ in run("tactile", "--version")
+    print(
+        f"tactile-live {__version__} works without PyTorch in {size / 1e6:.0f} MB: {sorted(names)}"
+    )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
