@@ -14,8 +14,8 @@ are read from the files, in the order of the code. The definitions:
 * The value is followed **to the end** of the command, reports included, or **up to the runs**: to
   the call of ``run_plan``, where the first fit would begin.
 
-At 34e7a70: ``table`` 10 rooms and 11 returns up to the runs, 33 and 65 to the end; ``compare`` 21 and
-37, 33 and 73.
+At 34e7a70: ``table`` 10 rooms and 11 returns up to the runs, 33 and 65 to the end; ``compare`` 21
+and 37, 33 and 73.
 """
 
 import argparse

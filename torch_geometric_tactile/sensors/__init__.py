@@ -11,12 +11,7 @@ from torch_geometric_tactile.sensors.grid import grid
 from torch_geometric_tactile.sensors.hexagonal import hexagonal
 from torch_geometric_tactile.sensors.icub import icub_fingertip, icub_hand
 from torch_geometric_tactile.sensors.joints import Joint
-from torch_geometric_tactile.sensors.kinematics import (
-    HandKinematics,
-    LinkPose,
-    PosedTaxels,
-    open_hand,
-)
+from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.letter_array import letter_array
 from torch_geometric_tactile.sensors.patches import expand_patches
@@ -52,7 +47,6 @@ __all__ = [
     "icub_hand",
     "layout_sectors",
     "letter_array",
-    "open_hand",
     "sector_edges",
     "select_taxels",
     "stock_layout",
