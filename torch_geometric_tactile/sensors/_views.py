@@ -1,33 +1,12 @@
-r"""From where layouts and hands are seen, in figures and in the viewer."""
+r"""From where layouts are seen, in figures and in the viewer."""
 
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.kinematics import HandKinematics
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _TIE = 1e-6  # relative difference below which two extents count as equal
 PAD_GAP = 0.3  # between pads, of the largest extent of one
-# The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
-_OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
-
-
-def open_hand(kinematics: HandKinematics) -> Tensor:
-    r"""Returns the joint angles of an open hand, as figures and the viewer draw it: all angles
-    zero, or the limit next to it, and an Allegro hand's thumb turned so that its pads are seen.
-
-    Args:
-        kinematics (HandKinematics): The hand.
-
-    Shapes:
-        - **output:** joint angles in radians :math:`(J,)`
-
-    Examples:
-        >>> open_hand(HandKinematics.allegro())[12:]
-        tensor([0.2630, 1.1000, 0.0000, 0.0000])
-    """
-    angle = torch.tensor([_OPEN_ANGLES.get(name, 0.0) for name in kinematics.joint_names])
-    return torch.minimum(torch.maximum(angle, kinematics.lower), kinematics.upper)
 
 
 def pads_side_by_side(layout: TaxelLayout) -> list[tuple[Tensor, Tensor, Tensor]]:

@@ -2,7 +2,7 @@ r"""Plots of layouts, readings and results. Needs the extra ``viz`` when a funct
 when this package is imported.
 """
 
-from torch_geometric_tactile.sensors._views import open_hand
+from torch_geometric_tactile.sensors.kinematics import open_hand
 from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
 from torch_geometric_tactile.visualization.curves import plot_curves

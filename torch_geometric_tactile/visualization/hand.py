@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.sensors._views import open_hand
+from torch_geometric_tactile.sensors.kinematics import open_hand
 from torch_geometric_tactile.visualization._hand_edges import draw_edge_values, draw_edges
 from torch_geometric_tactile.visualization._segment_colors import segment_colors
 from torch_geometric_tactile.visualization._taxel_map import (

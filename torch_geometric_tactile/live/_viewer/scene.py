@@ -133,7 +133,7 @@ def _hand(
     joint: np.ndarray | None,
     bodies: Sequence[Mapping[str, Any]],
 ) -> Scene:
-    from torch_geometric_tactile.sensors._views import open_hand
+    from torch_geometric_tactile.sensors.kinematics import open_hand
 
     kinematics.require_links(layout)
     number = {name: i for i, name in enumerate(kinematics.link_names)}
