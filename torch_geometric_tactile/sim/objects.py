@@ -4,7 +4,11 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
-from torch_geometric_tactile.datasets._allegro_objects import PAPER_OBJECTS, PROPERTIES
+from torch_geometric_tactile.datasets._allegro_objects import PAPER_OBJECTS
+from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES as _PROPERTIES
+
+#: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
+PROPERTIES = _PROPERTIES
 
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg
 _FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
