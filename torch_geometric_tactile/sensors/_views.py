@@ -3,10 +3,19 @@ r"""From where layouts are seen, in figures and in the viewer."""
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.sensors.kinematics import HandKinematics
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _TIE = 1e-6  # relative difference below which two extents count as equal
 PAD_GAP = 0.3  # between pads, of the largest extent of one
+# The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
+_OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
+
+
+def open_angles(kinematics: HandKinematics) -> Tensor:
+    r"""Returns the joint angles of an open hand in radians :math:`(J,)`."""
+    angle = torch.tensor([_OPEN_ANGLES.get(name, 0.0) for name in kinematics.joint_names])
+    return torch.minimum(torch.maximum(angle, kinematics.lower), kinematics.upper)
 
 
 def pads_side_by_side(layout: TaxelLayout) -> list[tuple[Tensor, Tensor, Tensor]]:

@@ -29,8 +29,6 @@ _KEYS = ("name", "source", "joints", "bodies")
 _FEW = 4  # frames up to which the number of operations costs more than the work in them
 _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 
-# The thumb of an Allegro hand at rest shows its edge; so turned, it shows its pads.
-_OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
 
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
 
@@ -319,24 +317,6 @@ class HandKinematics:
             f"{type(self).__name__}('{self.name}', num_joints={self.num_joints}, "
             f"num_links={len(self.link_names)})"
         )
-
-
-def open_hand(kinematics: HandKinematics) -> Tensor:
-    r"""Returns the joint angles of an open hand, as figures and the viewer draw it: all angles
-    zero, or the limit next to it, and an Allegro hand's thumb turned so that its pads are seen.
-
-    Args:
-        kinematics (HandKinematics): The hand.
-
-    Shapes:
-        - **output:** joint angles in radians :math:`(J,)`
-
-    Examples:
-        >>> open_hand(HandKinematics.allegro())[12:]
-        tensor([0.2630, 1.1000, 0.0000, 0.0000])
-    """
-    angle = torch.tensor([_OPEN_ANGLES.get(name, 0.0) for name in kinematics.joint_names])
-    return torch.minimum(torch.maximum(angle, kinematics.lower), kinematics.upper)
 
 
 def _check_joint(hand: HandKinematics, joint: Tensor) -> None:

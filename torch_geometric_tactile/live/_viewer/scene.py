@@ -133,13 +133,13 @@ def _hand(
     joint: np.ndarray | None,
     bodies: Sequence[Mapping[str, Any]],
 ) -> Scene:
-    from torch_geometric_tactile.sensors.kinematics import open_hand
+    from torch_geometric_tactile.sensors._views import open_angles
 
     kinematics.require_links(layout)
     number = {name: i for i, name in enumerate(kinematics.link_names)}
     assert layout.link is not None
     link = np.array([number.get(name, 0) for name in layout.link_names])[layout.link.numpy()]
-    angle = open_hand(kinematics).numpy() if joint is None else np.asarray(joint, np.float32)
+    angle = open_angles(kinematics).numpy() if joint is None else np.asarray(joint, np.float32)
     scene = Scene(
         name=layout.name,
         form="hand",
