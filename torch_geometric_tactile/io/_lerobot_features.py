@@ -90,11 +90,7 @@ def column(values: np.ndarray) -> Any:
 def schema_metadata(
     features: Mapping[str, Any], metadata: Mapping[bytes, bytes] | None = None
 ) -> dict[bytes, bytes]:
-    r"""Returns the metadata of a Parquet file with which :obj:`datasets` reads it.
-
-    Shapes:
-        - **metadata:** Those of an existing file, to which the features are added.
-    """
+    r"""Returns the metadata of a Parquet file with which :obj:`datasets` reads it."""
     content: dict[str, Any] = {}
     if metadata is not None:
         content = json.loads(metadata[_SCHEMA_KEY])

@@ -28,7 +28,6 @@ class Scene:
         - **link:** Index of the link :math:`(N,)`.
         - **pose:** Pose of the links without joint angles: rows of the rotation, and the
           translation :math:`(L, 12)`.
-        - **kinematics:** What poses the links.
     """
 
     name: str
@@ -107,12 +106,7 @@ def layout_scene(
     kinematics: "HandKinematics | None" = None,
     joint: np.ndarray | None = None,
 ) -> Scene:
-    r"""Returns the scene of a layout: on the hand that carries its links, or pad beside pad.
-
-    Shapes:
-        - **kinematics:** The hand. The Allegro hand, if it has the links of
-          the layout.
-    """
+    r"""Returns the scene of a layout: on the hand that carries its links, or pad beside pad."""
     from torch_geometric_tactile._texts import read_json
     from torch_geometric_tactile.sensors import HandKinematics, stock_path
 
