@@ -1,4 +1,4 @@
-r"""From where layouts are seen, in figures and in the viewer."""
+r"""From where layouts and hands are seen, in figures and in the viewer."""
 
 import torch
 from torch import Tensor
