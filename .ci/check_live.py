@@ -70,6 +70,8 @@ def main(folder):
         page = run("tactile", "--help")
         listed = [verb for verb in VERBS if f"    {verb} " in page]
         assert sorted(listed) == ["convert", "live", "ports", "record", "replay", "view"], page
+        assert "tactile live " in page, page  # among the examples
+        assert "tactile fit " not in page, page
         text = run("tactile", "live", "whole.npz", "--model", "a.predictor", fails=True)
         assert 'pip install "torch-geometric-tactile' in text, text
 
@@ -84,4 +86,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]).resolve())

@@ -22,7 +22,6 @@ class Folds:
 
         Shapes:
             - **unit:** The number of the unit of each sample :math:`(S,)`.
-            - **classes:** The classes that every fold has its share of.
         """
         # Imported here, since it takes as long as everything else together.
         from sklearn.model_selection import (
@@ -64,12 +63,7 @@ class Fractions:
     def draw(
         self, units: np.ndarray, classes: Classes | None, seeds: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
-        r"""Returns the units to validate and to test on.
-
-        Shapes:
-            - **classes:** The classes of all units, of each of which the fractions
-              are drawn; of all units at once if left out.
-        """
+        r"""Returns the units to validate and to test on."""
         if classes is not None:
             return self._draw_by_class(units, classes, seeds)
         count = len(units)

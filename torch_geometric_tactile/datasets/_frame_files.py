@@ -16,10 +16,6 @@ from torch import Tensor
 class FrameFiles:
     r"""Named arrays with a row for each frame, each in a temporary file that nothing else sees and
     that is gone at the end.
-
-    Shapes:
-        - **folder:** The folder of the files, which is made if need be; that of the
-          system if left out.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

@@ -93,7 +93,6 @@ class FrameReader:
         Columns with names are in the order of the first recording that knows them.
 
         Shapes:
-            - **folder:** The folder of the temporary file; it is made if need be.
             - **output:** readings :math:`(S, N, C)`
         """
         trials: list[Trial] = []

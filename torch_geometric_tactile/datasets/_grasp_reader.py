@@ -56,9 +56,6 @@ class GraspReader:
     ) -> tuple[dict[str, Tensor], list[Grasp], list[str]]:
         r"""Returns the attributes of all frames, mapped from temporary files, the grasps, and the
         names of the objects.
-
-        Shapes:
-            - **folder:** The folder of the temporary files.
         """
         with FrameFiles(folder) as files:
             grasps = [self._grasp(files, *given) for given in recordings]

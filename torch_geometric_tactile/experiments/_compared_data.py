@@ -29,13 +29,7 @@ def data_source(
     stride: int | None = None,
     cut: FrameCut | None = None,
 ) -> DataSource:
-    r"""Returns the data set that a text stands for.
-
-    Shapes:
-        - **arguments:** Further arguments of the data set.
-        - **cut:** How windows of frames or whole trials are cut from its samples,
-          which must be frames; each frame is a sample if left out.
-    """
+    r"""Returns the data set that a text stands for."""
     if time_axis is not None and cut is not None:
         raise ValueError(
             f"'time_axis' must be left out where windows or trials are cut (got {time_axis})"

@@ -88,10 +88,6 @@ def of_frames(
 ) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
     r"""Returns a source, and what is left to be tared and selected of its samples: of samples that
     are cut from frames nothing, since both is done to the frames. A stride makes other windows.
-
-    Shapes:
-        - **tare:** Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
-        - **selection:** Arguments that only choose among the frames.
     """
     found = find_class(source.class_path)
     if not isinstance(found, type) or not issubclass(found, FrameView):

@@ -41,9 +41,6 @@ class DataSource:
     ) -> Self:
         r"""Returns the source with other or further arguments. Those that a view does not have,
         such as :obj:`root`, are given to the data set that it shows.
-
-        Shapes:
-            - **selection:** Laid over the selection.
         """
         return replace(
             self,
@@ -127,11 +124,7 @@ class DataFacts:
 
     @classmethod
     def of(cls, dataset: StaticDataset, used: StaticDataset | None = None) -> Self:
-        r"""Returns the facts of a data set.
-
-        Shapes:
-            - **used:** The same with a selection of the samples.
-        """
+        r"""Returns the facts of a data set."""
         counts = [_count(dataset.column(key)) for key in ("trial", "group")]
         return cls(
             num_samples=len(dataset if used is None else used),

@@ -44,9 +44,6 @@ def fitted_samples(
 ) -> StaticData:
     r"""Returns all samples of a part in memory, behind the transform of their data set and another,
     which is fitted on them.
-
-    Shapes:
-        - **transform:** The other.
     """
     return fit_transform(transform, samples_of(part), adapt=adapt)
 

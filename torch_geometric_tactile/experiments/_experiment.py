@@ -20,12 +20,7 @@ from torch_geometric_tactile.experiments._data_source import DataSource
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    r"""What is trained and tested.
-
-    Shapes:
-        - **choice:** What is chosen on a validation part before the test; nothing if
-          left out.
-    """
+    r"""What is trained and tested."""
 
     name: str
     data: DataSource

@@ -17,7 +17,6 @@ class TaxelNetWithoutEdges(TaxelNet):
         TaxelNetWithoutEdges(24, 2, in_channels=3, widths=(32,), taxels=(24,), head='all')
 
     Shapes:
-        - **layout:** The layout.
         - **out_channels:** Number of labels or classes :math:`C`.
         - **in_channels:** Features of each taxel :math:`F`.
         - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch

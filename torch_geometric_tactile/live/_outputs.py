@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 
 class Outputs:
-    r"""The recorder and the viewer of a session, as far as there are some; called by any thread.
-
-    Shapes:
-        - **layout:** The taxels.
-    """
+    r"""The recorder and the viewer of a session, as far as there are some; called by any thread."""
 
     def __init__(self, stream: Stream, layout: "TaxelLayout | PathLike | None") -> None:
         self.recorder: Recorder | None = None

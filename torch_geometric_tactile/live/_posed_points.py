@@ -34,9 +34,6 @@ class PosedPoints:
     The values are changes since the rest: :obj:`pressure` is that of the normal channel, and
     :obj:`shear` the length of that of the two others, if there are three; with any other number of
     channels :obj:`pressure` is that of the first.
-
-    Shapes:
-        - **layout:** The layout, its name or file.
     """
 
     def __init__(

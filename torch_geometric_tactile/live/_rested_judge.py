@@ -13,12 +13,7 @@ _DRIFT_SECONDS = 0.25  # between two frames whose distance from the rest is meas
 
 
 class RestedJudge:
-    r"""Gives frames to a judge as soon as there is a rest, if something needs one.
-
-    Shapes:
-        - **judge:** The judge; without one nothing is judged.
-        - **rest:** What measures the sensor at rest; that of the judge if left out.
-    """
+    r"""Gives frames to a judge as soon as there is a rest, if something needs one."""
 
     def __init__(
         self,

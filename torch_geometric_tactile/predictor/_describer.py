@@ -33,11 +33,7 @@ class NotPlainError(ValueError):
 
 
 class Describer:
-    r"""Turns transforms and models into JSON values and named tensors.
-
-    Shapes:
-        - **layout:** The layout of the sensor, which is written once.
-    """
+    r"""Turns transforms and models into JSON values and named tensors."""
 
     def __init__(self, layout: TaxelLayout | None) -> None:
         self.layout = layout

@@ -26,12 +26,6 @@ ArrayLike = Tensor | np.ndarray | Sequence[Any]
 class Preparation:
     r"""What turns a reading into the input of a model: the layout, what all frames share, and the
     transforms.
-
-    Shapes:
-        - **window:** How windows are cut from frames, if the model takes windows:
-          then both transforms are applied to windows.
-        - **read_options:** How files of recordings are read, as
-          :func:`~torch_geometric_tactile.predictor._file_options.checked_options` takes it.
     """
 
     def __init__(

@@ -38,11 +38,7 @@ class MissingOwnError(ValueError):
 
 
 class Builder:
-    r"""Builds transforms and models from what :class:`Describer` returned.
-
-    Shapes:
-        - **layout:** The layout of the sensor.
-    """
+    r"""Builds transforms and models from what :class:`Describer` returned."""
 
     def __init__(
         self,

@@ -36,11 +36,6 @@ def write_recordings(
 ) -> Counter[str]:
     r"""Writes a row for each frame of some recordings: file, frame, time, prediction and
     probabilities. With a model of windows, a row for each window, with its last frame.
-
-    Shapes:
-        - **options:** Options of
-          :func:`~torch_geometric_tactile.io.read_recording`, before those that the predictor
-          knows.
     """
 
     def rows() -> _Rows:

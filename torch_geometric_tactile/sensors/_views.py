@@ -12,20 +12,8 @@ PAD_GAP = 0.3  # between pads, of the largest extent of one
 _OPEN_ANGLES = {"joint_12.0": 0.263, "joint_13.0": 1.1}
 
 
-def open_hand(kinematics: HandKinematics) -> Tensor:
-    r"""Returns the joint angles of an open hand, as figures and the viewer draw it: all angles
-    zero, or the limit next to it, and an Allegro hand's thumb turned so that its pads are seen.
-
-    Args:
-        kinematics (HandKinematics): The hand.
-
-    Shapes:
-        - **output:** joint angles in radians :math:`(J,)`
-
-    Examples:
-        >>> open_hand(HandKinematics.allegro())[12:]
-        tensor([0.2630, 1.1000, 0.0000, 0.0000])
-    """
+def open_angles(kinematics: HandKinematics) -> Tensor:
+    r"""Returns the joint angles of an open hand in radians :math:`(J,)`."""
     angle = torch.tensor([_OPEN_ANGLES.get(name, 0.0) for name in kinematics.joint_names])
     return torch.minimum(torch.maximum(angle, kinematics.lower), kinematics.upper)
 

@@ -29,6 +29,7 @@ _KEYS = ("name", "source", "joints", "bodies")
 _FEW = 4  # frames up to which the number of operations costs more than the work in them
 _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit into the cache
 
+
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
 
 

@@ -1,6 +1,5 @@
 r"""Simulators of grasps, squeezes and presses, which generate recordings."""
 
-from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES
 from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
 from torch_geometric_tactile.sim.bigs_plan import BigsGrasp, draw_grasp
 from torch_geometric_tactile.sim.bigs_slip import slip_onset
@@ -24,6 +23,7 @@ from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
 from torch_geometric_tactile.sim.letter_press import LetterPress, LetterPresses
 from torch_geometric_tactile.sim.object_sets import OBJECT_SETS, object_set
 from torch_geometric_tactile.sim.objects import (
+    PROPERTIES,
     GraspObject,
     control8,
     paper8,

@@ -99,11 +99,7 @@ def _wait_for_end(parent: int) -> None:
 
 
 def kept_meta(task: TrialTask, before: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    r"""Returns the metadata of a finished trial.
-
-    Shapes:
-        - **before:** What files of earlier versions do not say.
-    """
+    r"""Returns the metadata of a finished trial."""
     meta = {**(before or {}), **read_hdf5_head(task.path).meta}
     for key, wanted in task.identity().items():
         if meta.get(key) != wanted:

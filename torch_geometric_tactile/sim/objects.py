@@ -5,6 +5,10 @@ from itertools import product
 from typing import Literal
 
 from torch_geometric_tactile.datasets._allegro_objects import PAPER_OBJECTS
+from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES as _PROPERTIES
+
+#: The properties of objects, in the order of the "Tactile Object Property Recognition ..." paper.
+PROPERTIES = _PROPERTIES
 
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg
 _FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
@@ -66,10 +70,12 @@ class GraspObject:
     @property
     def labels(self) -> tuple[int, ...]:
         r"""The six properties in the order of :obj:`PROPERTIES`, 1 where it has them."""
-        heavy = self.mass > sum(_MASS.values()) / 2
-        slippery = self.friction < sum(_FRICTION.values()) / 2
-        has = (not heavy, heavy, not self.soft, self.soft, not slippery, slippery)
-        return tuple(map(int, has))
+        has = {
+            "heavy" if self.mass > sum(_MASS.values()) / 2 else "light",
+            "soft" if self.soft else "hard",
+            "slippery" if self.friction < sum(_FRICTION.values()) / 2 else "non-slippery",
+        }
+        return tuple(int(name in has) for name in PROPERTIES)
 
 
 def _object(

@@ -15,7 +15,6 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim._presets import PRESETS, Preset, TrialReport
@@ -34,7 +33,7 @@ from torch_geometric_tactile.sim.grasp import (
 )
 from torch_geometric_tactile.sim.hand_model import ContactParameters
 from torch_geometric_tactile.sim.object_sets import object_set
-from torch_geometric_tactile.sim.objects import GraspObject
+from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject
 from torch_geometric_tactile.sim.skin import SkinModel
 from torch_geometric_tactile.sim.spread import GraspSpread
 from torch_geometric_tactile.sim.squeeze import plan_squeeze

@@ -46,7 +46,6 @@ def train_weights(data: TactileDataModule | None, task: Task, num_classes: int) 
     training part.
 
     Shapes:
-        - **data:** The data.
         - **num_classes:** Number of classes or labels :math:`C`.
     """
     y = None if data is None else data.part("train").column("y")
@@ -152,11 +151,7 @@ def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
 
 
 def check_has_threshold(module: Any, data: Any, stage: str) -> None:
-    r"""Checks that there are two classes, and a validation part to choose their threshold on.
-
-    Shapes:
-        - **data:** Its data.
-    """
+    r"""Checks that there are two classes, and a validation part to choose their threshold on."""
     if module.num_classes != 2:
         raise ValueError(
             f"'threshold' must be left out unless there are 2 classes (got {module.num_classes})"

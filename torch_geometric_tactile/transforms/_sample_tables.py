@@ -39,9 +39,6 @@ def tables_like(
 ) -> KeptTables:
     r"""Returns centre and scale in the precision and on the device of readings: those that were
     kept if they are the same, since converting them costs as much as scaling a batch.
-
-    Shapes:
-        - **kept:** What was returned before.
     """
     place = (x.dtype, x.device, num_frames)
     if kept is not None and kept.center is center and kept.scale is scale and kept.place == place:

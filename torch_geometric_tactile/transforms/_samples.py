@@ -53,9 +53,6 @@ def as_static_data(data: AnySamples) -> StaticData:
 class Samples:
     r"""Samples as a transform sees them that comes after others: these are applied to a few samples
     at a time, so that neither their results nor a memory-mapped data set need to fit into memory.
-
-    Shapes:
-        - **before:** The transform that is applied to them.
     """
 
     def __init__(

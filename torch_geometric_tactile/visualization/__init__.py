@@ -2,7 +2,6 @@ r"""Plots of layouts, readings and results. Needs the extra ``viz`` when a funct
 when this package is imported.
 """
 
-from torch_geometric_tactile.sensors._views import open_hand
 from torch_geometric_tactile.visualization.bigs_grasp import plot_bigs_grasps
 from torch_geometric_tactile.visualization.comparison import ComparisonPanel, plot_comparison
 from torch_geometric_tactile.visualization.curves import plot_curves
@@ -14,7 +13,7 @@ from torch_geometric_tactile.visualization.feature_maps import (
 )
 from torch_geometric_tactile.visualization.figure import save_figure
 from torch_geometric_tactile.visualization.grasp import plot_grasps
-from torch_geometric_tactile.visualization.hand import plot_hand
+from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
 from torch_geometric_tactile.visualization.hand_panels import plot_hand_panels
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
 from torch_geometric_tactile.visualization.letters import plot_presses

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.sensors._views import open_hand
+from torch_geometric_tactile.sensors._views import open_angles
 from torch_geometric_tactile.visualization._hand_edges import draw_edge_values, draw_edges
 from torch_geometric_tactile.visualization._segment_colors import segment_colors
 from torch_geometric_tactile.visualization._taxel_map import (
@@ -29,6 +29,23 @@ if TYPE_CHECKING:
 _NAME_SIZES = {"patch": 6.5, "digit": TEXT + 0.5}  # points
 # In shares of the extent; names are drawn in the lower one.
 _MARGIN, _LOWER_MARGIN = 0.048, 0.072
+
+
+def open_hand(kinematics: HandKinematics) -> Tensor:
+    r"""Returns the joint angles of an open hand, as figures and the viewer draw it: all angles
+    zero, or the limit next to it, and an Allegro hand's thumb turned so that its pads are seen.
+
+    Args:
+        kinematics (HandKinematics): The hand.
+
+    Shapes:
+        - **output:** joint angles in radians :math:`(J,)`
+
+    Examples:
+        >>> open_hand(HandKinematics.allegro())[12:]
+        tensor([0.2630, 1.1000, 0.0000, 0.0000])
+    """
+    return open_angles(kinematics)
 
 
 def plot_hand(

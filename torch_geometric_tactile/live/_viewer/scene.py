@@ -28,7 +28,6 @@ class Scene:
         - **link:** Index of the link :math:`(N,)`.
         - **pose:** Pose of the links without joint angles: rows of the rotation, and the
           translation :math:`(L, 12)`.
-        - **kinematics:** What poses the links.
     """
 
     name: str
@@ -107,12 +106,7 @@ def layout_scene(
     kinematics: "HandKinematics | None" = None,
     joint: np.ndarray | None = None,
 ) -> Scene:
-    r"""Returns the scene of a layout: on the hand that carries its links, or pad beside pad.
-
-    Shapes:
-        - **kinematics:** The hand. The Allegro hand, if it has the links of
-          the layout.
-    """
+    r"""Returns the scene of a layout: on the hand that carries its links, or pad beside pad."""
     from torch_geometric_tactile._texts import read_json
     from torch_geometric_tactile.sensors import HandKinematics, stock_path
 
@@ -133,13 +127,13 @@ def _hand(
     joint: np.ndarray | None,
     bodies: Sequence[Mapping[str, Any]],
 ) -> Scene:
-    from torch_geometric_tactile.sensors._views import open_hand
+    from torch_geometric_tactile.sensors._views import open_angles
 
     kinematics.require_links(layout)
     number = {name: i for i, name in enumerate(kinematics.link_names)}
     assert layout.link is not None
     link = np.array([number.get(name, 0) for name in layout.link_names])[layout.link.numpy()]
-    angle = open_hand(kinematics).numpy() if joint is None else np.asarray(joint, np.float32)
+    angle = open_angles(kinematics).numpy() if joint is None else np.asarray(joint, np.float32)
     scene = Scene(
         name=layout.name,
         form="hand",

@@ -29,11 +29,6 @@ _SHOWN_HEALTH = (
 class ViewerScreen:
     r"""The scene, the rest, the notes and the last judgement, for any number of pages. Frames are
     asked for by one thread; notes and judgements may come from any.
-
-    Shapes:
-        - **layout:** Its layout; the one that the source names
-          if left out.
-        - **kinematics:** The hand that carries the layout.
     """
 
     def __init__(

@@ -151,11 +151,7 @@ class TaxelBlock(Module):
 
 
 class TaxelLevel(Module):
-    r"""Blocks on one layout, after the pooling that leads to it.
-
-    Shapes:
-        - **pool:** The pooling, whose coarser layout it is.
-    """
+    r"""Blocks on one layout, after the pooling that leads to it."""
 
     def __init__(
         self,

@@ -17,11 +17,7 @@ LayoutLike = Union[TaxelLayout, int, PathLike]
 
 
 def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
-    r"""Returns the layout of a model that needs more than the number of taxels.
-
-    Shapes:
-        - **layout:** The layout, its name or its file.
-    """
+    r"""Returns the layout of a model that needs more than the number of taxels."""
     if isinstance(layout, int):
         raise ValueError(
             f"'layout' must be a layout, the name of one or its file for {purpose} (got the number "
@@ -32,11 +28,7 @@ def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
 
 
 def count_taxels(layout: LayoutLike) -> int:
-    r"""Returns the number of taxels :math:`N`.
-
-    Shapes:
-        - **layout:** The layout, its name or its file, or the number.
-    """
+    r"""Returns the number of taxels :math:`N`."""
     if not isinstance(layout, int):
         return load_layout(layout, "its number of taxels").num_taxels
     if layout < 1:
@@ -47,9 +39,6 @@ def count_taxels(layout: LayoutLike) -> int:
 def portable_layout(layout: Any) -> Any:
     r"""Returns the contents of a layout file, which need not exist elsewhere, and anything else as
     it is.
-
-    Shapes:
-        - **layout:** The layout, its name or its file, or the number.
     """
     is_file = isinstance(layout, os.PathLike) or (
         isinstance(layout, str) and layout not in stock_names()
