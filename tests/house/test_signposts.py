@@ -63,8 +63,8 @@ def test_every_room_says_what_it_exports() -> None:
         is_lazy = module.path.with_suffix(".pyi").exists()
         if holds_code and not module.is_private and not is_lazy and not names_of_all(module.tree):
             without.add(room)
-    # `nn` joins the lists of its rooms, in place of names.
-    assert without - {"nn"} <= WITHOUT_ALL
+    # `nn` joins the lists of its rooms, in place of names; `io` exports its decoders.
+    assert without - {"nn", "io.decoders"} <= WITHOUT_ALL
 
 
 def test_exported_names_are_of_public_modules() -> None:

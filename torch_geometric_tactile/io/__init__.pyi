@@ -1,17 +1,17 @@
-from ._decoders.anyskin import AnySkinDecoder
-from ._decoders.decoder import Decoder, DecoderCounts
-from ._decoders.flexitac import FlexiTacDecoder
-from ._decoders.letter_array_packets import LetterArrayDecoder, encode_letter_array
-from ._decoders.m1616 import M1616Decoder
-from ._decoders.packets import CobsDecoder, encode_packet
-from ._decoders.paxini import PaXiniDecoder
-from ._decoders.protocols import PROTOCOLS, decoder_of
-from ._decoders.robotiq import RobotiqDecoder
-from ._decoders.text_rows import TextRowsDecoder
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
 from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
 from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
+from .decoders.anyskin import AnySkinDecoder
+from .decoders.decoder import Decoder, DecoderCounts
+from .decoders.flexitac import FlexiTacDecoder
+from .decoders.letter_array_packets import LetterArrayDecoder, encode_letter_array
+from .decoders.m1616 import M1616Decoder
+from .decoders.packets import CobsDecoder, encode_packet
+from .decoders.paxini import PaXiniDecoder
+from .decoders.protocols import PROTOCOLS, decoder_of
+from .decoders.robotiq import RobotiqDecoder
+from .decoders.text_rows import TextRowsDecoder
 from .icub_grasp_txt import ICubGraspFrames, read_icub_grasp_txt
 from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot

@@ -1,6 +1,6 @@
 import pytest
 
-from torch_geometric_tactile.io._decoders.decoder import SequenceNumbers
+from torch_geometric_tactile.io.decoders._header_decoder import SequenceNumbers
 
 
 @pytest.mark.parametrize(

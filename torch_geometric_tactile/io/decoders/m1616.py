@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import WAIT, HeaderDecoder
+from torch_geometric_tactile.io.decoders._header_decoder import WAIT, HeaderDecoder
 
 _TAXELS = 256
 _SIZE = 3 + 2 * _TAXELS + 4

@@ -6,7 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import Decoder, checked_shape
+from torch_geometric_tactile.io.decoders._header_decoder import checked_shape
+from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _TEXT = b"0123456789 \t\r\n"
 _LEADING = re.compile(rb"[\r\n]*")

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import Decoder
+from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _END = b"\r\n"
 _LOOK_AHEAD = 4  # frames in a row that may be damaged before their places are forgotten

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import NONE, WAIT, HeaderDecoder
+from torch_geometric_tactile.io.decoders._header_decoder import NONE, WAIT, HeaderDecoder
 
 _HEAD = 6  # bytes before the data: header, reserved, length of error code and data, error code
 _FORCE = 6  # bytes of the whole force of a module: x, y, z, of which the lower bytes are read

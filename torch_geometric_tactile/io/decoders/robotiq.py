@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import NONE, WAIT, HeaderDecoder
+from torch_geometric_tactile.io.decoders._header_decoder import NONE, WAIT, HeaderDecoder
 
 _HEADER = b"\x9a"
 _HEAD = 4  # header, check byte, command, length
@@ -24,7 +24,7 @@ _NAMES = {
 # Values of 16 bits in a block of each type.
 _VALUES = {_STATIC: _TAXELS, 0x20: 1, 0x30: 3, 0x40: 3, 0x50: 3, 0x60: 1}
 
-Block = tuple[int, int, bytes]
+_Block = tuple[int, int, bytes]
 
 
 class RobotiqDecoder(HeaderDecoder):
@@ -150,7 +150,7 @@ def _may_hold_header(data: bytes) -> bool:
     return False
 
 
-def _blocks(packet: bytes, timestamp: int) -> list[Block] | None:
+def _blocks(packet: bytes, timestamp: int) -> list[_Block] | None:
     """The blocks of a packet, or :obj:`None` if they do not fill it."""
     blocks = []
     place = _HEAD

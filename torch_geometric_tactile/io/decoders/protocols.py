@@ -5,15 +5,15 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from torch_geometric_tactile.io._decoders.anyskin import AnySkinDecoder
-from torch_geometric_tactile.io._decoders.decoder import Decoder
-from torch_geometric_tactile.io._decoders.flexitac import FlexiTacDecoder
-from torch_geometric_tactile.io._decoders.letter_array_packets import LetterArrayDecoder
-from torch_geometric_tactile.io._decoders.m1616 import M1616Decoder
-from torch_geometric_tactile.io._decoders.packets import CobsDecoder
-from torch_geometric_tactile.io._decoders.paxini import PaXiniDecoder
-from torch_geometric_tactile.io._decoders.robotiq import RobotiqDecoder
-from torch_geometric_tactile.io._decoders.text_rows import TextRowsDecoder
+from torch_geometric_tactile.io.decoders.anyskin import AnySkinDecoder
+from torch_geometric_tactile.io.decoders.decoder import Decoder
+from torch_geometric_tactile.io.decoders.flexitac import FlexiTacDecoder
+from torch_geometric_tactile.io.decoders.letter_array_packets import LetterArrayDecoder
+from torch_geometric_tactile.io.decoders.m1616 import M1616Decoder
+from torch_geometric_tactile.io.decoders.packets import CobsDecoder
+from torch_geometric_tactile.io.decoders.paxini import PaXiniDecoder
+from torch_geometric_tactile.io.decoders.robotiq import RobotiqDecoder
+from torch_geometric_tactile.io.decoders.text_rows import TextRowsDecoder
 
 #: Decoders of serial sensors, by the name of the protocol.
 PROTOCOLS: Mapping[str, type[Decoder]] = MappingProxyType(

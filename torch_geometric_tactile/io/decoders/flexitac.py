@@ -5,7 +5,12 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import NONE, WAIT, HeaderDecoder, checked_shape
+from torch_geometric_tactile.io.decoders._header_decoder import (
+    NONE,
+    WAIT,
+    HeaderDecoder,
+    checked_shape,
+)
 
 
 class FlexiTacDecoder(HeaderDecoder):

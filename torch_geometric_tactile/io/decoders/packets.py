@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import Decoder, SequenceNumbers
+from torch_geometric_tactile.io.decoders._header_decoder import SequenceNumbers
+from torch_geometric_tactile.io.decoders.decoder import Decoder
 
-PACKET_VERSION = 1
+_PACKET_VERSION = 1
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _HEAD = struct.Struct("<BBBBHI")  # version, flags, sample type, channels, taxels, sequence number
 _WORD = struct.Struct("<I")
@@ -65,7 +66,7 @@ def encode_packet(
         flags |= _HAS_JOINT
         more += bytes([len(joint)]) + joint.tobytes()
     channels, number = tactile.shape[1], sequence % _WRAP
-    head = _HEAD.pack(PACKET_VERSION, flags, _SAMPLES.index(kind), channels, len(tactile), number)
+    head = _HEAD.pack(_PACKET_VERSION, flags, _SAMPLES.index(kind), channels, len(tactile), number)
     content = head + more + tactile.astype(kind).tobytes()
     return b"\0" + _require_cobs().encode(content + _WORD.pack(zlib.crc32(content))) + b"\0"
 
@@ -168,7 +169,7 @@ def _read_content(
     content: bytes,
 ) -> tuple[int, float | None, np.ndarray | None, np.ndarray] | None:
     version, flags, kind, channels, taxels, number = _HEAD.unpack_from(content)
-    if version != PACKET_VERSION or flags & ~3 or kind >= len(_SAMPLES):
+    if version != _PACKET_VERSION or flags & ~3 or kind >= len(_SAMPLES):
         return None
     place, device_time, joint = _HEAD.size, None, None
     if flags & _HAS_TIME:

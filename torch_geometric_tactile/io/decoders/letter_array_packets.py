@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io._decoders.decoder import WAIT, HeaderDecoder, SequenceNumbers
+from torch_geometric_tactile.io.decoders._header_decoder import WAIT, HeaderDecoder, SequenceNumbers
 
 _SIDE = 32
 _HEADER = b"\xa5\x5aLA"
