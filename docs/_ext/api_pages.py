@@ -33,7 +33,6 @@ MODULES = (
     "nn.conv",
     "nn.pool",
     "nn.models",
-    "nn.functional",
     "baselines",
     "training",
     "analysis",

@@ -6,8 +6,8 @@ import pytest
 from house.measure import PACKAGE, House, names_of_all
 from house.walks import Walk, walk_of
 
-PUBLIC_LOOKING = 227  # may only fall
-UNSIGNED = 11  # may only fall, to 0
+PUBLIC_LOOKING = 150  # may only fall
+UNSIGNED = 10  # may only fall, to 0
 WITHOUT_ALL = {"experiments"}  # may only become empty
 FILES = {  # a package with each kind of module once
     "__init__.pyi": "from . import room\n__all__ = ['room']\n",

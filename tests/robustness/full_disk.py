@@ -187,7 +187,7 @@ def torch_writers() -> Iterator[Writer]:
 def text_writers() -> Iterator[Writer]:
     """Yields the writers of layouts, presses, results, pictures and pages."""
     from torch_geometric_tactile.sensors import TaxelLayout, grid
-    from torch_geometric_tactile.sim.simulate_letters import write_block
+    from torch_geometric_tactile.sim.simulate_letters import _write_block
 
     yield Writer(
         "layout",
@@ -201,7 +201,7 @@ def text_writers() -> Iterator[Writer]:
     yield Writer(
         "letters",
         ".npy",
-        write_block,
+        _write_block,
         lambda path: np.load(path).tolist(),
         draw_presses.random((2, 32, 32), dtype=np.float32),
         draw_presses.random((100, 32, 32), dtype=np.float32),
@@ -212,7 +212,8 @@ def text_writers() -> Iterator[Writer]:
         from torch_geometric_tactile.experiments._experiment import Experiment
         from torch_geometric_tactile.experiments._run_store import RunStore
         from torch_geometric_tactile.reports.html import write_report
-        from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+        from torch_geometric_tactile.visualization._new_figure import new_figure
+        from torch_geometric_tactile.visualization.figure import save_figure
     except ImportError:
         return
 

@@ -10,7 +10,7 @@ from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
 from torch_geometric_tactile.sim import PHASES, paper8
 from torch_geometric_tactile.visualization import open_hand
 from torch_geometric_tactile.visualization._grasp_film import plot_grasp_film, plot_grasp_forces
-from torch_geometric_tactile.visualization.style import colormap
+from torch_geometric_tactile.visualization._style import colormap
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()
 TUBE = paper8()[0]

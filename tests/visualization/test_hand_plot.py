@@ -7,7 +7,7 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, allegro_uskin
 from torch_geometric_tactile.visualization import open_hand, plot_hand
-from torch_geometric_tactile.visualization.figure import new_figure
+from torch_geometric_tactile.visualization._new_figure import new_figure
 
 HAND = HandKinematics.allegro()
 LAYOUT = allegro_uskin()

@@ -22,8 +22,8 @@ from torch_geometric_tactile.visualization import (
     plot_roc,
     theme,
 )
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     colormap,
     current_theme,

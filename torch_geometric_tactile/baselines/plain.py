@@ -18,17 +18,17 @@ from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary
 from torch_geometric_tactile.sensors import TaxelLayout
 
-Task = Literal["multiclass", "regression"]
-Weight = Literal["balanced"] | None
+_Task = Literal["multiclass", "regression"]
+_Weight = Literal["balanced"] | None
 _TASKS = ("multiclass", "regression")
 
 
 def flat_forest(
-    task: Task = "multiclass",
+    task: _Task = "multiclass",
     *,
     num_trees: int = 300,
     min_samples_leaf: int = 1,
-    class_weight: Weight = None,
+    class_weight: _Weight = None,
 ) -> Pipeline:
     r"""Returns a random forest on all readings side by side.
 
@@ -49,11 +49,11 @@ def flat_forest(
 
 def posed_forest(
     layout: TaxelLayout | PathLike,
-    task: Task = "multiclass",
+    task: _Task = "multiclass",
     *,
     num_trees: int = 300,
     min_samples_leaf: int = 1,
-    class_weight: Weight = None,
+    class_weight: _Weight = None,
 ) -> Pipeline:
     r"""Returns a random forest on the features of :class:`PosedSummary`.
 
@@ -78,10 +78,10 @@ def posed_forest(
 
 def posed_ridge(
     layout: TaxelLayout | PathLike,
-    task: Task = "multiclass",
+    task: _Task = "multiclass",
     *,
     alpha: float = 1.0,
-    class_weight: Weight = None,
+    class_weight: _Weight = None,
 ) -> Pipeline:
     r"""Returns a ridge classifier or regression on the features of :class:`PosedSummary`.
 
@@ -104,10 +104,10 @@ def posed_ridge(
 
 
 def linear_svm(
-    task: Task = "multiclass",
+    task: _Task = "multiclass",
     *,
     C: float = 1.0,  # noqa: N803 - scikit-learn's name
-    class_weight: Weight = None,
+    class_weight: _Weight = None,
 ) -> Pipeline:
     r"""Returns a linear support vector machine on all readings side by side, which should be scaled
     before (see :class:`~torch_geometric_tactile.transforms.ZScore`); regression targets are scaled
@@ -134,11 +134,11 @@ def linear_svm(
 
 
 def rbf_svm(
-    task: Task = "multiclass",
+    task: _Task = "multiclass",
     *,
     C: float = 1.0,  # noqa: N803 - scikit-learn's name
     width: float = 1.0,
-    class_weight: Weight = None,
+    class_weight: _Weight = None,
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on all readings side by side, which
@@ -167,11 +167,11 @@ def rbf_svm(
 
 
 def signal_svm(
-    task: Task = "multiclass",
+    task: _Task = "multiclass",
     *,
     num_channels: int = 1,
     C: float = 1.0,  # noqa: N803 - scikit-learn's name
-    class_weight: Weight = None,
+    class_weight: _Weight = None,
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the 12 statistical features of each
@@ -199,7 +199,7 @@ def signal_svm(
     return make_pipeline(_WindowFeatures(num_channels), StandardScaler(), model)
 
 
-def constant(task: Task = "multiclass") -> Pipeline:
+def constant(task: _Task = "multiclass") -> Pipeline:
     r"""Returns the baseline that every model must beat: the most frequent class, or the mean.
 
     Args:
@@ -220,7 +220,7 @@ def _is_classes(task: str) -> bool:
     return task == "multiclass"
 
 
-def _forest(task: Task, num_trees: int, min_samples_leaf: int, class_weight: Weight) -> Any:
+def _forest(task: _Task, num_trees: int, min_samples_leaf: int, class_weight: _Weight) -> Any:
     size = {"n_estimators": num_trees, "min_samples_leaf": min_samples_leaf}
     if _is_classes(task):
         return RandomForestClassifier(**size, class_weight=class_weight)
@@ -267,7 +267,7 @@ class _FewerSVC(_Fewer, SVC):
         C: float = 1.0,  # noqa: N803
         width: float = 1.0,
         most: int | None = None,
-        class_weight: Weight = None,
+        class_weight: _Weight = None,
         random_state: Any = None,
     ) -> None:
         super().__init__(C=C, class_weight=class_weight, random_state=random_state)

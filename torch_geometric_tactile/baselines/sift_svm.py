@@ -64,7 +64,7 @@ class SIFTSVM(VisualWordsSVM):
         class_weight: dict[int, float] | str | None = None,
         random_state: int | None = None,
     ) -> None:
-        import_opencv()
+        _import_opencv()
         self.layout = layout
         self.num_words = num_words
         self.factor = factor
@@ -88,13 +88,13 @@ class SIFTSVM(VisualWordsSVM):
         Args:
             images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
-        sift = import_opencv().SIFT_create(contrastThreshold=self.contrast_threshold)
+        sift = _import_opencv().SIFT_create(contrastThreshold=self.contrast_threshold)
         for image in images:
             found = sift.detectAndCompute(image, None)[1]
             yield _NONE if found is None else found
 
 
-def import_opencv() -> Any:
+def _import_opencv() -> Any:
     r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
     try:
         import cv2

@@ -72,7 +72,7 @@ class SURFSVM(VisualWordsSVM):
         class_weight: dict[int, float] | str | None = None,
         random_state: int | None = None,
     ) -> None:
-        import_surf()
+        _import_surf()
         self.layout = layout
         self.num_words = num_words
         self.factor = factor
@@ -100,7 +100,7 @@ class SURFSVM(VisualWordsSVM):
         Args:
             images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
-        surf = import_surf()
+        surf = _import_surf()
         margin = math.ceil(_MARGIN * self.scale)
         points = _points(images.shape[1], images.shape[2], self.spacing)
         window = max(1, round(_WINDOW * self.scale))
@@ -118,7 +118,7 @@ def _points(height: int, width: int, spacing: int) -> np.ndarray:
     return np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def import_surf() -> Any:
+def _import_surf() -> Any:
     r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
     try:
         from mahotas.features import surf

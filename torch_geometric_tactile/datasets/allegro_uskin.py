@@ -14,7 +14,7 @@ from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
 
-Task = Literal["object", "property", "shape", "width", "centre", "yaw"]
+_Task = Literal["object", "property", "shape", "width", "centre", "yaw"]
 _TASKS = ("object", "property", *GRASP_TARGETS)
 _SPLITS_BY = ("trial", "frame", "group", "placement", "size")
 
@@ -164,7 +164,7 @@ class AllegroUSkin(RecordingFrames):
     def __init__(
         self,
         root: PathLike | None = None,
-        task: Task = "object",
+        task: _Task = "object",
         split: Literal["train", "val", "test"] | None = "train",
         *,
         split_by: Literal["trial", "frame", "group", "placement", "size"] = "trial",

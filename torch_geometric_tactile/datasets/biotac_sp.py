@@ -17,7 +17,7 @@ from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
-Palm = Literal["down", "side", "45"]
+_Palm = Literal["down", "side", "45"]
 _PALMS = ("down", "side", "45")
 _SHA256 = {
     "bts3v2_palm_down.csv": "7abe522411416909f6c71adc37eabc17d3ee62bed5073da1297757bea951715f",
@@ -95,7 +95,7 @@ class BioTacSP(StaticDataset):
         self,
         root: PathLike | None = None,
         split: Literal["train", "test", "all"] = "train",
-        palm: Palm | None = None,
+        palm: _Palm | None = None,
         *,
         transform: Transform | None = None,
         pre_transform: Transform | None = None,

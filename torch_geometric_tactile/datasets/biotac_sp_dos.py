@@ -15,7 +15,7 @@ from torch_geometric_tactile.io import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
 #: The names of the directions by those of their folders, in the order of their numbers.
-DIRECTIONS = {
+_DIRECTIONS = {
     "n": "north",
     "e": "east",
     "s": "south",
@@ -25,7 +25,7 @@ DIRECTIONS = {
     "t": "touch",
 }
 #: The authors' sets of objects. Other objects are of the set "other".
-SETS = {
+_SETS = {
     "basic": ("case", "hd", "pen", "sponge"),
     "solids": ("bottle", "cardboard"),
     "small": ("brush", "screw"),
@@ -162,11 +162,11 @@ class BioTacSPDoS(StaticDataset):
     def _check_there(self) -> None:
         folder = Path(self.raw_dir)
         there = {sequence.direction for sequence in _sequences(folder)}
-        missing = [name for name in DIRECTIONS if name not in there]
+        missing = [name for name in _DIRECTIONS if name not in there]
         if missing:
             raise FileNotFoundError(
                 f"'{folder}' must have files <object><number>.csv in a folder for each direction, "
-                f"{', '.join(DIRECTIONS)} (got none in {', '.join(map(repr, missing))}): put the "
+                f"{', '.join(_DIRECTIONS)} (got none in {', '.join(map(repr, missing))}): put the "
                 "folder 'csvs' of https://github.com/yayaneath/BioTacSP-DoS there"
             )
 
@@ -176,11 +176,11 @@ class BioTacSPDoS(StaticDataset):
         objects = sorted({sequence.object_name for sequence in sequences})
         recordings = [read_biotac_sp_dos_csv(sequence.path) for sequence in sequences]
         num_frames = torch.tensor([recording.num_frames for recording in recordings])
-        directions = [*DIRECTIONS]
+        directions = [*_DIRECTIONS]
         y = torch.tensor([directions.index(s.direction) for s in sequences])
         group = torch.tensor([objects.index(s.object_name) for s in sequences])
-        number = {name: i for i, names in enumerate(SETS.values()) for name in names}
-        sets = torch.tensor([number.get(s.object_name, len(SETS) - 1) for s in sequences])
+        number = {name: i for i, names in enumerate(_SETS.values()) for name in names}
+        sets = torch.tensor([number.get(s.object_name, len(_SETS) - 1) for s in sequences])
         data = StaticData(
             x=torch.from_numpy(np.concatenate([r.tactile for r in recordings])),
             y=y.repeat_interleave(num_frames),
@@ -193,14 +193,14 @@ class BioTacSPDoS(StaticDataset):
             time=torch.from_numpy(np.concatenate([r.time for r in recordings])),
         )
         names = [f"{s.direction}/{s.path.stem}" for s in sequences]
-        kinds = {"class": [*DIRECTIONS.values()], "group": objects, "set": [*SETS]}
+        kinds = {"class": [*_DIRECTIONS.values()], "group": objects, "set": [*_SETS]}
         return data, {**kinds, "trial": names}
 
 
 def _folders(parent: Path) -> list[Path]:
     if not parent.is_dir():
         return []
-    return sorted(p for p in parent.iterdir() if p.name.lower() in DIRECTIONS and p.is_dir())
+    return sorted(p for p in parent.iterdir() if p.name.lower() in _DIRECTIONS and p.is_dir())
 
 
 def _sequences(parent: Path) -> list[_Sequence]:
@@ -221,5 +221,5 @@ def _sequences(parent: Path) -> list[_Sequence]:
                     f"'{path}')"
                 )
             found.append(_Sequence(*key, path))
-    order = [*DIRECTIONS]
+    order = [*_DIRECTIONS]
     return sorted(found, key=lambda s: (order.index(s.direction), s.object_name, s.number))

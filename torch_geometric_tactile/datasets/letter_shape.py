@@ -37,7 +37,7 @@ from torch_geometric_tactile.transforms import (
     RandomShift,
 )
 
-Inversion = Literal["grey", "mirror"]
+_Inversion = Literal["grey", "mirror"]
 _CONTENT = "content=2"  # to be raised when the processed file gets other columns
 _NAMED = 10
 _SAME_PLACE = 1e-6  # m
@@ -145,7 +145,7 @@ class LetterShape(ImageDataset):
         folds: int = 5,
         split_seed: int = 0,
         copies: int = 3,
-        inversion: Inversion | None = "grey",
+        inversion: _Inversion | None = "grey",
         augment: Transform | None = None,
         augment_seed: int = 0,
         adjacency: str | None = "original",
@@ -288,7 +288,7 @@ class LetterShape(ImageDataset):
 
 
 def letter_augmentation(
-    inversion: Inversion | None = "grey",
+    inversion: _Inversion | None = "grey",
     *,
     shift: int = 3,
     contrast: float = 1.5,

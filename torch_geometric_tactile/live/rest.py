@@ -16,7 +16,7 @@ _BLOCKS = 5  # in which a rest is cut to tell movement from noise
 _MOST = 20_000  # frames that are kept
 _logger = logging.getLogger(__name__)
 
-Event = tuple[float, str, str]  # time on the host's monotonic clock, kind, text
+_Event = tuple[float, str, str]  # time on the host's monotonic clock, kind, text
 
 
 class RestFrames(NamedTuple):
@@ -113,7 +113,7 @@ class Rest:
         self.max_movement = max_movement
         self.max_drift = max_drift
         self.on_event = on_event
-        self.events: list[Event] = []
+        self.events: list[_Event] = []
         self.number = 0
         self.reason = ""
         self._lock = threading.RLock()

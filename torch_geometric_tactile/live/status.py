@@ -32,7 +32,7 @@ class Status(NamedTuple):
         fresh = self.health.state not in ("silent", "lost")
         judged = fresh and self.judgement is not None
         if self.judgement is not None and fresh:
-            parts.append(described(self.judgement))
+            parts.append(_described(self.judgement))
         if self.latency is not None and fresh:
             parts.append(f"latency {1000 * self.latency:.1f} ms")
         if self.recorded is not None:
@@ -42,7 +42,7 @@ class Status(NamedTuple):
         return "  ".join(parts)
 
 
-def described(judgement: Judgement) -> str:
+def _described(judgement: Judgement) -> str:
     r"""Returns a prediction in a few characters, such as :obj:`"slip 93 %"`."""
     probability = judgement.probability
     if np.isnan(probability).any():

@@ -10,7 +10,7 @@ from typing import Literal, Self
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
 Policy = Literal["all", "drop_oldest", "newest"]
-SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
+_SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
 
 
 class StreamEnded(EOFError):  # noqa: N818 - an end, not an error
@@ -77,9 +77,9 @@ class Subscription:
     """
 
     def __init__(self, policy: Policy = "all", size: int | None = None) -> None:
-        if policy not in SIZES:
-            raise ValueError(f"'policy' must be one of {list(SIZES)} (got {policy!r})")
-        size = SIZES[policy] if size is None or policy == "newest" else size
+        if policy not in _SIZES:
+            raise ValueError(f"'policy' must be one of {list(_SIZES)} (got {policy!r})")
+        size = _SIZES[policy] if size is None or policy == "newest" else size
         if isinstance(size, bool) or not isinstance(size, int) or size < 1:
             raise ValueError(f"'size' must be a positive number of frames (got {size!r})")
         self.policy = policy

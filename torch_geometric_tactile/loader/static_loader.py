@@ -22,7 +22,7 @@ from torch_geometric_tactile.loader.block_sampler import BlockSampler
 _logger = logging.getLogger(__name__)
 
 
-class StaticCollater:
+class _StaticCollater:
     r"""Turns what a loader has fetched into one :class:`StaticData`."""
 
     def __init__(self, dataset: Dataset) -> None:
@@ -99,7 +99,9 @@ class StaticLoader(DataLoader):
             check_joinable(parts)
         if isinstance(shuffle, str) or (shuffle and not _has_sampler(kwargs)):
             shuffle = _shuffle_by_blocks(dataset, shuffle, kwargs)
-        super().__init__(dataset, batch_size, shuffle, collate_fn=StaticCollater(dataset), **kwargs)
+        super().__init__(
+            dataset, batch_size, shuffle, collate_fn=_StaticCollater(dataset), **kwargs
+        )
         self.keyed = keyed
         self._sampler_name = "sampler" if self.batch_sampler is None else "batch_sampler"
         self._order = EpochOrder(getattr(self, self._sampler_name), self.generator, keyed)
@@ -191,7 +193,7 @@ def _tell_blocks() -> None:
 def _refuse(kwargs: dict[str, Any]) -> None:
     # Lightning builds a loader again from its attributes, and passes our own collater.
     collate_fn = kwargs.pop("collate_fn", None)
-    if collate_fn is not None and not isinstance(collate_fn, StaticCollater):
+    if collate_fn is not None and not isinstance(collate_fn, _StaticCollater):
         raise TypeError(
             "StaticLoader must not be given a 'collate_fn', since it cuts each batch in one piece: "
             "use the 'transform' of the data set, or torch_geometric.loader.DataLoader"

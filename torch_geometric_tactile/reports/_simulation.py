@@ -11,7 +11,8 @@ from torch_geometric_tactile.reports._simulation_progress import run_with_progre
 from torch_geometric_tactile.sensors import HandKinematics, stock_layout
 from torch_geometric_tactile.sim import PRESETS, SPREADS, TrialReport, object_set, simulate
 from torch_geometric_tactile.visualization._grasp_film import plot_grasp_film, plot_grasp_forces
-from torch_geometric_tactile.visualization.figure import new_figure, save_figure
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization.figure import save_figure
 
 
 class SimulatedRun(NamedTuple):

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors.joints import Joint, LinkTree, joint_turns
+from torch_geometric_tactile.sensors._joint_turns import LinkTree, joint_turns
+from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 

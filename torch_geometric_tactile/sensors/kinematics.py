@@ -12,6 +12,7 @@ from torch import Tensor
 from torch_geometric_tactile._texts import read_json, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, only_keys
+from torch_geometric_tactile.sensors._joint_turns import link_tree
 from torch_geometric_tactile.sensors._pose_tables import (
     few_tables,
     link_tables,
@@ -21,7 +22,7 @@ from torch_geometric_tactile.sensors._pose_tables import (
     tree_levels,
 )
 from torch_geometric_tactile.sensors._urdf import read_urdf
-from torch_geometric_tactile.sensors.joints import Joint, link_tree
+from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_path
 

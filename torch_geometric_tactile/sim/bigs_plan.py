@@ -4,10 +4,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-BigsShape = Literal["cylinder", "box", "ball"]
+_BigsShape = Literal["cylinder", "box", "ball"]
 
 #: The objects, in the proportions of the BiGS set: two cylinders to one box and one ball.
-BIGS_ORDER: tuple[BigsShape, ...] = ("cylinder", "box", "cylinder", "ball")
+BIGS_ORDER: tuple[_BigsShape, ...] = ("cylinder", "box", "cylinder", "ball")
 NUM_SESSIONS = 16
 CONTROL_RATE = 300  # steps of the physics, controller ticks and robot samples a second
 FRAME_RATE = 100  # frames of a recording a second
@@ -69,7 +69,7 @@ class BigsGrasp(NamedTuple):
         0.5
     """
 
-    shape: BigsShape
+    shape: _BigsShape
     half_width: float
     half_height: float
     mass: float
@@ -97,7 +97,7 @@ class BigsGrasp(NamedTuple):
         return self.pause + _DIRECTIONS * self.shake_time
 
 
-def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
+def draw_grasp(shape: _BigsShape, rng: np.random.Generator) -> BigsGrasp:
     r"""Draws the parameters of a random grasp.
 
     Args:

@@ -26,7 +26,7 @@ class SessionOffsets(NamedTuple):
     pressure_gain: np.ndarray
 
 
-class FingertipReadings(NamedTuple):
+class _FingertipReadings(NamedTuple):
     r"""Readings in counts: electrodes :math:`(T, N, 3)` and fluid pressure :math:`(T, 3)`."""
 
     tactile: np.ndarray
@@ -167,7 +167,7 @@ class BioTacModel:
         time: np.ndarray,
         session: SessionOffsets,
         rng: np.random.Generator,
-    ) -> FingertipReadings:
+    ) -> _FingertipReadings:
         r"""Returns what is read.
 
         Args:
@@ -189,7 +189,7 @@ class BioTacModel:
         tactile += self.noise * rng.normal(size=tactile.shape)
         pressure = session.pressure_offset + session.pressure_gain * self.pressure_gain * normal
         pressure += drift.mean(axis=1) + self.pressure_noise * rng.normal(size=pressure.shape)
-        return FingertipReadings(_counts(tactile), _counts(pressure))
+        return _FingertipReadings(_counts(tactile), _counts(pressure))
 
 
 def _counts(values: np.ndarray) -> np.ndarray:

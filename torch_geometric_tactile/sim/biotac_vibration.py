@@ -2,7 +2,7 @@ r"""The fast pressure signal (PAC) of fluid-filled fingertips, made from slow fo
 
 import numpy as np
 
-SAMPLES = 22  # a frame of 100 Hz: 2200 Hz
+_SAMPLES = 22  # a frame of 100 Hz: 2200 Hz
 _RATE = 2200.0
 _REST = 2048.0  # counts
 _PER_RATE = 1.5  # counts per newton and second
@@ -44,14 +44,14 @@ def vibration(normal: np.ndarray, slide: np.ndarray, rng: np.random.Generator) -
     rate = np.diff(normal, axis=0, prepend=normal[:1]) * 300.0
     loud = _SLIDING * (slide / _SPEED).clip(0.0, _FASTEST) * np.sqrt(normal.clip(0.0))
     ticks = (np.arange(len(normal)) + 1) / 300.0
-    times = (np.arange(num_frames * SAMPLES) + 1) / _RATE
-    out = np.empty((fingers, num_frames * SAMPLES))
+    times = (np.arange(num_frames * _SAMPLES) + 1) / _RATE
+    out = np.empty((fingers, num_frames * _SAMPLES))
     for i in range(fingers):
         out[i] = _REST + _PER_RATE * np.interp(times, ticks, rate[:, i])
         out[i] += np.interp(times, ticks, loud[:, i]) * _band_noise(len(times), rng)
     out += _NOISE * rng.normal(size=out.shape)
     counts = out.round().clip(0, _COUNTS).astype(np.uint16)
-    return counts.reshape(fingers, num_frames, SAMPLES).swapaxes(0, 1)
+    return counts.reshape(fingers, num_frames, _SAMPLES).swapaxes(0, 1)
 
 
 def _band_noise(size: int, rng: np.random.Generator) -> np.ndarray:

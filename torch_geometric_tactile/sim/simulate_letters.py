@@ -271,11 +271,11 @@ def _simulate_block(task: _Task, parent: int) -> LetterReport:
         for i in range(task.first, task.first + task.presses)
     ]
     block = np.concatenate(readings).reshape(-1, *task.shape)
-    write_block(block, task.path)
+    _write_block(block, task.path)
     return LetterReport(task.letter, task.first, task.presses, task.path, kept=False)
 
 
-def write_block(block: np.ndarray, path: Path) -> None:
+def _write_block(block: np.ndarray, path: Path) -> None:
     r"""Writes a file of presses as a whole."""
     content = io.BytesIO()  # NumPy's own errors of a full disk have no number
     np.save(content, block)

@@ -8,7 +8,7 @@ import numpy as np
 _THIRD = 0.4307272992954576  # two thirds of a normal variable lie beyond this many deviations
 _OPEN = 0.625  # how much of the spread of the closed hand the open hand has
 _LAZIEST = 0.6  # the most that a lazy finger closes
-NUM_PLACEMENTS = 9
+_NUM_PLACEMENTS = 9
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,16 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim import stock_bodies
 from torch_geometric_tactile.sim.hand_model import STAND
-from torch_geometric_tactile.visualization._taxel_map import value_scale
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.hand import plot_hand
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     SMALL,
     current_theme,
     plain_text,
     title_axes,
     title_figure,
 )
+from torch_geometric_tactile.visualization._taxel_map import value_scale
+from torch_geometric_tactile.visualization.hand import plot_hand
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.visualization._style import current_theme
 from torch_geometric_tactile.visualization._taxel_map import checked_edges
-from torch_geometric_tactile.visualization.style import current_theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,7 +3,7 @@ r"""One colour for each digit and patch, the same in all pictures."""
 from typing import Literal
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.visualization.style import current_theme
+from torch_geometric_tactile.visualization._style import current_theme
 
 _ORDER = (0, 2, 3, 1, None, 4, 5)  # of the palette; palms are grey
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._style import (
     SMALL,
     TEXT,
     TITLE,

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import check_edges
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._style import (
     SMALL,
     colormap,
     current_theme,
@@ -146,3 +146,27 @@ def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
     r"""Draws a colour bar beside a map."""
     bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
     bar.set_label(plain_text(label))
+
+
+def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
+    r"""Returns width and height in inches of an axes that shows a layout without waste.
+
+    Shapes:
+        - **plane:** :math:`(N, 2)`
+    """
+    low, high = map_corners(plane, taxel_diameter(plane))
+    ratio = (high[1] - low[1]) / (high[0] - low[0])
+    return width, width * min(max(ratio, 0.3), 2.0)
+
+
+def taxel_diameter(plane: Tensor) -> float:
+    extent = max(float((plane.amax(dim=0) - plane.amin(dim=0)).max()), 1.0)
+    if len(plane) < 2:
+        return extent / 4
+    nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min()
+    # Taxels that coincide in the projection must stay visible.
+    return min(max(0.94 * float(nearest), extent / 50), extent / 4)
+
+
+def map_corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float]]:
+    return (plane.amin(dim=0) - diameter).tolist(), (plane.amax(dim=0) + diameter).tolist()

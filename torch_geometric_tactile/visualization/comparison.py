@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     HOLLOW,
     MARKERS,
     MOST_WIDTH,
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-Values = Mapping[str, tuple[float, float]]
+_Values = Mapping[str, tuple[float, float]]
 _ROW_HEIGHT, _OF_SERIES = 0.14, 0.065  # inches of a row, and more for each series
 _NARROWEST = 2.2  # inches of a panel
 _HALF_ROW = 0.32  # of a row, to either side, in which points are drawn
@@ -49,7 +49,7 @@ class ComparisonPanel(NamedTuple):
 
     title: str
     xlabel: str
-    rows: Mapping[str, Values]
+    rows: Mapping[str, _Values]
     from_zero: bool = False
 
 

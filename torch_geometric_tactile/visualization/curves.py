@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     HOLLOW,
     current_theme,
     hollow_handle,

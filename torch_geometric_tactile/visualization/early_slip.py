@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     HOLLOW,
     current_theme,
     hollow_handle,

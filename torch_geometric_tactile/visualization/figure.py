@@ -5,34 +5,10 @@ from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.visualization.style import current_theme
+from torch_geometric_tactile.visualization._new_figure import DPI
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-DPI = 150
-INSTALL = 'pip install "torch-geometric-tactile[viz]"'
-
-
-def new_figure(width: float, height: float) -> "Figure":
-    r"""Returns an empty figure in the colours of :func:`theme` that is drawn in memory and shown by
-    notebooks.
-
-    Examples:
-        >>> figure = new_figure(4.0, 3.0)
-        >>> figure.get_size_inches().tolist()
-        [4.0, 3.0]
-    """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-        from torch_geometric_tactile.visualization._shown_figure import ShownFigure
-    except ImportError as error:
-        raise ImportError(f"pictures need matplotlib: {INSTALL}") from error
-    ground = current_theme().ground
-    figure = ShownFigure(figsize=(width, height), layout="constrained", facecolor=ground)
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def save_figure(figure: "Figure", path: PathLike) -> None:
@@ -48,8 +24,9 @@ def save_figure(figure: "Figure", path: PathLike) -> None:
 
     Examples:
         >>> import tempfile
+        >>> from matplotlib.figure import Figure
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     save_figure(new_figure(1.0, 1.0), Path(folder) / "empty.png")
+        ...     save_figure(Figure(figsize=(1, 1)), Path(folder) / "empty.png")
         ...     [path.name for path in Path(folder).iterdir()]
         ['empty.png']
     """

@@ -7,15 +7,10 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.visualization._taxel_map import value_scale
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.layout import figure_size, layout_plane, plot_layout
-from torch_geometric_tactile.visualization.style import (
-    MOST_WIDTH,
-    TEXT,
-    current_theme,
-    plain_text,
-)
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import MOST_WIDTH, TEXT, current_theme, plain_text
+from torch_geometric_tactile.visualization._taxel_map import figure_size, value_scale
+from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

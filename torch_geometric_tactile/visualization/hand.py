@@ -9,7 +9,9 @@ from torch import Tensor
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sensors._views import open_angles
 from torch_geometric_tactile.visualization._hand_edges import draw_edge_values, draw_edges
+from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._segment_colors import segment_colors
+from torch_geometric_tactile.visualization._style import TEXT, current_theme, plain_text
 from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,
@@ -19,8 +21,6 @@ from torch_geometric_tactile.visualization._taxel_map import (
     value_colors,
     value_scale,
 )
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import TEXT, current_theme, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

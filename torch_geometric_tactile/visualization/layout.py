@@ -3,21 +3,23 @@ r"""Pictures of taxel layouts."""
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors._views import facing_sides, pads_side_by_side
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import SMALL, current_theme, ink_on, plain_text
 from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,
     draw_taxels,
+    figure_size,
     finish_map,
+    map_corners,
+    taxel_diameter,
     value_colors,
     value_scale,
 )
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import SMALL, current_theme, ink_on, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +114,7 @@ def plot_layout(
     from matplotlib.colors import to_rgba
 
     look = current_theme()
-    diameter = _taxel_diameter(plane)
+    diameter = taxel_diameter(plane)
     colors: list[tuple[float, ...]] = [to_rgba(look.band)] * layout.num_taxels
     missing = [False] * layout.num_taxels
     if values is not None:
@@ -128,7 +130,7 @@ def plot_layout(
     if numbers:
         _draw_numbers(ax, plane, diameter, colors)
     shown = None if values is None else scale
-    finish_map(ax, _corners(plane, diameter), 5, title, shown, label)
+    finish_map(ax, map_corners(plane, diameter), 5, title, shown, label)
     _name_axes(ax, layout, plane, diameter)
     return ax.figure.figure
 
@@ -148,39 +150,15 @@ def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) 
         name = plain_text(layout.link_names[int(layout.link[mine[0]])])
         text = ax.text(float(low[0] + high[0]) / 2, float(high[1]) + diameter, name, fontsize=SMALL)
         text.set(ha="center", va="bottom", color=current_theme().ink)
-    corners = _corners(plane, diameter)
+    corners = map_corners(plane, diameter)
     ax.set_ylim(
         top=corners[1][1] + 0.07 * (corners[1][0] - corners[0][0])
     )  # for the name of the highest pad
 
 
-def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
-    r"""Returns width and height in inches of an axes that shows a layout without waste.
-
-    Shapes:
-        - **plane:** :math:`(N, 2)`
-    """
-    low, high = _corners(plane, _taxel_diameter(plane))
-    ratio = (high[1] - low[1]) / (high[0] - low[0])
-    return width, width * min(max(ratio, 0.3), 2.0)
-
-
 def _pairs(edge_index: Tensor, num_taxels: int) -> Tensor:
     edges = checked_edges("edge_index", edge_index, num_taxels)
     return edges.sort(dim=0).values.unique(dim=1)
-
-
-def _taxel_diameter(plane: Tensor) -> float:
-    extent = max(float((plane.amax(dim=0) - plane.amin(dim=0)).max()), 1.0)
-    if len(plane) < 2:
-        return extent / 4
-    nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min()
-    # Taxels that coincide in the projection must stay visible.
-    return min(max(0.94 * float(nearest), extent / 50), extent / 4)
-
-
-def _corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float]]:
-    return (plane.amin(dim=0) - diameter).tolist(), (plane.amax(dim=0) + diameter).tolist()
 
 
 def _draw_numbers(

@@ -8,9 +8,8 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
-from torch_geometric_tactile.visualization._taxel_map import draw_taxels, value_colors, value_scale
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     SMALL,
     current_theme,
@@ -18,6 +17,7 @@ from torch_geometric_tactile.visualization.style import (
     title_axes,
     title_figure,
 )
+from torch_geometric_tactile.visualization._taxel_map import draw_taxels, value_colors, value_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     DASHES,
     MOST_WIDTH,
     SMALL,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Accuracy = tuple[float, float]
+_Accuracy = tuple[float, float]
 _LOWEST = 0.4
 _ROC = 4.4  # inches
 _MOST_COUNTED = 12  # classes of a matrix with counts
@@ -242,7 +242,7 @@ def plot_roc(
 
 
 def plot_protocols(
-    table: Mapping[str, Mapping[str, Mapping[str, Accuracy]]], chance: float | None = None
+    table: Mapping[str, Mapping[str, Mapping[str, _Accuracy]]], chance: float | None = None
 ) -> "Figure":
     r"""Draws the accuracy of models under several protocols: a line for each model and what is done
     to its readings, a panel for each protocol, and the means in percent beside the points.

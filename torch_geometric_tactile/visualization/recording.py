@@ -7,8 +7,8 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.recording import UNITS
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     DASHES,
     SMALL,
     TINY,

@@ -3,8 +3,8 @@ r"""Pictures of how networks learnt."""
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from torch_geometric_tactile.visualization.figure import new_figure
-from torch_geometric_tactile.visualization.style import (
+from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import (
     TINY,
     current_theme,
     open_plot,

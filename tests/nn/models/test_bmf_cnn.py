@@ -7,7 +7,7 @@ from torch.nn import functional as F
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn import BMFCNN
-from torch_geometric_tactile.nn.models.bmf_cnn import FUSIONS
+from torch_geometric_tactile.nn.models.bmf_cnn import _FUSIONS
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
 from torch_geometric_tactile.testing import assert_static_equals_batched
 
@@ -47,10 +47,10 @@ def test_repr():
 
 
 def test_all_fusions_of_the_paper_are_there():
-    assert set(FUSIONS) == set(FUSED)
+    assert set(_FUSIONS) == set(FUSED)
 
 
-@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("fusion", _FUSIONS)
 def test_sizes_of_the_paper(fusion):
     model = BMFCNN(fusion=fusion)
     found = {
@@ -100,7 +100,7 @@ def of_the_formulas(model, image):
     return maps, model.fc2.weight @ maps["F-C1"][0] + model.fc2.bias
 
 
-@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("fusion", _FUSIONS)
 def test_values_are_those_of_the_formulas(fusion):
     model = small(fusion=fusion).double()
     with torch.no_grad():
@@ -132,7 +132,7 @@ def test_traditional_cnn_is_the_fusion_of_c3_alone():
     assert hidden.max() > 100
 
 
-@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("fusion", _FUSIONS)
 def test_forms_of_the_data_are_one(fusion):
     model, x = small(fusion=fusion).eval(), samples(3, 440, 2)
     batch = Batch.from_data_list([Data(x=one, edge_index=EDGES) for one in x])
@@ -188,7 +188,7 @@ def test_full_maps_are_not_copied():
     assert model.image(x).shape == (3, 1, 32, 32)
 
 
-@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("fusion", _FUSIONS)
 def test_gradients_reach_all_weights_and_reset_draws_anew(fusion):
     model = small(fusion=fusion)
     model(samples(8, 440, 2)).square().sum().backward()

@@ -5,7 +5,7 @@ from torch import nn
 
 from torch_geometric_tactile.nn import CNNThread, GCNThread, SegmentedThread
 from torch_geometric_tactile.nn.models import Thread
-from torch_geometric_tactile.nn.models.thread import checked_widths
+from torch_geometric_tactile.nn.models._thread_widths import checked_widths
 
 SHAPE = {"widths": (4, 8), "pools": (1, 4)}
 THREADS = {

@@ -74,7 +74,7 @@ class SegmentedGCNConv(MessagePassing):
         **kwargs: Any,
     ) -> None:
         super().__init__(**{"aggr": "add", **kwargs})
-        segment = checked_segment(segment)
+        segment = _checked_segment(segment)
         check_sizes(in_channels=in_channels, out_channels=out_channels)
         self.in_channels = in_channels
         self.out_channels = out_channels
@@ -168,7 +168,7 @@ class SegmentedGCNConv(MessagePassing):
         )
 
 
-def checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
+def _checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
     r"""Returns the segment of each taxel :math:`(N,)`."""
     numbers = torch.as_tensor(segment)
     whole = not numbers.is_floating_point() and numbers.dtype != torch.bool

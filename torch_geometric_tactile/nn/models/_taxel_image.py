@@ -1,10 +1,12 @@
 r"""Readings as images."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 from torch.nn import Module
 
-from torch_geometric_tactile.nn.models.hand_cnn import checked_map
+from torch_geometric_tactile.nn.models._joined import check_no_edges
 from torch_geometric_tactile.sensors import TaxelLayout
 
 
@@ -39,3 +41,11 @@ class TaxelImage(Module):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({len(self.cell)}, size={self.size})"
+
+
+def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:
+    r"""Returns row and column of each taxel on the map of a hand :math:`(N, 2)`."""
+    check_no_edges(inputs)
+    if layout.image_map is None:
+        raise ValueError(f"'layout' must have an image_map (got none in '{layout.name}')")
+    return layout.image_map

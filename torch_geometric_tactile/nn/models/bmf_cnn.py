@@ -17,10 +17,10 @@ from torch_geometric_tactile.nn.models._taxels import load_layout, stacked_readi
 from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature, signed_root
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 
-Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
+_Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
 _STRIPS = 7  # of the products, in an export; with more of them, cutting takes longer
-FUSIONS: tuple[str, ...] = get_args(Fusion)
-_BMF: Fusion = "bilinear(C1)+C3"
+_FUSIONS: tuple[str, ...] = get_args(_Fusion)
+_BMF: _Fusion = "bilinear(C1)+C3"
 LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
 
 
@@ -79,7 +79,7 @@ class BMFCNN(Module, TactileHubMixin):
         out_channels: int = 26,
         *,
         in_channels: int = 1,
-        fusion: Fusion = _BMF,
+        fusion: _Fusion = _BMF,
         bilinear: bool = True,
         hidden_channels: int = 120,
     ) -> None:
@@ -248,8 +248,8 @@ def _linear_of_symmetric(
 
 
 def _checked_fusion(fusion: str, bilinear: bool) -> str:
-    if fusion not in FUSIONS:
-        raise ValueError(f"'fusion' must be one of {FUSIONS} (got {fusion!r})")
+    if fusion not in _FUSIONS:
+        raise ValueError(f"'fusion' must be one of {_FUSIONS} (got {fusion!r})")
     if bilinear:
         return fusion
     if fusion not in ("C3", _BMF):  # the default is not a choice

@@ -6,7 +6,8 @@ from torch import Tensor
 from torch.nn import Conv2d
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
+from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
+from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class CNNThread(Thread):

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_gcn
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import AdjacencyCache
-from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
-from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
+from torch_geometric_tactile.nn.models._given_edges import given_edges, weight_like
+from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
+from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class GCNThread(Thread):
@@ -28,7 +30,7 @@ class GCNThread(Thread):
         widths (sequence of int): Width of each convolution.
         pools (sequence of int): How many channels share one maximum, after each convolution.
         fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
             but have no second derivative.
 
     Shapes:
@@ -87,22 +89,3 @@ class GCNThread(Thread):
         for conv, pool in self.layers():
             x = pool(conv(x, edge_index, edge_weight)).relu()
         return x
-
-
-def weight_like(edge_weight: OptTensor, x: Tensor) -> OptTensor:
-    r"""Returns edge weights in the precision of the node features, in which several layers
-    compute.
-    """
-    if edge_weight is None or not edge_weight.is_floating_point():
-        return edge_weight
-    return edge_weight.to(x.dtype)
-
-
-def given_edges(edge_index: OptTensor) -> Tensor:
-    r"""Returns edges, which a graph convolution needs."""
-    if edge_index is None:
-        raise ValueError(
-            "'edge_index' must be given (got None): the samples need edges, of an adjacency of the "
-            "layout or of the transform KNNGraph"
-        )
-    return edge_index

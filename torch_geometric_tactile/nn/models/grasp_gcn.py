@@ -8,9 +8,9 @@ from torch.nn import Dropout1d, Linear, Module, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
+from torch_geometric_tactile.nn.models._given_edges import given_edges
 from torch_geometric_tactile.nn.models._hub import TactileHubMixin
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
-from torch_geometric_tactile.nn.models.gcn_thread import given_edges
 
 
 class GraspGCN(Module, TactileHubMixin):

@@ -12,7 +12,7 @@ from torch_geometric_tactile.nn.models._hub import TactileHubMixin
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, stacked_readings
 
 
-class LSTMCells(Module):
+class _LSTMCells(Module):
     r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`, of the same weights by
     the same names. :func:`torch.compile` refuses to look into that class; here it can.
     """
@@ -121,7 +121,7 @@ class GraspLSTM(Module, TactileHubMixin):
         self.hidden_channels = hidden_channels
         self.num_layers = num_layers
         width = self.num_nodes * (num_fingers if finger is None else 1)
-        self.lstm = LSTMCells(width, hidden_channels, num_layers)
+        self.lstm = _LSTMCells(width, hidden_channels, num_layers)
         self.lin = Linear(hidden_channels, out_channels)
 
     def reset_parameters(self) -> None:

@@ -6,15 +6,12 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._joined import side_by_side
+from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
-from torch_geometric_tactile.nn.models.tactile_model import (
-    TactileModel,
-    check_no_edges,
-    side_by_side,
-)
-from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 
 class HandCNN(TactileModel):
@@ -82,11 +79,3 @@ class HandCNN(TactileModel):
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
         r"""Returns the features of each taxel before the fully connected layers."""
         return self.thread(side_by_side(parts))
-
-
-def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:
-    r"""Returns row and column of each taxel on the map of a hand :math:`(N, 2)`."""
-    check_no_edges(inputs)
-    if layout.image_map is None:
-        raise ValueError(f"'layout' must have an image_map (got none in '{layout.name}')")
-    return layout.image_map

@@ -11,8 +11,8 @@ from torch_geometric.typing import OptTensor
 from torch_geometric_tactile.nn.models._hand_maps import input_maps, joined_maps
 from torch_geometric_tactile.nn.models._map_conv import SD, MapStage
 from torch_geometric_tactile.nn.models._ms_cnn_patterns import PATTERNS
+from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
-from torch_geometric_tactile.nn.models.hand_cnn import checked_map
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 

@@ -8,15 +8,16 @@ from torch import Tensor
 from torch.nn import Module, ModuleDict
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._joined import side_by_side
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
-from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 from torch_geometric_tactile.sensors import check_edges
 
 # The threads of the paper: of the readings, and of all other inputs.
-TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
-OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
+_TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
+_OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
 
 
 class MTGCN(TactileModel):
@@ -51,7 +52,7 @@ class MTGCN(TactileModel):
         head_widths (sequence of int): Width of each fully connected layer.
         head_pools (sequence of int): How many channels share one maximum, after each of them.
         fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
             but have no second derivative.
 
     Shapes:
@@ -103,7 +104,7 @@ class MTGCN(TactileModel):
             if isinstance(adjacency, str):
                 adjacency = load_layout(layout, "an adjacency by name").edge_index(adjacency)
             if adjacency is not None:
-                adjacency = checked_edges(name, adjacency, self.num_nodes)
+                adjacency = _checked_edges(name, adjacency, self.num_nodes)
                 for conv, _ in thread.layers():
                     conv.explain = False  # an explainer's mask is of the data's edges
             # Not in the state: it is an argument, and a checkpoint must not overrule it.
@@ -123,7 +124,7 @@ class MTGCN(TactileModel):
         return side_by_side(outs)
 
 
-def checked_edges(
+def _checked_edges(
     name: str, edges: Union[Sequence[Sequence[int]], Tensor], num_nodes: int
 ) -> Tensor:
     r"""Returns the edges of a thread's own :math:`(2, |\mathcal{E}_m|)`.
@@ -150,7 +151,7 @@ def thread_settings(
             )
     return {
         name: {
-            **(TACTILE_THREAD if name == "tactile" else OTHER_THREAD),
+            **(_TACTILE_THREAD if name == "tactile" else _OTHER_THREAD),
             **(threads.get(name) or {}),
         }
         for name in inputs

@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn import Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 
-from torch_geometric_tactile.nn.models.thread import checked_widths
+from torch_geometric_tactile.nn.models._thread_widths import checked_widths
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 

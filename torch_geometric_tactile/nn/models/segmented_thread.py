@@ -7,14 +7,14 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_gcn
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     adjacency_blocks,
     dense_norm,
 )
-from torch_geometric_tactile.nn.functional import may_merge, may_run_fast, pooled_gcn
-from torch_geometric_tactile.nn.models.gcn_thread import given_edges, weight_like
+from torch_geometric_tactile.nn.models._given_edges import given_edges, weight_like
 from torch_geometric_tactile.nn.models.thread import Thread
 
 
@@ -36,7 +36,7 @@ class SegmentedThread(Thread):
         widths (sequence of int): Width of each convolution.
         pools (sequence of int): How many channels share one maximum, after each convolution.
         fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
             but have no second derivative.
 
     Shapes:

@@ -7,11 +7,13 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._joined import side_by_side
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.segmented_thread import SegmentedThread
-from torch_geometric_tactile.nn.models.tactile_model import TactileModel, side_by_side
-from torch_geometric_tactile.nn.models.thread import POOLS, WIDTHS, Thread
+from torch_geometric_tactile.nn.models.tactile_model import TactileModel
+from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class TactileGCN(TactileModel):
@@ -49,7 +51,7 @@ class TactileGCN(TactileModel):
         head_widths (sequence of int): Width of each fully connected layer.
         head_pools (sequence of int): How many channels share one maximum, after each of them.
         fast (bool): Whether to compute batches of eight samples and more on a processor with the
-            operations of :mod:`torch_geometric_tactile.nn.functional`. They give the same numbers,
+            operations of :mod:`torch_geometric_tactile.nn._pooled_gcn`. They give the same numbers,
             but have no second derivative.
 
     Shapes:

@@ -3,7 +3,6 @@ r"""What the models of a hand share: their inputs, the forms of the data, their 
 from collections.abc import Mapping, Sequence
 from typing import Optional, Union
 
-import torch
 from torch import Tensor
 from torch.nn import Module
 from torch_geometric.nn.inits import reset
@@ -15,13 +14,14 @@ from torch_geometric_tactile.nn.conv import (
     EdgeMessageEncoder,
 )
 from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._joined import with_joints
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.thread import Thread
 
 # The inputs by name: which attribute of the data they are, and how many features of a taxel.
 _ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
-CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
+_CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
 class TactileModel(Module, TactileHubMixin):
@@ -86,7 +86,7 @@ class TactileModel(Module, TactileHubMixin):
         self.out_channels = out_channels
         self.inputs = inputs
         self.num_joints = num_joints
-        self.channels = {**CHANNELS, **(channels or {})}
+        self.channels = {**_CHANNELS, **(channels or {})}
         self.encoder: Optional[Module] = None
 
     @property
@@ -109,7 +109,7 @@ class TactileModel(Module, TactileHubMixin):
         if "edge" not in self.inputs:
             return
         width = self.channels["edge"]
-        self.encoder = make_encoder(encoder, self.num_nodes, num_edges, width)
+        self.encoder = _make_encoder(encoder, self.num_nodes, num_edges, width)
 
     def add_head(self, in_channels: int, widths: Sequence[int], pools: Sequence[int]) -> None:
         r"""Adds the fully connected layers.
@@ -287,7 +287,7 @@ def _by_sample(
     return value.reshape(num_samples, num_nodes, num_features)
 
 
-def make_encoder(
+def _make_encoder(
     encoder: Union[str, Module], num_nodes: int, num_edges: Optional[int], width: int
 ) -> Module:
     r"""Returns an encoder of edge features.
@@ -308,39 +308,3 @@ def make_encoder(
     if num_edges is None:
         raise ValueError("'num_edges' must be given for the dense encoder (got None)")
     return EdgeFeatureEncoder(num_nodes, num_edges, width, width)
-
-
-def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
-    r"""Returns the features of each sample with its joint angles.
-
-    Shapes:
-        - **rows:** Features of each sample :math:`(B, F)`.
-        - **joint:** Joint angles in radians :math:`(B, J)`.
-        - **num_joints:** Number of joint angles :math:`J`; with 0, features stay as they are.
-    """
-    if num_joints == 0:
-        return rows
-    if joint is None:
-        raise ValueError(f"'joint' must be given: the model has num_joints={num_joints} (got None)")
-    # Not `len`: an export would take it for a constant.
-    if joint.numel() != rows.size(0) * num_joints or joint.size(-1) != num_joints:
-        raise ValueError(
-            f"'joint' must have shape ({rows.size(0)}, {num_joints}) (got {tuple(joint.shape)})"
-        )
-    return torch.cat([rows, joint.view(-1, num_joints).to(rows.dtype)], dim=1)
-
-
-def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
-    r"""Returns the features of several inputs or threads as one.
-
-    Shapes:
-        - **parts:** The features by name :math:`(B, N, F_m)`.
-    """
-    values = list(parts.values())
-    return values[0] if len(values) == 1 else torch.cat(values, dim=-1)
-
-
-def check_no_edges(inputs: Sequence[str]) -> None:
-    r"""Checks the inputs of a model without a graph."""
-    if "edge" in inputs:
-        raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {tuple(inputs)})")

@@ -12,6 +12,7 @@ from torch_geometric.typing import OptTensor
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.nn.models._byte_dropout import ByteDropout
 from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._joined import with_joints
 from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
     ConvName,
@@ -27,14 +28,13 @@ from torch_geometric_tactile.nn.models._taxels import (
     seen_taxels,
     stacked_readings,
 )
-from torch_geometric_tactile.nn.models.tactile_model import with_joints
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _DIRECT = 128
 # Added to the variance of each taxel, where that of a channel is one: the noise of a taxel that is
 # hardly ever pressed is not blown up.
 _FLOOR = 0.05
-HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
+_HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
 
 
 class TaxelNet(Module, TactileHubMixin):
@@ -133,8 +133,8 @@ class TaxelNet(Module, TactileHubMixin):
                 raise ValueError(f"'{name}' must not be negative (got {size})")
         if conv not in CONVS:
             raise ValueError(f"'conv' must be one of {CONVS} (got {conv!r})")
-        if head not in HEADS:
-            raise ValueError(f"'head' must be one of {tuple(HEADS)} (got {head!r})")
+        if head not in _HEADS:
+            raise ValueError(f"'head' must be one of {tuple(_HEADS)} (got {head!r})")
         self.num_nodes = layout.num_taxels
         self.out_channels = out_channels
         self.in_channels = in_channels
@@ -157,7 +157,7 @@ class TaxelNet(Module, TactileHubMixin):
         if direct_channels is None:
             direct_channels = 0 if pools else _DIRECT
         parts = {"flat": self.taxels[-1] * width, "mean": width, "max": width}
-        size = sum(parts[part] for part in HEADS[head]) + direct_channels + num_joints
+        size = sum(parts[part] for part in _HEADS[head]) + direct_channels + num_joints
         self.direct: Optional[Linear] = None
         if direct_channels:
             direct_size = self.num_nodes * in_channels
@@ -206,7 +206,7 @@ class TaxelNet(Module, TactileHubMixin):
         for level in self.levels:
             h = level(h)
         parts = {"flat": h.flatten(1), "mean": h.mean(dim=1), "max": h.amax(dim=1)}
-        found = [parts[part] for part in HEADS[self.head]]
+        found = [parts[part] for part in _HEADS[self.head]]
         if self.direct is not None:
             rows = self.norm_readings(x.flatten(1).unsqueeze(1)).squeeze(1)
             if seen is not None:  # behind the scale, which is that of all taxels

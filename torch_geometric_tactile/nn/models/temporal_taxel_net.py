@@ -35,7 +35,7 @@ from torch_geometric_tactile.nn.models._temporal_blocks import (
 from torch_geometric_tactile.sensors import TaxelLayout
 
 # The past frames that each convolution over time has seen.
-TemporalState = tuple[Tensor, ...]
+_TemporalState = tuple[Tensor, ...]
 
 
 class TemporalTaxelNet(Module, TactileHubMixin):
@@ -238,7 +238,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         batch_size: int,
         device: torch.device | str | None = None,
         dtype: torch.dtype | None = None,
-    ) -> TemporalState:
+    ) -> _TemporalState:
         r"""Returns the state before the first frame: tensors whose first size is the number of
         streams, so that states can be joined, cut and exported.
 
@@ -258,9 +258,9 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         self,
         frame: Tensor,
         edge_index: OptTensor,
-        state: TemporalState,
+        state: _TemporalState,
         joint: OptTensor = None,
-    ) -> tuple[Tensor, TemporalState]:
+    ) -> tuple[Tensor, _TemporalState]:
         r"""Returns the logits after the next frame, and the state after it.
 
         Args:
@@ -294,7 +294,7 @@ def _temporal(blocks: ModuleList) -> list[TemporalBlock]:
     return [block for block in blocks if isinstance(block, TemporalBlock)]
 
 
-def _check_state(state: TemporalState, count: int) -> None:
+def _check_state(state: _TemporalState, count: int) -> None:
     if len(state) != count:
         raise ValueError(
             f"'state' must be the {count} tensors of 'initial_state' or of the step before (got "

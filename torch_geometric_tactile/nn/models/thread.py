@@ -9,11 +9,8 @@ from torch_geometric.nn import MessagePassing
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.models._thread_widths import checked_widths
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
-
-# The thread of the paper for readings.
-WIDTHS = (14, 28, 56, 112, 112)
-POOLS = (1, 1, 2, 4, 16)
 
 
 class Thread(Module):
@@ -29,7 +26,7 @@ class Thread(Module):
         conv (callable): Makes a convolution of its input and output width.
         pool_dim (int): The dimension of the channels in the output of a convolution.
         fast (bool): Whether to use the operations of
-            :mod:`torch_geometric_tactile.nn.functional` where they apply: for many samples on one
+            :mod:`torch_geometric_tactile.nn._pooled_gcn` where they apply: for many samples on one
             topology, on a processor. They give the same numbers, but have no second derivative.
 
     Raises:
@@ -97,23 +94,3 @@ class Thread(Module):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.extra_repr()})"
-
-
-def checked_widths(
-    in_channels: int, widths: Sequence[int], pools: Sequence[int]
-) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    r"""Returns widths and pools of layers, which must fit each other, and the width before each
-    layer and after the last.
-    """
-    widths, pools = tuple(widths), tuple(pools)
-    if in_channels < 1:
-        raise ValueError(f"'in_channels' must be at least 1 (got {in_channels})")
-    if not widths or min(widths) < 1:
-        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
-    if len(pools) != len(widths):
-        raise ValueError(f"'pools' must have a size for each of {len(widths)} widths (got {pools})")
-    for width, pool in zip(widths, pools, strict=True):
-        if pool < 1 or width % pool:
-            raise ValueError(f"'pools' must divide 'widths' (got {pool} for {width})")
-    sizes = (in_channels, *(width // pool for width, pool in zip(widths, pools, strict=True)))
-    return widths, pools, sizes

@@ -2,8 +2,8 @@ import pytest
 import torch
 from small_models import EDGE_INDEX, NUM_EDGES, assert_close, samples
 
+from torch_geometric_tactile.nn._pooled_gcn import pooled_gcn
 from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, dense_norm
-from torch_geometric_tactile.nn.functional import pooled_gcn
 
 
 def adjacency(edge_index=EDGE_INDEX, edge_weight=None, num_nodes=11, dtype=torch.double):

@@ -1,0 +1,43 @@
+r"""Features of several inputs side by side."""
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+from torch_geometric.typing import OptTensor
+
+
+def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
+    r"""Returns the features of each sample with its joint angles.
+
+    Shapes:
+        - **rows:** Features of each sample :math:`(B, F)`.
+        - **joint:** Joint angles in radians :math:`(B, J)`.
+        - **num_joints:** Number of joint angles :math:`J`; with 0, features stay as they are.
+    """
+    if num_joints == 0:
+        return rows
+    if joint is None:
+        raise ValueError(f"'joint' must be given: the model has num_joints={num_joints} (got None)")
+    # Not `len`: an export would take it for a constant.
+    if joint.numel() != rows.size(0) * num_joints or joint.size(-1) != num_joints:
+        raise ValueError(
+            f"'joint' must have shape ({rows.size(0)}, {num_joints}) (got {tuple(joint.shape)})"
+        )
+    return torch.cat([rows, joint.view(-1, num_joints).to(rows.dtype)], dim=1)
+
+
+def side_by_side(parts: Mapping[str, Tensor]) -> Tensor:
+    r"""Returns the features of several inputs or threads as one.
+
+    Shapes:
+        - **parts:** The features by name :math:`(B, N, F_m)`.
+    """
+    values = list(parts.values())
+    return values[0] if len(values) == 1 else torch.cat(values, dim=-1)
+
+
+def check_no_edges(inputs: Sequence[str]) -> None:
+    r"""Checks the inputs of a model without a graph."""
+    if "edge" in inputs:
+        raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {tuple(inputs)})")

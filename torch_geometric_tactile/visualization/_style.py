@@ -1,0 +1,194 @@
+r"""The colours, sizes and texts that all pictures share."""
+
+import textwrap
+from collections.abc import Sequence
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from torch_geometric_tactile._texts import printable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+# Points. At most 8 inches wide, a figure in a column of 720 pixels shows 8 points as 10 pixels.
+TITLE, TEXT, SMALL, TINY = 10.5, 9.0, 8.0, 7.0
+
+
+MOST_WIDTH = 8.0  # inches
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+DASHES = ("-", "--", "-.", ":")
+HOLLOW = "hollow: no spread known"  # of one run, or not published
+_MARGIN = 0.25  # inches to either side of a title
+_LETTER = 0.52  # mean width of a letter, in its size
+
+
+class Theme(NamedTuple):
+    r"""The colours of a picture."""
+
+    ground: str
+    ink: str
+    soft: str
+    faint: str
+    grid: str
+    band: str
+    palette: tuple[str, ...]
+    plain: str
+    outline: str
+    join: str
+    one_way: str
+    alarm: str
+    skin: str
+    share: str
+    sequential: str
+    diverging: tuple[str, ...]
+
+
+THEMES = {
+    "light": Theme(
+        ground="#ffffff",
+        ink="#1b1f24",
+        soft="#57606a",
+        faint="#9aa3ad",
+        grid="#e3e7eb",
+        band="#f3f5f7",
+        palette=("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#1b1f24"),
+        plain="#ffffff",
+        outline="#3a4149",
+        join="#e69f00",
+        one_way="#c4006a",
+        alarm="#b00020",
+        skin="#40454d",
+        share="Blues",
+        sequential="viridis",
+        diverging=("#053061", "#2f79b5", "#a7cfe4", "#f7f7f7", "#f8bfa4", "#ca4741", "#67001f"),
+    ),
+    "dark": Theme(
+        ground="#14181d",
+        ink="#e6e9ee",
+        soft="#a6b0bb",
+        faint="#6b7580",
+        grid="#2a3038",
+        band="#1c2127",
+        palette=("#3f9fdc", "#f0803c", "#1fbf8f", "#dc92b9", "#8fcdf2", "#f0b73c", "#e6e9ee"),
+        plain="#20262d",
+        outline="#8b95a0",
+        join="#f0b73c",
+        one_way="#ff6fb1",
+        alarm="#ff6b7d",
+        skin="#40454d",
+        share="Blues_r",
+        sequential="viridis",
+        diverging=("#b9e2ff", "#56aee6", "#275878", "#232a31", "#7d3b2e", "#e8744f", "#ffd3bf"),
+    ),
+}
+
+
+CURRENT_THEME: ContextVar[Theme] = ContextVar("theme", default=THEMES["light"])
+
+
+def current_theme() -> Theme:
+    r"""Returns the colours of the figures that are made now."""
+    return CURRENT_THEME.get()
+
+
+def series_color(index: int) -> str:
+    r"""Returns the colour of a series, which repeats after those of the palette."""
+    palette = current_theme().palette
+    return palette[index % len(palette)]
+
+
+def series_marker(index: int) -> str:
+    r"""Returns the marker of a series."""
+    return MARKERS[index % len(MARKERS)]
+
+
+def colormap(name: str) -> Any:
+    r"""Returns a map from 0 to 1 to colours."""
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    look = current_theme()
+    if name == "diverging":
+        return LinearSegmentedColormap.from_list("diverging", look.diverging)
+    return colormaps[{"sequential": look.sequential, "share": look.share}.get(name, name)]
+
+
+def ink_on(color: Sequence[float]) -> str:
+    r"""Returns black or white, whichever is read better on a colour.
+
+    Examples:
+        >>> ink_on((0.9, 0.9, 0.2)), ink_on((0.0, 0.1, 0.4))
+        ('#000000', '#ffffff')
+    """
+    light = 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2]
+    return "#000000" if light > 0.5 else "#ffffff"
+
+
+def plain_text(text: str) -> str:
+    r"""Returns a text in which matplotlib finds no formula and no control characters, but lines.
+
+    Examples:
+        >>> print(plain_text("$5 mug"))
+        \$5 mug
+    """
+    return "\n".join(map(printable, text.split("\n"))).replace("$", r"\$")
+
+
+def wrapped(text: str, width: int) -> str:
+    r"""Returns a text in lines.
+
+    Examples:
+        >>> wrapped("leave objects out", 14)
+        'leave objects\nout'
+    """
+    return plain_text("\n".join(textwrap.wrap(text, max(width, 1))))
+
+
+def fitted(text: str, inches: float, size: float = TITLE) -> str:
+    r"""Returns a text in lines of a width."""
+    return wrapped(text, int(inches * 72 / (_LETTER * size)))
+
+
+def hollow_handle() -> "Line2D":
+    r"""Returns the mark that legends explain with :obj:`HOLLOW`."""
+    from matplotlib.lines import Line2D
+
+    look = current_theme()
+    return Line2D(
+        [], [], linestyle="none", marker="o", color=look.soft, markerfacecolor=look.ground
+    )
+
+
+def title_figure(figure: "Figure", title: str) -> None:
+    r"""Writes the title of a figure, in as many lines as its width needs."""
+    figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
+
+
+def title_axes(ax: "Axes", title: str, size: float = TEXT, **kwargs: Any) -> "Text":
+    r"""Writes the title of axes, and returns it."""
+    return ax.set_title(title, fontsize=size, color=current_theme().ink, **kwargs)
+
+
+def style_axes(ax: "Axes") -> None:
+    r"""Gives axes the colours and sizes of all pictures, before anything is drawn."""
+    look = current_theme()
+    ax.set_facecolor(look.ground)
+    ax.set_axisbelow(True)
+    for spine in ax.spines.values():
+        spine.set(color=look.faint, linewidth=0.8)
+    ax.tick_params(
+        which="both", color=look.faint, labelcolor=look.soft, labelsize=SMALL, width=0.8, length=3
+    )
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set(color=look.soft, fontsize=TEXT)
+        axis.get_offset_text().set(color=look.soft, fontsize=SMALL)
+
+
+def open_plot(ax: "Axes", axis: Literal["both", "x", "y"] = "both") -> None:
+    r"""Draws the grid of a plot, and leaves out the frame at the top and at the right."""
+    ax.grid(axis=axis, color=current_theme().grid, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
