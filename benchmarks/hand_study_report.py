@@ -14,14 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from hand_study_numbers import (
-    Found,
-    difference,
-    load,
-    of_answer,
-    of_devices,
-    of_other_hand,
-)
+from hand_study_numbers import Found, difference, load, of_answer, of_devices, of_other_hand
 from hand_study_pictures import draw
 
 import torch_geometric_tactile

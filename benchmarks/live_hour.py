@@ -14,13 +14,7 @@ import psutil
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import read_recording, write_recording
-from torch_geometric_tactile.live import (
-    Judge,
-    LiveSession,
-    Status,
-    StreamEnded,
-    open_source,
-)
+from torch_geometric_tactile.live import Judge, LiveSession, Status, StreamEnded, open_source
 from torch_geometric_tactile.sensors import stock_layout
 
 _JOINTS = 16

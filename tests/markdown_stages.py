@@ -10,13 +10,7 @@ import torch
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.data import (
-    FrameRing,
-    Recording,
-    StaticData,
-    StaticDataset,
-    Windows,
-)
+from torch_geometric_tactile.data import FrameRing, Recording, StaticData, StaticDataset, Windows
 from torch_geometric_tactile.io import read_recording, write_recording
 from torch_geometric_tactile.sensors import allegro_uskin, grid
 from torch_geometric_tactile.transforms import TaxelPose, ZScore

@@ -4,14 +4,7 @@ import torch
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn.conv import EdgePatchEncoder
-from torch_geometric_tactile.nn.models import (
-    MSCNN,
-    MTCNN,
-    MTGCN,
-    HandCNN,
-    TactileFNN,
-    TactileGCN,
-)
+from torch_geometric_tactile.nn.models import MSCNN, MTCNN, MTGCN, HandCNN, TactileFNN, TactileGCN
 from torch_geometric_tactile.sensors import TaxelLayout
 
 # Two patches of four taxels and one of three, not in a row: a ring in each, and seams between them.

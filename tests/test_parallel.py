@@ -5,12 +5,7 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile._parallel import (
-    KEPT_MEMORY,
-    check_backend,
-    kept_memory,
-    run_parallel,
-)
+from torch_geometric_tactile._parallel import KEPT_MEMORY, check_backend, kept_memory, run_parallel
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
 

@@ -1,12 +1,6 @@
 import numpy as np
 import pytest
-from streams import (
-    assert_same_in_pieces,
-    assert_split_anywhere,
-    fed,
-    numbers,
-    plain,
-)
+from streams import assert_same_in_pieces, assert_split_anywhere, fed, numbers, plain
 
 from torch_geometric_tactile.io import AnySkinDecoder
 

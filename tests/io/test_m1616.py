@@ -1,11 +1,5 @@
 import numpy as np
-from streams import (
-    assert_same_in_pieces,
-    assert_split_anywhere,
-    damaged,
-    fed,
-    numbers,
-)
+from streams import assert_same_in_pieces, assert_split_anywhere, damaged, fed, numbers
 
 from torch_geometric_tactile.io import M1616Decoder
 

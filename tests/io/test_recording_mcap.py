@@ -27,9 +27,7 @@ from torch_geometric_tactile.io import (
     write_mcap,
     write_recording,
 )
-from torch_geometric_tactile.io import (
-    _mcap_schemas as mcap_schemas,
-)
+from torch_geometric_tactile.io import _mcap_schemas as mcap_schemas
 
 ANCHOR = (1_700_000_000 * 10**9, 5 * 10**9)
 

@@ -2,11 +2,7 @@ import numpy as np
 import pytest
 from xela_server import message, sensor
 
-from torch_geometric_tactile.io import (
-    XelaFrame,
-    format_xela_message,
-    parse_xela_message,
-)
+from torch_geometric_tactile.io import XelaFrame, format_xela_message, parse_xela_message
 
 
 def test_parse_by_hand():

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from torch_geometric_tactile.loader._random_states import (
-    RandomStates,
-    kept_rng,
-    mixed,
-    seeded_rng,
-)
+from torch_geometric_tactile.loader._random_states import RandomStates, kept_rng, mixed, seeded_rng
 
 
 def drawn():

@@ -4,18 +4,8 @@ threads compute layer by layer, and in one of 8, which they may compute in one s
 import pytest
 import torch
 from attachments import ATTACHMENTS, OF_LINEAR, WITHOUT_EFFECT
-from small_models import (
-    EDGE_INDEX,
-    GRAPH_MODELS,
-    PATCH,
-    inputs,
-    samples,
-    small_model,
-)
-from torch.nn.modules.module import (
-    register_module_forward_hook,
-    register_module_full_backward_hook,
-)
+from small_models import EDGE_INDEX, GRAPH_MODELS, PATCH, inputs, samples, small_model
+from torch.nn.modules.module import register_module_forward_hook, register_module_full_backward_hook
 from torch_geometric.nn import GCNConv, summary
 from torch_geometric.utils import get_embeddings
 

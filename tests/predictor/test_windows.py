@@ -5,13 +5,7 @@ import pytest
 import torch
 from torch_geometric.transforms import Compose
 
-from torch_geometric_tactile.data import (
-    Recording,
-    StaticDataset,
-    Trials,
-    Windows,
-    join_frames,
-)
+from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows, join_frames
 from torch_geometric_tactile.nn.models import GraspGCN, TemporalTaxelNet
 from torch_geometric_tactile.predictor import Predictor, content
 from torch_geometric_tactile.predictor._window_cut import WindowCut

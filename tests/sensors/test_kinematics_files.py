@@ -5,12 +5,7 @@ import pytest
 import torch
 from small_chains import CHAIN, angles, urdf
 
-from torch_geometric_tactile.sensors import (
-    HandKinematics,
-    Joint,
-    allegro_uskin,
-    stock_path,
-)
+from torch_geometric_tactile.sensors import HandKinematics, Joint, allegro_uskin, stock_path
 
 HAND = HandKinematics.allegro()
 LAYOUT = allegro_uskin()

@@ -8,12 +8,7 @@ pytest.importorskip("mujoco", reason="needs the extra 'sim'")
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
-from torch_geometric_tactile.sim import (
-    PHASES,
-    GraspSimulator,
-    paper8,
-    plan_grasp,
-)
+from torch_geometric_tactile.sim import PHASES, GraspSimulator, paper8, plan_grasp
 from torch_geometric_tactile.transforms import TaxelForce, TaxelPose
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()

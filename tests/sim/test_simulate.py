@@ -33,9 +33,7 @@ from torch_geometric_tactile.sim import (
     simulate,
     twenty,
 )
-from torch_geometric_tactile.sim import (
-    _trial_files as trial_files,
-)
+from torch_geometric_tactile.sim import _trial_files as trial_files
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]
 SPONGE = paper8()[1]

@@ -20,9 +20,7 @@ from torch_geometric_tactile.sim import (
     simulate_bigs,
     slip_onset,
 )
-from torch_geometric_tactile.sim import (
-    _trial_files as trial_files,
-)
+from torch_geometric_tactile.sim import _trial_files as trial_files
 
 GRASPS = 8
 

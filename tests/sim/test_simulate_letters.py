@@ -12,12 +12,7 @@ import pytest
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, grid, letter_array
-from torch_geometric_tactile.sim import (
-    LETTERS,
-    LetterPress,
-    num_letter_files,
-    simulate_letters,
-)
+from torch_geometric_tactile.sim import LETTERS, LetterPress, num_letter_files, simulate_letters
 
 ROOT = Path(__file__).parents[2]
 module = sys.modules["torch_geometric_tactile.sim.simulate_letters"]

@@ -21,11 +21,7 @@ from torch_geometric_tactile.data import Trials, Windows
 from torch_geometric_tactile.nn.models import GraspGCN, TactileFNN
 from torch_geometric_tactile.reports import _run_data as run_data
 from torch_geometric_tactile.reports._run_data import load_data
-from torch_geometric_tactile.training import (
-    AtomicCheckpointIO,
-    TactileDataModule,
-    TactileModule,
-)
+from torch_geometric_tactile.training import AtomicCheckpointIO, TactileDataModule, TactileModule
 from torch_geometric_tactile.training.config import (
     TEMPLATES,
     config_names,

@@ -11,10 +11,7 @@ import lightning as L
 
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._predictions import write_samples
-from torch_geometric_tactile.training import (
-    TactileClassifier,
-    TactileDataModule,
-)
+from torch_geometric_tactile.training import TactileClassifier, TactileDataModule
 from torch_geometric_tactile.training.metrics import classification_metrics
 
 NAMES = ("hard", "heavy", "slippery")

@@ -137,13 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _session(arguments: argparse.Namespace) -> "LiveSession":
-    from torch_geometric_tactile.live import (
-        Judge,
-        LiveSession,
-        Rest,
-        TaxelMap,
-        open_source,
-    )
+    from torch_geometric_tactile.live import Judge, LiveSession, Rest, TaxelMap, open_source
 
     source = open_source(arguments.source)
     rest = Rest(arguments.rest)

@@ -24,12 +24,7 @@ class Folds:
             - **unit:** The number of the unit of each sample :math:`(S,)`.
         """
         # Imported here, since it takes as long as everything else together.
-        from sklearn.model_selection import (
-            GroupKFold,
-            KFold,
-            StratifiedGroupKFold,
-            StratifiedKFold,
-        )
+        from sklearn.model_selection import GroupKFold, KFold, StratifiedGroupKFold, StratifiedKFold
 
         num_units = len(np.unique(unit))
         if self.count > num_units:

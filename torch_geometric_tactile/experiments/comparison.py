@@ -21,11 +21,7 @@ from torch_geometric_tactile.experiments._compared_task import Task
 from torch_geometric_tactile.experiments._compared_windows import check_cut, of_frames
 from torch_geometric_tactile.experiments._data_source import DataFacts, DataSource
 from torch_geometric_tactile.experiments._held_out import balanced_protocol, check_units
-from torch_geometric_tactile.experiments.differences import (
-    LEAST_PAIRS,
-    Difference,
-    run_difference,
-)
+from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, Difference, run_difference
 from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol

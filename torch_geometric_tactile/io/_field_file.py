@@ -13,11 +13,7 @@ import numpy as np
 
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION, TEXT_BYTES
 from torch_geometric_tactile.io._hdf5_arrays import read_rows
-from torch_geometric_tactile.io._hdf5_checks import (
-    check_hard_link,
-    check_storage,
-    hdf5_file,
-)
+from torch_geometric_tactile.io._hdf5_checks import check_hard_link, check_storage, hdf5_file
 from torch_geometric_tactile.io._hdf5_file import opened, require_h5py
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 

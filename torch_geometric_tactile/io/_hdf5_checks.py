@@ -9,12 +9,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION
-from torch_geometric_tactile.io._recording_schema import (
-    FORMAT,
-    GROUPS,
-    checked_file,
-    missing_field,
-)
+from torch_geometric_tactile.io._recording_schema import FORMAT, GROUPS, checked_file, missing_field
 
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
 

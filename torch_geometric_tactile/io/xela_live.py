@@ -6,12 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile.io.xela_message import (
-    XelaFrame,
-    few,
-    parse_xela_message,
-    sensor_keys,
-)
+from torch_geometric_tactile.io.xela_message import XelaFrame, few, parse_xela_message, sensor_keys
 
 _orjson: Any
 try:

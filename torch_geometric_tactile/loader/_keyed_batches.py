@@ -10,12 +10,7 @@ from torch.utils.data import Dataset
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._batches import static_batch, static_parts
-from torch_geometric_tactile.loader._random_states import (
-    RandomStates,
-    kept_rng,
-    mixed,
-    seeded_rng,
-)
+from torch_geometric_tactile.loader._random_states import RandomStates, kept_rng, mixed, seeded_rng
 
 
 class KeyedIndex(NamedTuple):

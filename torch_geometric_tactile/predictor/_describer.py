@@ -17,11 +17,7 @@ from torch.nn import Module
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.predictor.builder import Builder
-from torch_geometric_tactile.predictor.classes import (
-    describe_own,
-    model_classes,
-    transform_classes,
-)
+from torch_geometric_tactile.predictor.classes import describe_own, model_classes, transform_classes
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 
 # Arguments that PyG keeps by another name.

@@ -15,11 +15,7 @@ from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose,
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.letter_array import letter_array
 from torch_geometric_tactile.sensors.patches import expand_patches
-from torch_geometric_tactile.sensors.sector_edges import (
-    SectorEdges,
-    layout_sectors,
-    sector_edges,
-)
+from torch_geometric_tactile.sensors.sector_edges import SectorEdges, layout_sectors, sector_edges
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
 from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
 from torch_geometric_tactile.sensors.thinned import select_taxels, thinned

@@ -14,21 +14,11 @@ from torch_geometric_tactile.sim.grasp import (
     GraspSimulator,
     plan_grasp,
 )
-from torch_geometric_tactile.sim.hand_model import (
-    ContactParameters,
-    grasp_mjcf,
-    stock_bodies,
-)
+from torch_geometric_tactile.sim.hand_model import ContactParameters, grasp_mjcf, stock_bodies
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
 from torch_geometric_tactile.sim.letter_press import LetterPress, LetterPresses
 from torch_geometric_tactile.sim.object_sets import OBJECT_SETS, object_set
-from torch_geometric_tactile.sim.objects import (
-    PROPERTIES,
-    GraspObject,
-    control8,
-    paper8,
-    twenty,
-)
+from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject, control8, paper8, twenty
 from torch_geometric_tactile.sim.simulate import (
     HANDS,
     MOTIONS,

@@ -6,11 +6,14 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.sim.hand_model import (
-    STAND,
-    ContactParameters,
-    grasp_mjcf,
+from torch_geometric_tactile.sim._hand_motion import (
+    JOINT_TREMOR,
+    palm_path,
+    postures,
+    smooth,
+    tremor,
 )
+from torch_geometric_tactile.sim.hand_model import ContactParameters, grasp_mjcf
 from torch_geometric_tactile.sim.objects import GraspObject
 from torch_geometric_tactile.sim.spread import GraspSpread
 
@@ -20,13 +23,7 @@ PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
 # Shortest and longest duration of each phase but the last, in seconds of a trial of 17 s.
 _SCHEDULE = ((1.2, 2.2), (2.0, 3.0), (2.2, 3.2), (0.6, 1.4), (1.8, 2.6))
 _FULL_LENGTH = 17.0
-_PALM = 0.016  # height of the palm's skin above the origin of the palm, m
-_HOVER, _ABOVE, _PRESS = 0.10, 0.030, 0.001  # palm above the object while hovering and reached, m
-_THUMB = -0.030  # where the thumb is behind the palm's origin, m
-_OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
-_CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
 _SQUEEZE = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)
-JOINT_TREMOR = 0.008  # rad
 _LIFTED = 0.05  # height above the stand that counts, m
 
 
@@ -151,60 +148,6 @@ def plan_grasp(
     joint += firmness * np.array(_SQUEEZE) * squeeze[:, None]
     joint += shake
     return GraspPlan(gantry, joint, phase, step)
-
-
-def palm_path(
-    size: tuple[float, float, float],
-    rng: np.random.Generator,
-    spread: GraspSpread,
-    step: float,
-    reach: np.ndarray,
-    close: np.ndarray,
-    rise: np.ndarray,
-) -> np.ndarray:
-    r"""Returns x, y, z and yaw of a palm that comes down on an object :math:`(K, 4)`.
-
-    Shapes:
-        - **reach:** From 0, hovering, to 1, just above the object :math:`(K,)`.
-        - **close:** From 0 to 1, on the object :math:`(K,)`.
-        - **rise:** What the palm rises after that, in metres :math:`(K,)`.
-    """
-    width, _, height = size
-    top = STAND[2] + height + _PALM
-    gantry = np.empty((len(reach), 4))
-    gantry[:, 0] = -(_THUMB + width / 2 + 0.012) + rng.normal(0.0, spread.forward)
-    gantry[:, 1] = rng.normal(0.0, spread.lateral)
-    descent = (_HOVER - _ABOVE) * reach + (_ABOVE + _PRESS) * close
-    gantry[:, 2] = top + _HOVER - descent + rise
-    gantry[:, 3] = rng.normal(0.0, spread.yaw)
-    gantry[:, :3] += tremor(rng, step, (len(reach), 3), sd=0.0008)
-    return gantry
-
-
-def postures(rng: np.random.Generator, spread: GraspSpread) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns the joint angles of the open and of the closed hand in radians, each
-    :math:`(16,)`.
-    """
-    start = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
-    return start, np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
-
-
-def smooth(progress: np.ndarray) -> np.ndarray:
-    r"""Returns a step from 0 to 1 with the least jerk."""
-    s = progress.clip(0.0, 1.0)
-    return s**3 * (10 - 15 * s + 6 * s**2)
-
-
-def tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float) -> np.ndarray:
-    r"""Returns what an operator's hand, which is never still, does beside what it shall: noise with
-    a correlation time of a fifth of a second.
-    """
-    keep = np.exp(-step / 0.2)
-    noise = rng.normal(0.0, sd, shape)
-    noise[1:] *= np.sqrt(1 - keep**2)
-    for i in range(1, len(noise)):
-        noise[i] += keep * noise[i - 1]
-    return noise
 
 
 class GraspSimulator:

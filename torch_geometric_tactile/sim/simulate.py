@@ -25,12 +25,7 @@ from torch_geometric_tactile.sim._trial_files import (
     run_trials,
     write_summary,
 )
-from torch_geometric_tactile.sim.grasp import (
-    GraspPlan,
-    GraspResult,
-    GraspSimulator,
-    plan_grasp,
-)
+from torch_geometric_tactile.sim.grasp import GraspPlan, GraspResult, GraspSimulator, plan_grasp
 from torch_geometric_tactile.sim.hand_model import ContactParameters
 from torch_geometric_tactile.sim.object_sets import object_set
 from torch_geometric_tactile.sim.objects import PROPERTIES, GraspObject

@@ -3,14 +3,14 @@ r"""A hand that squeezes an object again and again, and does not lift it."""
 import numpy as np
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.sim.grasp import (
+from torch_geometric_tactile.sim._hand_motion import (
     JOINT_TREMOR,
-    GraspPlan,
     palm_path,
     postures,
     smooth,
     tremor,
 )
+from torch_geometric_tactile.sim.grasp import GraspPlan
 from torch_geometric_tactile.sim.spread import GraspSpread
 
 #: The phases of a simulated squeeze, in order.

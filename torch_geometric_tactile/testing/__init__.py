@@ -2,9 +2,7 @@ r"""Assertions that check the laws of layers and transforms, for our tests and y
 
 from torch_geometric_tactile.testing.permutation_equivariant import assert_permutation_equivariant
 from torch_geometric_tactile.testing.static_equals_batched import assert_static_equals_batched
-from torch_geometric_tactile.testing.streaming_equals_window import (
-    assert_streaming_equals_window,
-)
+from torch_geometric_tactile.testing.streaming_equals_window import assert_streaming_equals_window
 from torch_geometric_tactile.testing.transform_static_equals_batched import (
     assert_transform_static_equals_batched,
 )

@@ -14,13 +14,7 @@ from small_models import (
     small_model,
 )
 
-from torch_geometric_tactile.nn.models import (
-    MTCNN,
-    MTGCN,
-    HandCNN,
-    TactileFNN,
-    TactileGCN,
-)
+from torch_geometric_tactile.nn.models import MTCNN, MTGCN, HandCNN, TactileFNN, TactileGCN
 from torch_geometric_tactile.sensors import biotac_sp
 
 T = ("tactile",)

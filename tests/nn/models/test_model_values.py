@@ -2,13 +2,7 @@ import pytest
 import torch
 from small_models import ALL, EDGE_INDEX, MODELS, NUM_EDGES, samples, small_model
 
-from torch_geometric_tactile.nn.models import (
-    MTCNN,
-    MTGCN,
-    HandCNN,
-    TactileFNN,
-    TactileGCN,
-)
+from torch_geometric_tactile.nn.models import MTCNN, MTGCN, HandCNN, TactileFNN, TactileGCN
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 from torch_geometric_tactile.testing import assert_permutation_equivariant
 

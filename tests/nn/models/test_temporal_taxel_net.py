@@ -9,9 +9,7 @@ from torch_geometric.data import Batch, Data
 from torch_geometric_tactile.data import join_frames, split_frames
 from torch_geometric_tactile.nn import TemporalTaxelNet
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.testing import (
-    assert_static_equals_batched,
-)
+from torch_geometric_tactile.testing import assert_static_equals_batched
 
 
 @pytest.fixture(params=MODELS)

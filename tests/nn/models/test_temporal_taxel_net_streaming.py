@@ -8,9 +8,7 @@ from temporal_nets import EDGES, FIELDS, MODELS, given, small, trained
 from torch_geometric_tactile.data import join_frames, split_frames
 from torch_geometric_tactile.nn import TemporalTaxelNet
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.testing import (
-    assert_streaming_equals_window,
-)
+from torch_geometric_tactile.testing import assert_streaming_equals_window
 
 
 @pytest.fixture(params=MODELS)

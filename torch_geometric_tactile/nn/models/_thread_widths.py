@@ -1,6 +1,7 @@
 r"""The widths and pools that threads have by default, and checks of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, Optional
 
 # The thread of the paper for readings.
 WIDTHS = (14, 28, 56, 112, 112)
@@ -25,3 +26,32 @@ def checked_widths(
             raise ValueError(f"'pools' must divide 'widths' (got {pool} for {width})")
     sizes = (in_channels, *(width // pool for width, pool in zip(widths, pools, strict=True)))
     return widths, pools, sizes
+
+
+# The threads of the paper: of the readings, and of all other inputs.
+_TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
+
+
+_OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
+
+
+def thread_settings(
+    inputs: Sequence[str], threads: Optional[Mapping[str, Any]], keys: Sequence[str]
+) -> dict[str, dict[str, Any]]:
+    r"""Returns the settings of each thread, by default the paper's."""
+    threads = threads or {}
+    for name, own in threads.items():
+        if name not in inputs:
+            raise ValueError(f"'threads' must be of the inputs {tuple(inputs)} (got '{name}')")
+        unknown = sorted(set(own or ()) - set(keys))
+        if unknown:
+            raise ValueError(
+                f"a thread must have some of {list(keys)} (got '{unknown[0]}' in '{name}')"
+            )
+    return {
+        name: {
+            **(_TACTILE_THREAD if name == "tactile" else _OTHER_THREAD),
+            **(threads.get(name) or {}),
+        }
+        for name in inputs
+    }

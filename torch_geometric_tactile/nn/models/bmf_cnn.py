@@ -14,7 +14,8 @@ from torch_geometric_tactile.nn.conv._plain import is_hooked
 from torch_geometric_tactile.nn.models._hub import TactileHubMixin
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import load_layout, stacked_readings
-from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature, signed_root
+from torch_geometric_tactile.nn.pool._signed_root import signed_root
+from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 
 _Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]

@@ -10,8 +10,8 @@ from torch_geometric.typing import OptTensor
 from torch_geometric_tactile.nn.models._joined import side_by_side
 from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
+from torch_geometric_tactile.nn.models._thread_widths import thread_settings
 from torch_geometric_tactile.nn.models.cnn_thread import CNNThread
-from torch_geometric_tactile.nn.models.mt_gcn import thread_settings
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 

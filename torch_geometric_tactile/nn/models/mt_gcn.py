@@ -10,14 +10,10 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models._joined import side_by_side
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
-from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
+from torch_geometric_tactile.nn.models._thread_widths import thread_settings
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 from torch_geometric_tactile.sensors import check_edges
-
-# The threads of the paper: of the readings, and of all other inputs.
-_TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
-_OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
 
 
 class MTGCN(TactileModel):
@@ -134,25 +130,3 @@ def _checked_edges(
     """
     edges = torch.as_tensor(edges, device="cpu")  # to be checked
     return check_edges(edges, num_nodes, f"the adjacency of '{name}'")
-
-
-def thread_settings(
-    inputs: Sequence[str], threads: Optional[Mapping[str, Any]], keys: Sequence[str]
-) -> dict[str, dict[str, Any]]:
-    r"""Returns the settings of each thread, by default the paper's."""
-    threads = threads or {}
-    for name, own in threads.items():
-        if name not in inputs:
-            raise ValueError(f"'threads' must be of the inputs {tuple(inputs)} (got '{name}')")
-        unknown = sorted(set(own or ()) - set(keys))
-        if unknown:
-            raise ValueError(
-                f"a thread must have some of {list(keys)} (got '{unknown[0]}' in '{name}')"
-            )
-    return {
-        name: {
-            **(_TACTILE_THREAD if name == "tactile" else _OTHER_THREAD),
-            **(threads.get(name) or {}),
-        }
-        for name in inputs
-    }

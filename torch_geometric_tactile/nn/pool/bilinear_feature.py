@@ -3,8 +3,7 @@ r"""The bilinear feature of a feature map with itself."""
 import torch
 from torch import Tensor
 
-# The root of a number near zero has a gradient without bound.
-_FLOOR = 1e-8
+from torch_geometric_tactile.nn.pool._signed_root import signed_root
 
 
 class BilinearFeature(torch.nn.Module):
@@ -74,8 +73,3 @@ class BilinearFeature(torch.nn.Module):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(eps={self.eps})"
-
-
-def signed_root(phi: Tensor) -> Tensor:
-    r"""Returns the root of each number's magnitude, raised by :math:`10^{-8}`, with its sign."""
-    return phi.sign() * (phi.abs() + _FLOOR).sqrt()
