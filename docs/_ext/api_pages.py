@@ -176,7 +176,7 @@ def definition(full: str) -> tuple[Path, int, str]:
     module, _, name = full.rpartition(".")
     home = import_module(module)
     folder = Path(home.__file__ or "").parent
-    for path in [Path(home.__file__ or ""), *sorted(folder.glob("*.py"))]:
+    for path in [Path(home.__file__ or ""), *sorted(folder.rglob("*.py"))]:
         text = path.read_text("utf-8")
         for statement in ast.parse(text).body:
             targets = getattr(statement, "targets", [getattr(statement, "target", None)])
