@@ -32,8 +32,8 @@ from torch.nn.functional import cross_entropy, max_pool2d
 
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.training import training_recipe
 
 _TAXEL_NETS: dict[str, dict[str, Any]] = {
     "taxel_net": {},

@@ -14,8 +14,8 @@ from torch_geometric_tactile.baselines import flat_forest, posed_forest, posed_r
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import PosedTaxelNet, TactileFNN, TaxelNet
 from torch_geometric_tactile.nn.models._taxels import seen_taxels
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training import training_recipe
 from torch_geometric_tactile.transforms import ZScore
 
 JOINTS = 16

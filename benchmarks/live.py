@@ -28,7 +28,7 @@ from predictor_onnx import build
 from throughput_report import describe_machine
 
 from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile.predictor._export_onnx import export_onnx
+from torch_geometric_tactile.predictor import export_onnx
 
 Part = Callable[[argparse.Namespace, Path], dict[str, Any]]
 

@@ -28,7 +28,7 @@ from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import LiveFrame, StaticData
 from torch_geometric_tactile.live import Judge
 from torch_geometric_tactile.nn.models import TactileGCN
-from torch_geometric_tactile.predictor._export_onnx import export_onnx
+from torch_geometric_tactile.predictor import export_onnx
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, Tare, TaxelPose, ZScore, fit_parts
 

@@ -31,8 +31,8 @@ from torch.nn.functional import cross_entropy, pad
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.nn import GraspGCN, TemporalTaxelNet
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.sensors import TaxelLayout, grid, stock_layout
+from torch_geometric_tactile.training import training_recipe
 from torch_geometric_tactile.transforms import KNNGraph
 
 _FRAMES = 40

@@ -22,25 +22,22 @@ EXTRAS = {  # modules of extras that the blocks of a page need
     "docs/command_line.md": ("lightning",),
     "docs/compare.md": ("lightning", "yaml"),
     "docs/experiments.md": ("lightning", "joblib"),
-    "docs/export.md": ("onnxruntime", "onnxscript"),
     "docs/hand.md": ("matplotlib",),
     "docs/lerobot.md": ("pyarrow",),
-    "docs/live.md": ("serial", "websockets"),
+    "docs/live.md": ("serial", "websockets", "mcap"),
     "docs/metrics.md": ("lightning",),
     "docs/models.md": ("lightning", "cv2", "huggingface_hub"),
-    "docs/predictor.md": ("lightning",),
-    "docs/recorder.md": ("websockets", "mcap"),
+    "docs/predictor.md": ("lightning", "onnxruntime", "onnxscript"),
     "docs/recordings.md": ("h5py", "matplotlib"),
     "docs/results/hand_study.md": ("mujoco",),
     "docs/serial_formats.md": ("cobs",),
-    "docs/simulated_grasps.md": ("mujoco", "h5py"),
-    "docs/simulation.md": ("mujoco",),
+    "docs/simulation.md": ("mujoco", "h5py"),
     "docs/your_own_classes.md": ("lightning",),
     "docs/your_own_data.md": ("lightning", "matplotlib"),
 }
 SLOW = {"README.md", "docs/analysis.md", "docs/models.md", "docs/predictor.md"} | {
     "docs/command_line.md",
-    "docs/simulated_grasps.md",
+    "docs/simulation.md",
     "docs/your_own_classes.md",
     "docs/your_own_data.md",
 }
@@ -96,6 +93,17 @@ def train_hand(folder):
     return Path("runs/mt_gcn_te_joint/version_0/checkpoints/last.ckpt")
 
 
+def write_grasp_predictor():
+    """Writes a predictor of a pad with 4 taxels, not trained."""
+    from torch_geometric_tactile.nn import TactileFNN
+
+    arrays = np.random.default_rng(0).normal(33_000, 100, (8, 4, 3)).astype(np.float32)
+    dataset = StaticDataset.from_arrays(arrays, np.arange(8) % 2, layout=grid(2, 2, pitch=0.004))
+    model = TactileFNN(dataset.layout, 2, widths=(4,), pools=(1,))
+    scale = ZScore(per="channel").fit(dataset.data)
+    Predictor.from_dataset(model, dataset, scale).save("grasp.predictor")
+
+
 @stage("docs/analysis.md")
 def _(names):
     run = train_hand("data").parents[1]
@@ -108,6 +116,7 @@ def _(names):
 def _(names):
     from torch_geometric_tactile.nn import TemporalTaxelNet
 
+    write_grasp_predictor()
     train_hand("data")
     hand_names(names)
     names["recording"] = hand_recording(70)
@@ -124,23 +133,6 @@ def _(names):
     for frame in frames.data.x[:60]:
         ring.push(frame)
     names["ring"] = ring
-
-
-@stage("docs/export.md")
-def _(names):
-    from torch_geometric_tactile.nn import TactileFNN
-
-    arrays = np.random.default_rng(0).normal(33_000, 100, (8, 4, 3)).astype(np.float32)
-    dataset = StaticDataset.from_arrays(arrays, np.arange(8) % 2, layout=grid(2, 2, pitch=0.004))
-    model = TactileFNN(dataset.layout, 2, widths=(4,), pools=(1,))
-    scale = ZScore(per="channel").fit(dataset.data)
-    Predictor.from_dataset(model, dataset, scale).save("grasp.predictor")
-
-
-@check("docs/export.md")
-def _(names, printed):
-    assert names["info"]["num_taxels"] == 4
-    assert names["probability"].sum() == pytest.approx(1, abs=1e-5)
 
 
 @stage("docs/bigs.md")
@@ -184,7 +176,7 @@ def _(names):
     list(simulate_letters("letters", presses=10))
 
 
-@stage("docs/recorder.md")
+@stage("docs/live.md")
 def _(names):
     write_recording(hand_recording(400, count=True), "grasp.mcap")
 
@@ -261,8 +253,9 @@ def _(names, out):
 
 @check("docs/predictor.md")
 def _(names, out):
-    assert names["probability"].shape == (2, 2)
     assert names["predictor"].window.length == 60
+    assert names["info"]["num_taxels"] == 4
+    assert names["probability"].sum() == pytest.approx(1, abs=1e-5)
 
 
 def _prints(page, count):

@@ -109,7 +109,7 @@ def predictor(name):
 @functools.cache
 def onnx_file(name):
     """The file of a predictor in ONNX, made once."""
-    from torch_geometric_tactile.predictor._export_onnx import export_onnx
+    from torch_geometric_tactile.predictor import export_onnx
 
     path = Path(tempfile.mkdtemp(prefix="onnx_")) / f"{name}.onnx"
     export_onnx(predictor(name), path)

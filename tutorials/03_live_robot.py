@@ -80,7 +80,7 @@ print(f"accuracy on the new object: {metrics['test/accuracy']:.3f}")
 # without complaint, and wrongly.
 
 # %%
-from torch_geometric_tactile.predictor._export_onnx import export_onnx
+from torch_geometric_tactile.predictor import export_onnx
 
 predictor = Predictor.from_dataset(classifier.model, dataset, module.transform)
 predictor.save(folder / "glove.predictor")
@@ -236,6 +236,6 @@ assert all(judgement.label == labels[order[judgement.sequence]] for judgement in
 # ## Next
 #
 # - [A new day](04_new_day.py): what changes when the sensor does
-# - [Live](../docs/live.md): sources, health, reconnecting; [export](../docs/export.md); [the
+# - [Live](../docs/live.md): sources, health, reconnecting; [export](../docs/predictor.md#export-one-onnx-file-from-reading-to-label); [the
 #   predictor](../docs/predictor.md)
 # - [Your own device](../docs/your_own_classes.md#a-live-device): a decoder for your board

@@ -340,5 +340,5 @@ assert average("slipping only", "session") < average("all objects", "session") -
 #
 # - [To a live robot](03_live_robot.py): rest and tare on a running sensor
 # - [What has it learnt?](10_what_it_learnt.py)
-# - [Session scaling: what it may and may not assume](../docs/session_scaling.md), [from raw readings to inputs](../docs/scaling.md)
+# - [Session scaling: what it may and may not assume](../docs/scaling.md#session-scaling-assumptions-and-limits), [from raw readings to inputs](../docs/scaling.md)
 # - [All results on these grasps](../docs/results/grasp_stability.md)

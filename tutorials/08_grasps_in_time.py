@@ -276,7 +276,7 @@ assert summaries["vibration"].held_alarmed > 0.6
 # ## Next
 #
 # * [Windows, trials and time](../docs/time.md), and [simulated
-#   grasps](../docs/simulated_grasps.md): what the simulator does and what it leaves out.
+#   grasps](../docs/simulation.md#grasps-with-three-fingertips): what the simulator does and what it leaves out.
 # * [Early slip, the full study](../docs/results/early_slip.md): 2,000 grasps, an LSTM, held-out
 #   objects.
 # * [Grasps of your own in this form](../docs/bigs.md), and [tutorial 3](03_live_robot.py): the

@@ -34,7 +34,8 @@ def test_export_asks_for_its_suffix(tmp_path, capsys):
 
 def test_export_needs_its_extra(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "onnxscript", None)
-    assert main(["export", "a.predictor", str(tmp_path / "a.onnx")]) == 1
+    made.predictor("tare").save(tmp_path / "a.predictor")
+    assert main(["export", str(tmp_path / "a.predictor"), str(tmp_path / "a.onnx")]) == 1
     line = "pip install 'torch-geometric-tactile[export]'"
     assert f"a graph needs onnxscript: {line}" in capsys.readouterr().err
 
@@ -46,7 +47,7 @@ def test_export_names_what_is_not_there(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_page_runs_with_onnxruntime_alone(tmp_path, monkeypatch, capsys):
-    page = (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "predictor.md").read_text()
     (code,) = re.findall(r"```python\n(import json\n.*?)```", page, re.DOTALL)
     (tmp_path / "grasp.onnx").write_bytes(made.onnx_file("tare").read_bytes())
     monkeypatch.chdir(tmp_path)

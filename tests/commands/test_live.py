@@ -88,7 +88,7 @@ def test_layout_of_the_model_is_shown_whatever_its_name(tmp_path, suffix):
     if suffix == "onnx":
         pytest.importorskip("onnxscript", reason="needs the extra 'export'")
         pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
-        from torch_geometric_tactile.predictor._export_onnx import export_onnx
+        from torch_geometric_tactile.predictor import export_onnx
     torch.manual_seed(0)
     layout = grid(3, 4, pitch=0.01)
     predictor = Predictor(

@@ -23,9 +23,9 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.reports._compare import comparison_csv, comparison_markdown
 from torch_geometric_tactile.sensors import biotac_sp, grid
+from torch_geometric_tactile.training import training_recipe
 
 
 def plan(folder, settings=None, grid="3x4", **changes):

@@ -3,6 +3,7 @@
 graph is compared with its predictor before it is written, so that an export is a comparison."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -35,10 +36,8 @@ from torch_geometric_tactile.nn.models import (
     TaxelNet,
     TemporalTaxelNet,
 )
-from torch_geometric_tactile.predictor import _export_onnx as export_module
 from torch_geometric_tactile.predictor import _onnx_check as onnx_check
-from torch_geometric_tactile.predictor import classes
-from torch_geometric_tactile.predictor._export_onnx import export_onnx
+from torch_geometric_tactile.predictor import classes, export_onnx
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 
 HAND = HandKinematics(
@@ -383,7 +382,7 @@ def test_a_difference_is_an_error_and_leaves_nothing(change, small, path, tmp_pa
 
     program, answer = onnx.load(path), onnx_check.answer
     del program.metadata_props[:]
-    monkeypatch.setattr(export_module, "_program", lambda graph: program)
+    monkeypatch.setattr(sys.modules[export_onnx.__module__], "_program", lambda graph: program)
     monkeypatch.setattr(onnx_check, "answer", lambda *given: answer(*given) + change)
     with pytest.raises(ValueError, match=r"must give its numbers to 1e-05 \(got a difference of"):
         export_onnx(small, tmp_path / "model.onnx")

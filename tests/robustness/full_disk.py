@@ -152,7 +152,7 @@ def torch_writers() -> Iterator[Writer]:
         pass
     else:
         from torch_geometric_tactile.live import OnnxModel
-        from torch_geometric_tactile.predictor._export_onnx import export_onnx
+        from torch_geometric_tactile.predictor import export_onnx
 
         yield Writer(
             "graph",

@@ -58,10 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"'FILE.onnx' must end in .onnx (got '{arguments.model}')")
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.live.onnx_judge import OnnxModel
-    from torch_geometric_tactile.predictor._export_onnx import export_onnx, require_export
+    from torch_geometric_tactile.predictor.export_onnx import export_onnx
     from torch_geometric_tactile.reports import _run_data as run_data
 
-    require_export()
     predictor = run_data.open_predictor(arguments.predictor, arguments.config)
     if arguments.tare:
         predictor = predictor.with_tare()

@@ -9,8 +9,8 @@ import torch
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._choice import Choice
 from torch_geometric_tactile.experiments._data_source import num_frames_of
-from torch_geometric_tactile.nn.models._training_recipe import TrainingRecipe, training_recipe
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
+from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 _TRANSFORMS = "torch_geometric_tactile.transforms."
 

@@ -9,13 +9,16 @@ from torch_geometric_tactile.predictor.content import (
     is_checkpoint,
     model_entry,
 )
+from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
 from torch_geometric_tactile.predictor.predictor import Predictor
 
 __all__ = [
+    "Exported",
     "MissingOwnError",
     "Predictor",
     "build_model",
     "checkpoint_entry",
+    "export_onnx",
     "is_checkpoint",
     "model_entry",
     "transform_classes",

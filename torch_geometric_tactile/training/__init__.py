@@ -22,6 +22,7 @@ from torch_geometric_tactile.training.module import (
 from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.training.quiet import quiet_lightning
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
+from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 __all__ = [
     "AtomicCheckpointIO",
@@ -30,6 +31,7 @@ __all__ = [
     "TactileClassifier",
     "TactileDataModule",
     "TactileModule",
+    "TrainingRecipe",
     "classification_metrics",
     "classifier_from_config",
     "config_names",
@@ -38,4 +40,5 @@ __all__ = [
     "load_config",
     "quiet_lightning",
     "regression_metrics",
+    "training_recipe",
 ]

@@ -26,8 +26,8 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import Protocol, StaticData
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.nn import PosedTaxelNet
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.sim import GraspSpread, simulate
+from torch_geometric_tactile.training import training_recipe
 from torch_geometric_tactile.transforms import TaxelPose
 
 HERE = Path(__file__).parent

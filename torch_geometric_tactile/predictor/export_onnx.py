@@ -23,9 +23,9 @@ from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.predictor import Predictor
 
 #: The key of the metadata of a file, JSON.
-METADATA = "torch_geometric_tactile"
-FORMAT = 1
-OPSET = 18
+_METADATA = "torch_geometric_tactile"
+_FORMAT = 1
+_OPSET = 18
 _NO_DIGEST = "0" * 64
 _EXTRAS = ("onnx", "onnxscript", "onnxruntime")
 
@@ -57,18 +57,18 @@ def export_onnx(
     The graph is compared with the predictor before it is written, on random readings, zeros and
     missing ones. The file is written whole or not at all.
     """
-    require_export()
+    _require_export()
     if unit not in (None, *UNITS):
         raise ValueError(f"'unit' must be one of {[*UNITS]} or None (got {unit!r})")
     graph = OnnxGraph(_copy(predictor), num_channels)
     program = _program(graph)
     program.ir_version = min(program.ir_version, 10)  # read by every runtime that we support
     checked = _copy(predictor)
-    metadata = describe(predictor, graph, unit)
+    metadata = _describe(predictor, graph, unit)
     metadata["parity"] = None
     entry = program.metadata_props.add()
-    entry.key = METADATA
-    session = open_session(program.SerializeToString())
+    entry.key = _METADATA
+    session = _open_session(program.SerializeToString())
     difference = largest_difference(session, graph, checked)
     if not difference <= TOLERANCE:
         raise ValueError(
@@ -90,7 +90,7 @@ def _with_digest(content: bytes) -> bytes:
     return content.replace(field, f'"sha256": "{digest}"'.encode())
 
 
-def require_export() -> None:
+def _require_export() -> None:
     r"""Raises an :class:`ImportError` that gives the pip line, if the extra is missing."""
     for name in _EXTRAS:
         try:
@@ -101,7 +101,7 @@ def require_export() -> None:
             ) from error
 
 
-def open_session(model: bytes | PathLike) -> Any:
+def _open_session(model: bytes | PathLike) -> Any:
     r"""Returns a session of onnxruntime in one thread."""
     runtime = import_module("onnxruntime")
     options = runtime.SessionOptions()
@@ -111,7 +111,7 @@ def open_session(model: bytes | PathLike) -> Any:
     return runtime.InferenceSession(given, options, providers=["CPUExecutionProvider"])
 
 
-def describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[str, Any]:
+def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[str, Any]:
     r"""Returns the metadata of a graph."""
     window, rest = graph.window, None
     if graph.rest is not None:
@@ -127,7 +127,7 @@ def describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[s
             "shape": list(graph.rest_shape()),
         }
     return {
-        "format": FORMAT,
+        "format": _FORMAT,
         "package": __version__,
         "model": type(predictor.model).__name__,
         "task": predictor.task,
@@ -175,7 +175,7 @@ def _program(graph: OnnxGraph) -> Any:
                 graph,
                 tuple(inputs),
                 dynamo=True,
-                opset_version=OPSET,
+                opset_version=_OPSET,
                 input_names=graph.input_names,
                 output_names=graph.output_names,
                 verbose=False,

@@ -1,6 +1,8 @@
 import pytest
 
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+from torch_geometric_tactile.training import training_recipe
 
 
 @pytest.mark.parametrize(
