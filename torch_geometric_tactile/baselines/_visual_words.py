@@ -14,8 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from torch.nn.functional import interpolate
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines.features import check_finite
-from torch_geometric_tactile.baselines.flat_readings import readings
+from torch_geometric_tactile.baselines._readings import check_finite, readings
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 
 _MOST_DESCRIPTORS = 200_000  # that words are made of, and that are kept while a machine is fitted

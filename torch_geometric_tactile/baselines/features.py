@@ -2,6 +2,8 @@ r"""The statistical features of tactile time series."""
 
 import numpy as np
 
+from torch_geometric_tactile.baselines._readings import check_finite
+
 #: Names of the statistics of :func:`statistical_features`, in their order.
 FEATURE_NAMES = (
     "maximum",
@@ -65,25 +67,6 @@ def statistical_features(signal: np.ndarray) -> np.ndarray:
             _ratio(peak, square_mean_root),
         ],
         axis=-1,
-    )
-
-
-def check_finite(values: np.ndarray, name: str) -> None:
-    r"""Checks that no reading is missing or infinite.
-
-    Shapes:
-        - **values:** The readings :math:`(S, ...)`.
-    """
-    finite = np.isfinite(values)
-    if finite.all():
-        return
-    missing = int(np.isnan(values).sum())
-    rows = np.flatnonzero(~finite.reshape(len(values), -1).all(axis=1))
-    infinite = int((~finite).sum()) - missing
-    raise ValueError(
-        f"'{name}' must hold finite readings only (got {missing} NaN and {infinite} infinite in "
-        f"{len(rows)} of {len(values)} rows, the first is {rows[0]}); fill missing ones with "
-        "FillMissing() before"
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 
-from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.baselines._readings import readings
 
 
 class FlatReadings(TransformerMixin, BaseEstimator):
@@ -48,13 +48,3 @@ class FlatReadings(TransformerMixin, BaseEstimator):
         """
         values = readings(x)
         return np.nan_to_num(values.reshape(len(values), -1), nan=0.0)
-
-
-def readings(x: Any) -> np.ndarray:
-    r"""Returns readings as an array of :math:`(S, N, F)`."""
-    values = np.asarray(x.x.numpy(force=True) if isinstance(x, StaticData) else x)
-    if values.ndim != 3:
-        raise ValueError(
-            f"'x' must have shape (num_samples, num_taxels, num_channels) (got {values.shape})"
-        )
-    return values

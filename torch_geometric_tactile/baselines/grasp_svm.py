@@ -11,7 +11,7 @@ from sklearn.svm import SVC
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines.features import check_finite
+from torch_geometric_tactile.baselines._readings import check_finite
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
 

@@ -13,7 +13,8 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines.flat_readings import FlatReadings, readings
+from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 from torch_geometric_tactile.baselines.posed_summary import PosedSummary
 from torch_geometric_tactile.sensors import TaxelLayout

@@ -8,7 +8,7 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines.flat_readings import readings
+from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 

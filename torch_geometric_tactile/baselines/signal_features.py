@@ -9,11 +9,8 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines.features import (
-    FEATURE_NAMES,
-    check_finite,
-    statistical_features,
-)
+from torch_geometric_tactile.baselines._readings import check_finite
+from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 
 
 class SignalFeatures(TransformerMixin, BaseEstimator):

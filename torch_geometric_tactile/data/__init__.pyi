@@ -5,7 +5,7 @@ from .frames import join_frames, split_frames
 from .image_data import ImageData, StaticImages, image_of
 from .live_frame import LiveFrame
 from .protocol import Protocol, Split
-from .recording import Recording
+from .recording import UNITS, Recording
 from .splits import Fold
 from .static_data import StaticData
 from .static_dataset import StaticDataset
@@ -13,6 +13,7 @@ from .trials import Trials
 from .windows import Windows
 
 __all__ = [
+    "UNITS",
     "Fold",
     "FrameRing",
     "ImageData",

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import torch
 from torch import Tensor
 
 Level = Literal["node", "edge", "sample"]
@@ -244,3 +245,18 @@ class Schema:
 def _num_edges(attributes: Mapping[str, Any]) -> int | None:
     edge_index = attributes.get("edge_index")
     return edge_index.size(1) if isinstance(edge_index, Tensor) else None
+
+
+def flat_index(index: Any) -> Tensor:
+    r"""Returns indices of samples in one dimension, also of a mask, as PyG reads them."""
+    try:
+        found = torch.as_tensor(index).flatten()
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise IndexError(
+            f"'index' must be a slice, integers or a mask (got {index!r:.80})"
+        ) from error
+    if found.dtype == torch.bool:
+        return found.nonzero().view(-1)
+    if found.numel() and (found.is_floating_point() or found.is_complex()):
+        raise IndexError(f"'index' must hold integers or truth values (got {found.dtype})")
+    return found.long()

@@ -20,7 +20,7 @@ from torch_geometric_tactile.data._recording_arrays import (
 if TYPE_CHECKING:  # a live robot has recordings without torch
     from torch_geometric_tactile.sensors import TaxelLayout
 
-# Units of readings, and how figures and pages name them.
+#: Units of readings, and how figures and pages name them.
 UNITS = {"count": "counts", "newton": "N", "microtesla": "µT"}
 _FULL_TURN = 2 * math.pi * (1 + 1e-6)  # a full turn in float32 is a little more
 

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from torch_geometric_tactile.data.protocol import Protocol, Samples, Split, Unit
+from torch_geometric_tactile._typing import Unit
+from torch_geometric_tactile.data.protocol import Protocol, Samples, Split
 
 __all__ = [
     "Fold",

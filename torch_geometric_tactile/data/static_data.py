@@ -5,31 +5,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Self, overload
 
 import numpy as np
-import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data._block_diagonal import to_batch
 from torch_geometric_tactile.data._leveled_data import LeveledData
-from torch_geometric_tactile.data._levels import Schema
+from torch_geometric_tactile.data._levels import Schema, flat_index
 from torch_geometric_tactile.data._stacking import stack_samples
 
 _Index = Tensor | slice | Sequence[int] | np.ndarray
-
-
-def flat_index(index: Any) -> Tensor:
-    r"""Returns indices of samples in one dimension, also of a mask, as PyG reads them."""
-    try:
-        found = torch.as_tensor(index).flatten()
-    except (RuntimeError, TypeError, ValueError) as error:
-        raise IndexError(
-            f"'index' must be a slice, integers or a mask (got {index!r:.80})"
-        ) from error
-    if found.dtype == torch.bool:
-        return found.nonzero().view(-1)
-    if found.numel() and (found.is_floating_point() or found.is_complex()):
-        raise IndexError(f"'index' must hold integers or truth values (got {found.dtype})")
-    return found.long()
 
 
 class StaticData(LeveledData):

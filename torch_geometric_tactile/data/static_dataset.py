@@ -11,9 +11,10 @@ from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data._from_arrays import FromArrays
+from torch_geometric_tactile.data._levels import flat_index
 from torch_geometric_tactile.data._processed_dataset import ProcessedDataset
 from torch_geometric_tactile.data.apply_transform import apply_transform, returned, unwritten
-from torch_geometric_tactile.data.static_data import StaticData, flat_index
+from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
 
 

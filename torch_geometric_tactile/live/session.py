@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile._typing import PathLike, Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live._latencies import Latencies
 from torch_geometric_tactile.live._outputs import Outputs
@@ -19,7 +19,7 @@ from torch_geometric_tactile.live.rest import Rest
 from torch_geometric_tactile.live.source import Source
 from torch_geometric_tactile.live.status import Status
 from torch_geometric_tactile.live.stream import Stream
-from torch_geometric_tactile.live.subscription import Policy, Subscription
+from torch_geometric_tactile.live.subscription import Subscription
 from torch_geometric_tactile.live.taxel_map import TaxelMap
 
 if TYPE_CHECKING:

@@ -10,11 +10,12 @@ from concurrent.futures import Future
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self
 
+from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.clock_map import ClockMap
 from torch_geometric_tactile.live.health import Health, HealthMeter
 from torch_geometric_tactile.live.source import Source, SourceEnded
-from torch_geometric_tactile.live.subscription import Policy, Subscription
+from torch_geometric_tactile.live.subscription import Subscription
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.taxel_map import TaxelMap

@@ -5,11 +5,11 @@ import threading
 from collections import deque
 from contextlib import suppress
 from time import perf_counter
-from typing import Literal, Self
+from typing import Self
 
+from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
-Policy = Literal["all", "drop_oldest", "newest"]
 _SIZES: dict[str, int] = {"all": 8192, "drop_oldest": 256, "newest": 1}
 
 

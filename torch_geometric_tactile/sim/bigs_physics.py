@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile.sim._bigs_contacts import ContactLog
-from torch_geometric_tactile.sim._bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
-from torch_geometric_tactile.sim.bigs_plan import (
+from torch_geometric_tactile.sim._bigs_motion import (
     CONTROL_RATE,
     FRAME_RATE,
     INPUT_END,
-    BigsGrasp,
     hand_motion,
 )
-from torch_geometric_tactile.sim.grasp import import_mujoco
+from torch_geometric_tactile.sim._bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
+from torch_geometric_tactile.sim._mujoco import import_mujoco
+from torch_geometric_tactile.sim.bigs_plan import BigsGrasp
 
 #: The phases of a simulated grasp with three fingertips, in order.
 BIGS_PHASES = ("closing", "hold", "lift", "shake")

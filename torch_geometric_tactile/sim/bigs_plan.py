@@ -1,21 +1,10 @@
 r"""What is drawn for each grasp of the simulated BiGS set, and how its hand moves."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-_BigsShape = Literal["cylinder", "box", "ball"]
-
-#: The objects, in the proportions of the BiGS set: two cylinders to one box and one ball.
-BIGS_ORDER: tuple[_BigsShape, ...] = ("cylinder", "box", "cylinder", "ball")
-NUM_SESSIONS = 16
-CONTROL_RATE = 300  # steps of the physics, controller ticks and robot samples a second
-FRAME_RATE = 100  # frames of a recording a second
-INPUT_END = 2.0  # s after pick-up begins, where the input of P3 ends
-
-_DIRECTIONS = 5  # of the shake: x, y, z, roll, pitch
-_CYCLES = 2  # of the shake in each direction
-_TURN = 0.28  # rad, of the shake about x and y
+from torch_geometric_tactile.sim._bigs_motion import DIRECTIONS, INPUT_END, BigsShape
 
 # Half width, half height (m), mass (kg) and height of the fingertips above the centre (m) from
 # which, and to which; median and spread (of the logarithm) of the friction, and of the grip in
@@ -69,7 +58,7 @@ class BigsGrasp(NamedTuple):
         0.5
     """
 
-    shape: _BigsShape
+    shape: BigsShape
     half_width: float
     half_height: float
     mass: float
@@ -94,10 +83,10 @@ class BigsGrasp(NamedTuple):
     @property
     def span(self) -> float:
         r"""Time from pick-up to the end of the shake in seconds."""
-        return self.pause + _DIRECTIONS * self.shake_time
+        return self.pause + DIRECTIONS * self.shake_time
 
 
-def draw_grasp(shape: _BigsShape, rng: np.random.Generator) -> BigsGrasp:
+def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
     r"""Draws the parameters of a random grasp.
 
     Args:
@@ -141,21 +130,3 @@ def draw_grasp(shape: _BigsShape, rng: np.random.Generator) -> BigsGrasp:
         shake=0.032 * rng.uniform(0.92, 1.08),
         shake_time=rng.uniform(0.48, 0.54),
     )
-
-
-def hand_motion(grasp: BigsGrasp) -> np.ndarray:
-    r"""Returns by how much the hand is moved, from pick-up to the end of the shake, in steps of the
-    physics: x, y, z in metres, roll, pitch and yaw in radians :math:`(K, 6)`.
-
-    It rises, waits, and is shaken along x, y, z and about x and y, two cycles each that swell and
-    fade. That begins later than the input of P3 ends.
-    """
-    time = np.arange(round(grasp.span * CONTROL_RATE)) / CONTROL_RATE
-    out = np.zeros((len(time), 6))
-    s = (time / grasp.lift).clip(0.0, 1.0)
-    out[:, 2] = grasp.rise * s**3 * (10 - 15 * s + 6 * s**2)
-    for i in range(_DIRECTIONS):
-        part = ((time - grasp.pause) / grasp.shake_time - i).clip(0.0, 1.0)
-        swing = np.sin(np.pi * part) ** 2 * np.sin(2 * np.pi * _CYCLES * part)
-        out[:, i] += swing * (grasp.shake if i < 3 else _TURN)
-    return out

@@ -2,8 +2,8 @@ r"""When the slip began that lost an object."""
 
 import numpy as np
 
+from torch_geometric_tactile.sim._bigs_motion import CONTROL_RATE
 from torch_geometric_tactile.sim.bigs_physics import BigsPhysics
-from torch_geometric_tactile.sim.bigs_plan import CONTROL_RATE
 
 _FAR = 0.003  # m
 _FAST = 0.005  # m/s

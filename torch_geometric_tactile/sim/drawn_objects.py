@@ -4,7 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from torch_geometric_tactile.sim.objects import GraspObject, Shape
+from torch_geometric_tactile._typing import Shape
+from torch_geometric_tactile.sim.objects import GraspObject
 
 #: The shapes of drawn objects.
 SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box", "ellipsoid")

@@ -13,6 +13,7 @@ from torch_geometric_tactile.sim._hand_motion import (
     smooth,
     tremor,
 )
+from torch_geometric_tactile.sim._mujoco import import_mujoco
 from torch_geometric_tactile.sim.hand_model import ContactParameters, grasp_mjcf
 from torch_geometric_tactile.sim.objects import GraspObject
 from torch_geometric_tactile.sim.spread import GraspSpread
@@ -290,14 +291,3 @@ def _whole(name: str, length: float, step: float) -> int:
             f"(got {length / step:g})"
         )
     return count
-
-
-def import_mujoco() -> Any:
-    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ImportError(
-            "the simulated hand needs MuJoCo: pip install 'torch-geometric-tactile[sim]'"
-        ) from error
-    return mujoco

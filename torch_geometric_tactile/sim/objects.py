@@ -2,8 +2,8 @@ r"""The objects that the simulated hand grasps."""
 
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal
 
+from torch_geometric_tactile._typing import Shape
 from torch_geometric_tactile.datasets._allegro_objects import PAPER_OBJECTS
 from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES as _PROPERTIES
 
@@ -13,7 +13,6 @@ PROPERTIES = _PROPERTIES
 _MASS = {"light": 0.08, "heavy": 0.35}  # kg
 _FRICTION = {"slippery": 0.30, "non-slippery": 1.0}
 
-Shape = Literal["box", "cylinder", "ellipsoid", "sphere"]
 _SHAPES = ("box", "cylinder", "ellipsoid", "sphere")
 
 

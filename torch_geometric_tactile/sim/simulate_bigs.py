@@ -15,6 +15,13 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import biotac
+from torch_geometric_tactile.sim._bigs_motion import (
+    BIGS_ORDER,
+    CONTROL_RATE,
+    FRAME_RATE,
+    INPUT_END,
+    NUM_SESSIONS,
+)
 from torch_geometric_tactile.sim._bigs_scene import FINGERS
 from torch_geometric_tactile.sim._trial_files import (
     end_without,
@@ -25,15 +32,7 @@ from torch_geometric_tactile.sim._trial_files import (
 )
 from torch_geometric_tactile.sim._wam_arm import arm_joints
 from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
-from torch_geometric_tactile.sim.bigs_plan import (
-    BIGS_ORDER,
-    CONTROL_RATE,
-    FRAME_RATE,
-    INPUT_END,
-    NUM_SESSIONS,
-    BigsGrasp,
-    draw_grasp,
-)
+from torch_geometric_tactile.sim.bigs_plan import BigsGrasp, draw_grasp
 from torch_geometric_tactile.sim.bigs_slip import slip_onset
 from torch_geometric_tactile.sim.biotac_model import BioTacModel, SessionOffsets
 from torch_geometric_tactile.sim.biotac_vibration import vibration

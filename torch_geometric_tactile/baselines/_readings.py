@@ -1,0 +1,36 @@
+r"""Readings as arrays, and what they must be."""
+
+from typing import Any
+
+import numpy as np
+
+from torch_geometric_tactile.data import StaticData
+
+
+def readings(x: Any) -> np.ndarray:
+    r"""Returns readings as an array of :math:`(S, N, F)`."""
+    values = np.asarray(x.x.numpy(force=True) if isinstance(x, StaticData) else x)
+    if values.ndim != 3:
+        raise ValueError(
+            f"'x' must have shape (num_samples, num_taxels, num_channels) (got {values.shape})"
+        )
+    return values
+
+
+def check_finite(values: np.ndarray, name: str) -> None:
+    r"""Checks that no reading is missing or infinite.
+
+    Shapes:
+        - **values:** The readings :math:`(S, ...)`.
+    """
+    finite = np.isfinite(values)
+    if finite.all():
+        return
+    missing = int(np.isnan(values).sum())
+    rows = np.flatnonzero(~finite.reshape(len(values), -1).all(axis=1))
+    infinite = int((~finite).sum()) - missing
+    raise ValueError(
+        f"'{name}' must hold finite readings only (got {missing} NaN and {infinite} infinite in "
+        f"{len(rows)} of {len(values)} rows, the first is {rows[0]}); fill missing ones with "
+        "FillMissing() before"
+    )
