@@ -11,7 +11,7 @@ NEEDED = (
     "py.typed",
     "io/__init__.pyi",
     "configs/grasp_gcn_df.yaml",
-    "experiments/tables.yaml",
+    "papers/tables.yaml",
     "live/taxel_maps/xela_allegro_368.json",
     "live/_viewer/viewer.html",
     "reports/report.html",

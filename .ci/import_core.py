@@ -32,11 +32,10 @@ NEEDS_EXTRA = tuple(
     for room in (
         "training",
         "experiments",
+        "papers",
         "reports._analysis",
         "reports._compare",
-        "reports._grasp",
         "reports._simulation",
-        "reports._table",
         "visualization._shown_figure",  # a class of matplotlib; `visualization.figure` imports it
     )
 )

@@ -14,7 +14,7 @@ import numpy as np
 from early_slip import PROTOCOLS, WITHIN
 
 from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile.experiments.early_slip import (
+from torch_geometric_tactile.papers import (
     SlipScores,
     alarm_threshold,
     lead_times,

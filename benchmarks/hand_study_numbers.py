@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile.experiments._judgement import Judgement
-from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments import Difference, Judgement, paired_difference
 
 METRICS = {"shape": "accuracy", "width": "mae"}
 OVERLAP = {"trial": 1 / 4, "placement": 1 / 2, "size": 0.0}  # test samples by training samples

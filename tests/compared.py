@@ -4,8 +4,8 @@ import numpy as np
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._choice import Choice
-from torch_geometric_tactile.experiments._compared_data import data_source
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments.compared_data import data_source
 
 SVM = {"class_path": "torch_geometric_tactile.baselines.linear_svm"}
 SCALED = {"class_path": "torch_geometric_tactile.transforms.ZScore"}

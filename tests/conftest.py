@@ -11,7 +11,7 @@ import torch
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.sensors import grid
 
-pytest_plugins = ["training_fixtures"]
+pytest_plugins = ["experiment_fixtures", "training_fixtures"]
 
 BTS3_PALMS = ("down", "side", "45")
 BTS3_NAMES = [f"bts3v2_palm_{palm}{part}.csv" for part in ("", "_test") for palm in BTS3_PALMS]
@@ -34,7 +34,7 @@ SLOW_FILES = (
     "nn/models/test_model_compile.py",
     "nn/models/test_onnx.py",
     "reports/test_analysis.py",
-    "reports/test_grasp.py",
+    "papers/test_grasp_report.py",
     "sim/test_grasp.py",
     "sim/test_grasp_properties.py",
     "sim/test_simulate_interrupted.py",

@@ -8,6 +8,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from torch_geometric_tactile._parallel import KEPT_MEMORY, check_backend, kept_memory, run_parallel
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+from torch_geometric_tactile.papers import load_table
 
 
 def process_and_square(number):
@@ -61,7 +62,9 @@ def test_scheduler_that_does_not_answer(monkeypatch):
 def test_table_is_trained_by_dask(grasps, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra 'dask'")
     settings = Settings(seeds=1, epochs=1)
-    plan = make_plan("p2-table2", settings, data={"root": str(grasps)}, selection={"stride": 4})
+    plan = make_plan(
+        load_table("p2-table2"), settings, data={"root": str(grasps)}, selection={"stride": 4}
+    )
     run = run_plan(plan, tmp_path, Workers(2, "dask"), only=["ii_tac"])
     assert not run.failed
     assert len(run.results) == len(list((tmp_path / "runs").glob("ii_tac_*.json"))) == 2

@@ -9,8 +9,6 @@ Transform = Callable[[Any], Any]
 Filter = Callable[[Any], bool]
 ThresholdMetric = Literal["accuracy", "balanced_accuracy", "f1", "f1_positive"]
 
-#: What a split keeps together.
-Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
 #: Shapes of simulated objects.
 Shape = Literal["box", "cylinder", "ellipsoid", "sphere"]
 #: What happens to frames that are not fetched.

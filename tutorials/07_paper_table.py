@@ -67,7 +67,7 @@ for axes, name, by in zip(panels, ("I", "II"), ("digit", "patch"), strict=True):
 # sets of properties. So P1's numbers are of another task than ours.
 
 # %%
-from torch_geometric_tactile.experiments.tables import load_table
+from torch_geometric_tactile.papers import load_table
 
 cells = {
     cell.experiment: cell for name in ("p1-table2", "p2-table2") for cell in load_table(name).cells
@@ -99,7 +99,7 @@ for row, experiments in ROWS.items():
 from torch.nn.functional import cross_entropy
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments import Judgement
 from torch_geometric_tactile.nn import MTGCN, TactileFNN, TactileGCN
 from torch_geometric_tactile.transforms import ZScore
 
@@ -170,7 +170,7 @@ plot_comparison([panel], [OURS, P1, P2], "Published, and ours on simulated grasp
 # splits make this a weak test: a difference must be seven times its plain standard error.
 
 # %%
-from torch_geometric_tactile.experiments.differences import paired_difference
+from torch_geometric_tactile.experiments import paired_difference
 
 CLAIMS = [
     ("P2: segments by digit above none", "I, T", "GCN = X, T"),

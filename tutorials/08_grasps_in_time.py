@@ -193,7 +193,7 @@ fig
 # other grasps.
 
 # %%
-from torch_geometric_tactile.experiments.early_slip import SlipScores, alarm_threshold
+from torch_geometric_tactile.papers import SlipScores, alarm_threshold
 
 tested = windows[torch.cat([split.test for split in splits])]
 with torch.inference_mode():
@@ -220,7 +220,7 @@ thresholds = {name: alarm_threshold(one, false_alarms=0.05) for name, one in sco
 # the left.
 
 # %% tags=["figure"]
-from torch_geometric_tactile.experiments.early_slip import lead_times
+from torch_geometric_tactile.papers import lead_times
 from torch_geometric_tactile.visualization import AlarmCurves, plot_early_slip
 
 seconds = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0)
@@ -229,7 +229,7 @@ curves = {name: AlarmCurves(lead.recall, lead.false_alarms) for name, lead in le
 plot_early_slip(seconds, curves, "Simulated grasps, three folds by grasp")
 
 # %%
-from torch_geometric_tactile.experiments.early_slip import slip_summary
+from torch_geometric_tactile.papers import slip_summary
 
 summaries = {name: slip_summary(one, thresholds[name], within=0.5) for name, one in scores.items()}
 print("method                announced  holding grasps with an alarm  area under ROC")

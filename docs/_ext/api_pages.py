@@ -39,6 +39,8 @@ MODULES = (
     "visualization",
     "predictor",
     "live",
+    "experiments",
+    "papers",
     "reports",
     "testing",
 )

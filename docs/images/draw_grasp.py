@@ -23,9 +23,9 @@ from torch_geometric_tactile.data import Recording, StaticData
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.nn import PosedTaxelNet
-from torch_geometric_tactile.nn.models._training_recipe import training_recipe
 from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
 from torch_geometric_tactile.sim import drawn_objects, grasp_mjcf
+from torch_geometric_tactile.training import training_recipe
 from torch_geometric_tactile.transforms import TaxelPose
 
 LAYOUT, HAND = allegro_uskin(), HandKinematics.allegro()

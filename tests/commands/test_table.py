@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
@@ -27,7 +29,7 @@ def command(grasps, tmp_path, monkeypatch):
             "machine": "a machine",
         }
 
-    monkeypatch.setattr(run_plan, "run_safely", run)
+    monkeypatch.setattr(sys.modules[run_plan.__module__], "run_safely", run)
     short = ["--root", str(grasps), "--out", str(tmp_path), "--seeds", "1", "--epochs", "1"]
     return lambda *flags: main(["table", "p2-table2", *short, *flags])
 

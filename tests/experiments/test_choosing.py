@@ -16,9 +16,9 @@ from torch_geometric_tactile.experiments import _choosing as choosing
 from torch_geometric_tactile.experiments._choice import Choice
 from torch_geometric_tactile.experiments._choosing import TargetScale
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._judgement import Judgement
 from torch_geometric_tactile.experiments._run import run_experiment
 from torch_geometric_tactile.experiments._worker import run_here
+from torch_geometric_tactile.experiments.judgement import Judgement
 
 FOREST = {
     "class_path": "torch_geometric_tactile.baselines.flat_forest",

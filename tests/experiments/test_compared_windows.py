@@ -11,20 +11,20 @@ import torch
 from moving import motions
 
 from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows
-from torch_geometric_tactile.experiments._advice import to_dict
 from torch_geometric_tactile.experiments._building import build
-from torch_geometric_tactile.experiments._compared_data import data_source
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
 from torch_geometric_tactile.experiments._compared_task import Task
-from torch_geometric_tactile.experiments._compared_windows import FrameCut, describe_cut
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments._held_out import choice_parts
+from torch_geometric_tactile.experiments.advice import to_dict
+from torch_geometric_tactile.experiments.compared_data import data_source
+from torch_geometric_tactile.experiments.compared_windows import FrameCut, describe_cut
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
     comparison_plan,
     summarize,
 )
 from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.io import write_npz
 from torch_geometric_tactile.nn import TemporalTaxelNet
 from torch_geometric_tactile.reports._compare import comparison_markdown

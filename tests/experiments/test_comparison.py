@@ -10,18 +10,18 @@ import numpy as np
 import torch
 from compared import GIVEN, touches
 
-from torch_geometric_tactile.experiments._advice import advice, to_dict
-from torch_geometric_tactile.experiments._compared_data import data_source
 from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
 from torch_geometric_tactile.experiments._compared_samples import prediction_rows
 from torch_geometric_tactile.experiments._compared_task import Task
 from torch_geometric_tactile.experiments._estimate import estimate_seconds
-from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments.advice import advice, to_dict
+from torch_geometric_tactile.experiments.compared_data import data_source
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
     comparison_plan,
     summarize,
 )
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.reports._compare import comparison_csv, comparison_markdown
 from torch_geometric_tactile.sensors import biotac_sp, grid

@@ -6,9 +6,9 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import numpy as np
 
-from torch_geometric_tactile.experiments._judgement import Judgement
 from torch_geometric_tactile.experiments._scores import prediction_scores, sample_scores
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
+from torch_geometric_tactile.experiments.judgement import Judgement
 
 Y = np.array([0, 0, 1, 1])
 

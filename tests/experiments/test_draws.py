@@ -4,7 +4,7 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.experiments._draws import Draws
-from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments.judgement import Judgement
 
 
 def judged(right):

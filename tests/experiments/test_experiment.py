@@ -5,8 +5,8 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import json
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments.source import DataSource
 
 DATA = DataSource("a.B", {"root": "r", "task": "t"}, fingerprint="d")
 

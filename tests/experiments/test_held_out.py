@@ -5,12 +5,12 @@ from compared import GIVEN, experiment, touches
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
-from torch_geometric_tactile.experiments._compared_data import predicts_numbers
 from torch_geometric_tactile.experiments._held_out import (
     balanced_protocol,
     check_units,
     choice_parts,
 )
+from torch_geometric_tactile.experiments.compared_data import predicts_numbers
 
 
 def dataset(folder, **changes):

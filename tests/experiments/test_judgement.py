@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.training import classification_metrics
 
 JUDGED = Judgement(

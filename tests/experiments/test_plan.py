@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
@@ -5,9 +7,10 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from dataclasses import replace
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
+from torch_geometric_tactile.papers import load_table
 
 KNN = {"class_path": "torch_geometric_tactile.transforms.KNNGraph", "init_args": {"k": 2}}
 SVM = {"class_path": "torch_geometric_tactile.baselines.GraspSVM"}
@@ -65,7 +68,7 @@ def test_settings_stand_above_the_table():
 
 
 def test_data_of_one_cell_differs(grasps):
-    plan = make_plan("p1-table3", Settings(seeds=1), data={"root": str(grasps)})
+    plan = make_plan(load_table("p1-table3"), Settings(seeds=1), data={"root": str(grasps)})
     edges = {e.name: e.data.load()[0].num_edges for e in plan.experiments}
     assert edges == {"sparse": 1000, "slanted": 1184, "original": 1401, "dense": 2488}
     assert len({e.data.fingerprint for e in plan.experiments}) == 1  # the files are the same
@@ -90,7 +93,6 @@ def test_wrong_settings(settings, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"table": "p1-table9"}, r"'name' must be one of .*got 'p1-table9'"),
         ({"selection": {"phases": ["fly"]}}, r"'phases' must be some of \['hover', 'hold'\]"),
         ({"selection": {"stride": -1}}, r"'stride' must be at least 1 \(got -1\)"),
         ({"data": {"palm": 3}}, "'palm' must be an argument of AllegroUSkin: root, task"),
@@ -102,7 +104,7 @@ def test_wrong_settings(settings, message):
     ],
 )
 def test_wrong_arguments_are_found_before_training(grasps, arguments, message):
-    arguments = {"table": "p2-table2", "data": {}, **arguments}
+    arguments = {"table": load_table("p2-table2"), "data": {}, **arguments}
     arguments["data"] = {"root": str(grasps), **arguments["data"]}
     with pytest.raises(ValueError, match=message):
         make_plan(**arguments)
@@ -110,7 +112,7 @@ def test_wrong_arguments_are_found_before_training(grasps, arguments, message):
 
 def test_missing_recordings_name_the_next_step(tmp_path):
     with pytest.raises(FileNotFoundError, match=rf"tactile simulate --out '{tmp_path}/none'"):
-        make_plan("p2-table2", data={"root": str(tmp_path / "none")})
+        make_plan(load_table("p2-table2"), data={"root": str(tmp_path / "none")})
 
 
 def test_data_that_cannot_be_split_is_found_before_training():
@@ -127,7 +129,7 @@ def test_more_classes_than_the_models_know(grasps):
         data=DataSource("torch_geometric_tactile.datasets.AllegroUSkin", {"split": None}),
         protocols=(TableProtocol("by frame", Protocol("frame")),),
     )
-    from torch_geometric_tactile.experiments import plan as module
+    module = sys.modules[make_plan.__module__]
 
     config = {**module.cell_config(cell)}
     config["model"] = {**config["model"], "num_classes": 2}

@@ -12,6 +12,7 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
+from torch_geometric_tactile.papers import load_table
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends signals to a group of processes")
 ONLY = ["x_tac", "i_tac", "ii_tac", "ii_tac_joint"]
@@ -82,7 +83,7 @@ def test_killed_run_keeps_finished_experiments_and_no_half_one(start, grasps, tm
         assert json.loads(path.read_text())["result"]["metrics"]["accuracy"] >= 0
 
     settings = Settings(seeds=1, epochs=3)
-    plan = make_plan("p2-table2", settings, data={"root": str(grasps)})
+    plan = make_plan(load_table("p2-table2"), settings, data={"root": str(grasps)})
     run = run_plan(plan, tmp_path, only=ONLY)
     assert (run.kept, len(run.results), run.failed) == (len(finished), 8, {})
     assert {path: path.stat().st_mtime_ns for path in finished} == finished

@@ -1,5 +1,6 @@
 import json
 import signal
+import sys
 from contextlib import suppress
 
 import pytest
@@ -8,12 +9,13 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+from torch_geometric_tactile.papers import load_table
 
 QUICK = Settings(seeds=1, epochs=1, protocols=("trial",))
 
 
 def run_table(name, root, out, settings=QUICK, only=None, **arguments):
-    plan = make_plan(name, settings, data={"root": str(root)}, selection={"stride": 2})
+    plan = make_plan(load_table(name), settings, data={"root": str(root)}, selection={"stride": 2})
     return run_plan(plan, out, only=only, **arguments)
 
 
@@ -97,7 +99,7 @@ def test_ctrl_c_tells_what_is_kept(grasps, tmp_path, trained, monkeypatch):
 
 
 def test_ctrl_c_that_a_library_answers_with_an_error_stops(grasps, tmp_path, monkeypatch):
-    from torch_geometric_tactile.experiments import run_plan as module
+    module = sys.modules[run_plan.__module__]
 
     def compare(experiment, parent=None):  # as NumPy does when it compares structured arrays
         with suppress(KeyboardInterrupt):
@@ -169,7 +171,7 @@ def test_renamed_run_is_not_taken_for_another(grasps, tmp_path, trained):
 def test_killed_worker_is_an_error_that_says_what_to_do(grasps, tmp_path, trained, monkeypatch):
     from concurrent.futures.process import BrokenProcessPool
 
-    from torch_geometric_tactile.experiments import run_plan as module
+    module = sys.modules[run_plan.__module__]
 
     def broken(*args):
         raise BrokenProcessPool

@@ -4,9 +4,9 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run_store import RunStore
+from torch_geometric_tactile.experiments.source import DataSource
 
 
 def test_clean_removes_what_a_killed_run_left_and_not_what_a_second_run_writes(tmp_path):

@@ -10,23 +10,23 @@ import torch
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol, StaticData
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run import run_experiment
-from torch_geometric_tactile.experiments.frame_studies import DeadRows, FrameTime
 from torch_geometric_tactile.experiments.plan import make_plan
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.studies import Trained, build_studies
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
+from torch_geometric_tactile.papers.frame_studies import DeadRows, FrameTime
 from torch_geometric_tactile.sensors import grid
 
-_STUDIES = "torch_geometric_tactile.experiments."
+_STUDIES = "torch_geometric_tactile.papers."
 _ALL = [
-    {"class_path": f"{_STUDIES}training_history.TrainingHistory"},
-    {"class_path": f"{_STUDIES}layer_studies.LayerProbes", "init_args": {"num_samples": 30}},
-    {"class_path": f"{_STUDIES}layer_studies.FeatureEmbedding", "init_args": {"per_class": 5}},
-    {"class_path": f"{_STUDIES}layer_studies.FeatureMaps", "init_args": {"class_name": "1"}},
-    {"class_path": f"{_STUDIES}frame_studies.FrameTime", "init_args": {"num_calls": 3}},
-    {"class_path": f"{_STUDIES}frame_studies.DeadRows", "init_args": {"num_rows": [0, 20]}},
+    {"class_path": f"{_STUDIES}TrainingHistory"},
+    {"class_path": f"{_STUDIES}LayerProbes", "init_args": {"num_samples": 30}},
+    {"class_path": f"{_STUDIES}FeatureEmbedding", "init_args": {"per_class": 5}},
+    {"class_path": f"{_STUDIES}FeatureMaps", "init_args": {"class_name": "1"}},
+    {"class_path": f"{_STUDIES}FrameTime", "init_args": {"num_calls": 3}},
+    {"class_path": f"{_STUDIES}DeadRows", "init_args": {"num_rows": [0, 20]}},
 ]
 
 
@@ -100,7 +100,7 @@ def test_studies_look_into_an_estimator(tmp_path: Path) -> None:
 
 def test_studies_are_of_the_first_seed_and_fold_and_part_of_the_identity(tmp_path: Path) -> None:
     path = _samples(tmp_path / "bars.npz")
-    looks = [{"class_path": f"{_STUDIES}frame_studies.FrameTime"}]
+    looks = [{"class_path": f"{_STUDIES}FrameTime"}]
     table = Table(
         name="mine",
         title="Mine",

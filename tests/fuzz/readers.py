@@ -305,7 +305,7 @@ def run_data(path: Path) -> Any:
 
 
 def table(path: Path) -> Any:
-    from torch_geometric_tactile.experiments.tables import load_table
+    from torch_geometric_tactile.papers import load_table
 
     return {**plain(load_table(str(path))), "name": ""}
 
@@ -319,8 +319,8 @@ def run_store(path: Path) -> Any:
 @functools.cache
 def experiment() -> Any:
     from torch_geometric_tactile.data import Protocol
-    from torch_geometric_tactile.experiments._data_source import DataSource
     from torch_geometric_tactile.experiments._experiment import Experiment
+    from torch_geometric_tactile.experiments.source import DataSource
 
     source = DataSource("torch_geometric_tactile.datasets.FakeTactileDataset", {"num_samples": 8})
     model = {"class_path": "sklearn.linear_model.LogisticRegression"}

@@ -208,9 +208,9 @@ def text_writers() -> Iterator[Writer]:
     )
     try:
         from torch_geometric_tactile.data import Protocol
-        from torch_geometric_tactile.experiments._data_source import DataSource
         from torch_geometric_tactile.experiments._experiment import Experiment
         from torch_geometric_tactile.experiments._run_store import RunStore
+        from torch_geometric_tactile.experiments.source import DataSource
         from torch_geometric_tactile.reports.html import write_report
         from torch_geometric_tactile.visualization._new_figure import new_figure
         from torch_geometric_tactile.visualization.figure import save_figure

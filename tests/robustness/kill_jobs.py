@@ -191,9 +191,9 @@ def append() -> Job:
 def store() -> Job:
     """Writes the results of the runs of a table."""
     from torch_geometric_tactile.data import Protocol
-    from torch_geometric_tactile.experiments._data_source import DataSource
     from torch_geometric_tactile.experiments._experiment import Experiment
     from torch_geometric_tactile.experiments._run_store import RunStore
+    from torch_geometric_tactile.experiments.source import DataSource
 
     source = DataSource("a.B", {}, fingerprint="d")
     runs = [
@@ -335,7 +335,7 @@ def export() -> Job:
 def demo() -> Job:
     """Runs the whole demo: generated data, one seed, one epoch."""
     from torch_geometric_tactile.commands import demo as verb
-    from torch_geometric_tactile.experiments import _grasp_table as grasp_table
+    from torch_geometric_tactile.papers import _grasp_table as grasp_table
 
     grasp_table._GENERATED = {"num_samples": 120, "num_test": 60, "num_objects": 6}
     given = ["--generated", "--seeds", "1", "--folds", "2", "--epochs", "1", "--jobs", "1"]

@@ -2,9 +2,9 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments._grasp_twin import TaxelNetWithoutEdges
-from torch_geometric_tactile.experiments.tables import load_table
 from torch_geometric_tactile.nn.models import TaxelNet
+from torch_geometric_tactile.papers import load_table
+from torch_geometric_tactile.papers._grasp_twin import TaxelNetWithoutEdges
 from torch_geometric_tactile.training import classifier_from_config
 from torch_geometric_tactile.training._lightning_cli import resolve_config_names
 from torch_geometric_tactile.training.config import config_names, find_config, load_config

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from torch_geometric_tactile.commands._arguments import add_workers, few, options_named, positive
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.experiments._compared_windows import FrameCut
     from torch_geometric_tactile.experiments._experiment import Experiment
+    from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
     from torch_geometric_tactile.experiments.plan import Plan
 
@@ -206,7 +206,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands._progress import progress
-    from torch_geometric_tactile.experiments._compared_data import data_source
+    from torch_geometric_tactile.experiments.compared_data import data_source
     from torch_geometric_tactile.experiments.comparison import (
         ComparisonSettings,
         comparison_plan,
@@ -261,7 +261,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
-    from torch_geometric_tactile.experiments._compared_windows import FrameCut
+    from torch_geometric_tactile.experiments.compared_windows import FrameCut
 
     given = {name: getattr(arguments, name) for name in ("window", "hop", "horizon", "trials")}
     return None if set(given.values()) == {None} else FrameCut(**given)
@@ -270,7 +270,7 @@ def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
 def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     from tabulate import tabulate
 
-    from torch_geometric_tactile.experiments._advice import advice, to_dict
+    from torch_geometric_tactile.experiments.advice import advice, to_dict
     from torch_geometric_tactile.reports._compare import comparison_rows
 
     if as_json:
@@ -296,8 +296,8 @@ def _quick_first(plan: "Plan", arguments: argparse.Namespace) -> "Plan":
 
 def _tell_row(plan: "Plan", experiment: "Experiment", arguments: argparse.Namespace) -> None:
     # The score of a model, as soon as it has been tested on every split.
-    from torch_geometric_tactile.experiments._advice import NAMES, shown_number
     from torch_geometric_tactile.experiments._run_store import RunStore
+    from torch_geometric_tactile.experiments.advice import NAMES, shown_number
     from torch_geometric_tactile.experiments.comparison import summarize
     from torch_geometric_tactile.experiments.run_plan import PlanRun
 

@@ -72,11 +72,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.commands._progress import progress
-    from torch_geometric_tactile.experiments._grasp_table import grasp_table
     from torch_geometric_tactile.experiments._run import run_experiment
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
-    from torch_geometric_tactile.reports import _grasp as grasp
+    from torch_geometric_tactile.papers import _grasp_report as grasp
+    from torch_geometric_tactile.papers._grasp_table import grasp_table
     from torch_geometric_tactile.visualization._new_figure import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run

@@ -184,8 +184,8 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.commands._progress import progress
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
-    from torch_geometric_tactile.experiments.tables import load_table
-    from torch_geometric_tactile.reports._table import write_table
+    from torch_geometric_tactile.papers.load_table import load_table
+    from torch_geometric_tactile.papers.write_table import write_table
     from torch_geometric_tactile.visualization._new_figure import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
@@ -236,7 +236,7 @@ def _listed(name: str) -> str:
     from tabulate import tabulate
 
     from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.experiments.tables import load_table
+    from torch_geometric_tactile.papers.load_table import load_table
 
     table = load_table(name)
     keys = [key for key in _HEADERS if any(key in cell.published for cell in table.cells)]

@@ -12,11 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile._typing import Unit
 from torch_geometric_tactile.data._sample_classes import Classes, Samples, column, label_classes
 from torch_geometric_tactile.data._unit_draws import Folds, Fractions
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
+#: What a split keeps together.
+Unit = Literal["frame", "trial", "group", "session", "placement", "size"]
 _UNITS = ("frame", "trial", "group", "session", "placement", "size")
 _TRAIN, _VAL, _TEST, _NONE = range(4)
 

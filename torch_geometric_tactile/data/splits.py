@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from torch_geometric_tactile._typing import Unit
-from torch_geometric_tactile.data.protocol import Protocol, Samples, Split
+from torch_geometric_tactile.data.protocol import Protocol, Samples, Split, Unit
 
 __all__ = [
     "Fold",

@@ -1,1 +1,68 @@
-r"""Experiments as values, and the functions that run them. Needs the extra ``train``."""
+r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
+
+from torch_geometric_tactile.experiments.advice import advice
+from torch_geometric_tactile.experiments.compared_data import data_source
+from torch_geometric_tactile.experiments.compared_windows import FrameCut
+from torch_geometric_tactile.experiments.comparison import (
+    Comparison,
+    ComparisonSettings,
+    ModelResult,
+    Summary,
+    compare,
+    comparison_plan,
+    summarize,
+)
+from torch_geometric_tactile.experiments.differences import (
+    Difference,
+    paired_difference,
+    run_difference,
+)
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
+from torch_geometric_tactile.experiments.run_plan import PlanRun, Workers, run_plan
+from torch_geometric_tactile.experiments.source import DataFacts, DataSource
+from torch_geometric_tactile.experiments.studies import Confusion, Study, Trained
+from torch_geometric_tactile.experiments.tables import (
+    Cell,
+    Ordering,
+    Table,
+    TableProtocol,
+    cell_config,
+    read_table,
+    table_of,
+)
+
+__all__ = [
+    "Cell",
+    "Comparison",
+    "ComparisonSettings",
+    "Confusion",
+    "DataFacts",
+    "DataSource",
+    "Difference",
+    "FrameCut",
+    "Judgement",
+    "ModelResult",
+    "Ordering",
+    "Plan",
+    "PlanRun",
+    "Settings",
+    "Study",
+    "Summary",
+    "Table",
+    "TableProtocol",
+    "Trained",
+    "Workers",
+    "advice",
+    "cell_config",
+    "compare",
+    "comparison_plan",
+    "data_source",
+    "make_plan",
+    "paired_difference",
+    "read_table",
+    "run_difference",
+    "run_plan",
+    "summarize",
+    "table_of",
+]

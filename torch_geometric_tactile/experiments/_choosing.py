@@ -25,8 +25,8 @@ from torch_geometric_tactile.experiments._estimators import (
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._fitting import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts, column_of
-from torch_geometric_tactile.experiments._judgement import Judgement
 from torch_geometric_tactile.experiments._scores import prediction_scores
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._predictions import Predictions, collect_predictions
 from torch_geometric_tactile.training.data_module import TactileDataModule

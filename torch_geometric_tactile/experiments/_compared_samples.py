@@ -7,9 +7,9 @@ import numpy as np
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._held_out import column_of
-from torch_geometric_tactile.experiments._judgement import Judgement
 from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.comparison import Comparison
+from torch_geometric_tactile.experiments.judgement import Judgement
 
 KINDS = ("set", "session", "group", "trial")
 _MOST = 50

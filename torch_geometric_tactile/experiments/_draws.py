@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments.judgement import Judgement
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._typing import ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._choice import Choice
-from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.experiments.source import DataSource
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Protocol, StaticDataset
-from torch_geometric_tactile.experiments._compared_data import predicts_numbers, said_before
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
@@ -18,12 +17,13 @@ from torch_geometric_tactile.experiments._compared_models import (
     model_of,
 )
 from torch_geometric_tactile.experiments._compared_task import Task
-from torch_geometric_tactile.experiments._compared_windows import check_cut, of_frames
-from torch_geometric_tactile.experiments._data_source import DataFacts, DataSource
 from torch_geometric_tactile.experiments._held_out import balanced_protocol, check_units
+from torch_geometric_tactile.experiments.compared_data import predicts_numbers, said_before
+from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
 from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, Difference, run_difference
 from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
+from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")

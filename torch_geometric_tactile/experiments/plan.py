@@ -4,14 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from torch_geometric_tactile.experiments._data_source import DataFacts, DataSource
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.tables import (
     Cell,
     Table,
     TableProtocol,
     cell_config,
-    load_table,
 )
 
 ACCELERATORS = ("cpu", "gpu")
@@ -83,7 +82,7 @@ class Plan:
 
 
 def make_plan(
-    table: Table | str,
+    table: Table,
     settings: Settings | None = None,
     *,
     data: Mapping[str, Any] | None = None,
@@ -93,7 +92,7 @@ def make_plan(
     before, and lists its experiments.
 
     Args:
-        table (Table or str): The table, its name, or the path of a YAML file.
+        table (Table): The table.
         settings (Settings, optional): How the experiments are run.
         data (Mapping, optional): Arguments of the data set, such as :obj:`root`, laid over the
             table's.
@@ -106,7 +105,6 @@ def make_plan(
             models are for fewer classes.
     """
     settings = settings or Settings()
-    table = load_table(table) if isinstance(table, str) else table
     protocols = table.select_protocols(settings.protocols)
     if settings.folds is not None:
         protocols = tuple(_with_folds(protocol, settings.folds) for protocol in protocols)

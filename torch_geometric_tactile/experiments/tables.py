@@ -5,18 +5,14 @@ numbers.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile._typing import PathLike, ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._choice import Choice
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
 from torch_geometric_tactile.training.config import (
     TEMPLATES,
@@ -281,53 +277,43 @@ class Table:
         return tuple(protocol for protocol in self.protocols if protocol.name in chosen)
 
 
-@cache
-def _content() -> dict[str, dict[str, Any]]:
-    path = files("torch_geometric_tactile.experiments") / "tables.yaml"
-    content: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))["tables"]
-    return content
-
-
-def table_names() -> list[str]:
-    r"""Returns the names of the shipped tables."""
-    return list(_content())
-
-
-def load_table(name: str) -> Table:
-    r"""Returns a shipped table, or one that a user wrote.
+def read_table(path: PathLike) -> Table:
+    r"""Returns a table that a user wrote.
 
     Args:
-        name (str): Its name, such as :obj:`"p1-table2"`, or the path of a YAML file. Paths of
-            configurations in the file are relative to its folder.
+        path (str or os.PathLike): A YAML file. Paths of configurations in it are relative to its
+            folder.
 
     Raises:
-        ValueError: If there is no such table, and the message lists those there are; or the file
-            is not as described on the page on experiments.
+        ValueError: If the file is not as described on the page on experiments.
     """
-    if name in _content():
-        return _table(name, _content()[name], Path())
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        raise ValueError(
-            f"'name' must be one of {table_names()}, or a file that ends with .yaml (got '{name}')"
-        )
-    content = read_yaml(path)
+    content = read_yaml(Path(path))
     if not isinstance(content, Mapping):
         raise ValueError(f"'{path}' must hold a table (got {type(content).__name__})")
     try:
-        return _table(path.stem, dict(content), path.parent)
+        return table_of(Path(path).stem, content, Path(path).parent)
     except ValueError as error:
         raise ValueError(f"'{path}': {error}") from error
 
 
-def _table(name: str, content: Mapping[str, Any], folder: Path) -> Table:
+def table_of(name: str, content: Mapping[str, Any], folder: PathLike = "") -> Table:
+    r"""Returns a table from its plain description.
+
+    Args:
+        name (str): Its name.
+        content (Mapping): As in a YAML file.
+        folder (str or os.PathLike): What paths of configurations are relative to.
+
+    Raises:
+        ValueError: If it is not as described on the page on experiments.
+    """
     entries = dict(content)
     try:
         data = dict(entries.pop("data"))
         source = DataSource(arguments=data.pop("init_args", None) or {}, **data)
         protocols = tuple(_protocol(*item) for item in entries.pop("protocols").items())
         template = entries.pop("template", None)
-        cells = tuple(_cell(cell, template, folder) for cell in entries.pop("cells"))
+        cells = tuple(_cell(cell, template, Path(folder)) for cell in entries.pop("cells"))
         orderings = tuple(Ordering(**item) for item in entries.pop("orderings", ()))
         draws = entries.pop("draws", None)
         return Table(

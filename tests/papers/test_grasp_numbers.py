@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._grasp_numbers import grasp_differences
-from torch_geometric_tactile.experiments._judgement import Judgement
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.papers._grasp_numbers import grasp_differences
 
 PROTOCOLS = (("test", Protocol("given")), ("folds", Protocol("trial", folds=2)))
 CELLS = (("net", "raw"), ("twin", "raw"), ("net", "session"))

@@ -12,10 +12,11 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments._building import check_arguments
 from torch_geometric_tactile.experiments._draws import Draws
-from torch_geometric_tactile.experiments._judgement import Judgement
-from torch_geometric_tactile.experiments.tables import cell_config, load_table
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.nn.models import MSCNN, TactileFNN, TaxelNet
+from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.sensors import allegro_uskin_240
 from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
 from torch_geometric_tactile.training.config import expand_template, load_config

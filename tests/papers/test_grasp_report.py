@@ -7,11 +7,11 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.experiments._grasp_table import grasp_table
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.nn import TaxelNet
-from torch_geometric_tactile.reports._grasp import write_grasp_report
+from torch_geometric_tactile.papers._grasp_report import write_grasp_report
+from torch_geometric_tactile.papers._grasp_table import grasp_table
 from torch_geometric_tactile.training import TactileClassifier
 
 PICTURES = ("confusion.png", "grasps.png", "protocols.png", "roc.png")

@@ -1,3 +1,5 @@
+import sys
+
 import pytest
 
 
@@ -5,6 +7,8 @@ import pytest
 def trained(monkeypatch):
     """Puts made-up results in the place of training; the names of what was trained."""
     from torch_geometric_tactile.experiments import run_plan
+
+    module = sys.modules[run_plan.__module__]
 
     names = []
 
@@ -15,7 +19,7 @@ def trained(monkeypatch):
         metrics = {"accuracy": 0.5, "f1": 0.5, "auroc": None}
         return {"metrics": metrics, "num_train": 1, "machine": "m"}
 
-    monkeypatch.setattr(run_plan, "run_safely", run)
+    monkeypatch.setattr(module, "run_safely", run)
     return names
 
 
@@ -23,8 +27,8 @@ def trained(monkeypatch):
 def of_grasps(grasps):
     """An experiment on the small folder of grasps: ``of_grasps(model="p2_table2/ii_tac")``."""
     from torch_geometric_tactile.data import Protocol
-    from torch_geometric_tactile.experiments._data_source import DataSource
     from torch_geometric_tactile.experiments._experiment import Experiment
+    from torch_geometric_tactile.experiments.source import DataSource
     from torch_geometric_tactile.training.config import load_config
 
     def make(model="p2_table2/ii_tac", task="object", selection=None, **changes):

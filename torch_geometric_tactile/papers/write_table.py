@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments._numbers import ALL, Number, table_numbers
-from torch_geometric_tactile.experiments._numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
-from torch_geometric_tactile.reports._table_caption import NOTHING, caption, cost_note
-from torch_geometric_tactile.reports._table_draws import draws_note
-from torch_geometric_tactile.reports._table_orderings import ordering_lines, positive_note
-from torch_geometric_tactile.reports._table_studies import study_lines, study_pictures
+from torch_geometric_tactile.papers._numbers import ALL, Number, table_numbers
+from torch_geometric_tactile.papers._numbers import PUBLISHED as OF_PAPER
+from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
+from torch_geometric_tactile.papers._table_draws import draws_note
+from torch_geometric_tactile.papers._table_orderings import ordering_lines, positive_note
+from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
 from torch_geometric_tactile.training.config import TEMPLATES
 from torch_geometric_tactile.visualization import (
     ComparisonPanel,

@@ -4,10 +4,11 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from dataclasses import replace
 
-from torch_geometric_tactile.experiments._orderings import Comparison
 from torch_geometric_tactile.experiments.differences import Difference
-from torch_geometric_tactile.experiments.tables import Ordering, load_table
-from torch_geometric_tactile.reports._table_orderings import _line, _summary
+from torch_geometric_tactile.experiments.tables import Ordering
+from torch_geometric_tactile.papers import load_table
+from torch_geometric_tactile.papers._orderings import Comparison
+from torch_geometric_tactile.papers._table_orderings import _line, _summary
 
 ORDERING = Ordering("a above b", (("a", "b"), ("c", "d")))
 

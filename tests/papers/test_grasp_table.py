@@ -4,7 +4,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import BioTacSP, default_root
-from torch_geometric_tactile.experiments._grasp_table import grasp_table
+from torch_geometric_tactile.papers._grasp_table import grasp_table
 
 
 def test_data_is_generated_where_there_is_no_network(monkeypatch, caplog):

@@ -7,14 +7,15 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
-from torch_geometric_tactile.experiments._data_source import DataFacts
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._numbers import table_numbers
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.experiments.tables import cell_config, load_table
-from torch_geometric_tactile.reports._table import csv_text, markdown, write_table
-from torch_geometric_tactile.reports._table_caption import NOTHING
+from torch_geometric_tactile.experiments.source import DataFacts
+from torch_geometric_tactile.experiments.tables import cell_config
+from torch_geometric_tactile.papers import load_table
+from torch_geometric_tactile.papers._numbers import table_numbers
+from torch_geometric_tactile.papers._table_caption import NOTHING
+from torch_geometric_tactile.papers.write_table import csv_text, markdown, write_table
 
 CAPTION = (
     "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate` (objects "

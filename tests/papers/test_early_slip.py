@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.experiments.early_slip import (
+from torch_geometric_tactile.papers.early_slip import (
     SlipScores,
     alarm_threshold,
     lead_times,

@@ -4,8 +4,9 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import json
 
-from torch_geometric_tactile.experiments.tables import cell_config, load_table
+from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.nn.models import GraspGCN, GraspLSTM, TemporalTaxelNet
+from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
 from torch_geometric_tactile.training.config import expand_template, load_config

@@ -2,10 +2,10 @@ r"""Which orderings of models hold, by paired differences over seeds."""
 
 from dataclasses import dataclass
 
-from torch_geometric_tactile.experiments._numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
+from torch_geometric_tactile.papers._numbers import finished_parts, pooled_judgement
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ import torch
 
 from torch_geometric_tactile._texts import markdown_text
 from torch_geometric_tactile.analysis import class_confusion
-from torch_geometric_tactile.experiments._judgement import Judgement
-from torch_geometric_tactile.experiments._numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.reports._table_caption import NOTHING
+from torch_geometric_tactile.papers._numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.papers._table_caption import NOTHING
 from torch_geometric_tactile.visualization import (
     LearningCurves,
     plot_confusion,

@@ -10,25 +10,25 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._data_source import DataSource
 from torch_geometric_tactile.experiments.plan import make_plan
 from torch_geometric_tactile.experiments.run_plan import PlanRun, run_plan
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
-from torch_geometric_tactile.reports._table import markdown, write_table
-from torch_geometric_tactile.reports._table_studies import study_lines, study_pictures
+from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
+from torch_geometric_tactile.papers.write_table import markdown, write_table
 
-_STUDIES = "torch_geometric_tactile.experiments."
+_STUDIES = "torch_geometric_tactile.papers."
 _LOOKS = [
-    {"class_path": f"{_STUDIES}frame_studies.FrameTime", "init_args": {"num_calls": 2}},
-    {"class_path": f"{_STUDIES}frame_studies.DeadRows", "init_args": {"num_rows": [0, 4]}},
-    {"class_path": f"{_STUDIES}studies.Confusion"},
+    {"class_path": f"{_STUDIES}FrameTime", "init_args": {"num_calls": 2}},
+    {"class_path": f"{_STUDIES}DeadRows", "init_args": {"num_rows": [0, 4]}},
+    {"class_path": "torch_geometric_tactile.experiments.Confusion"},
 ]
 _NETWORK = [
     *_LOOKS,
-    {"class_path": f"{_STUDIES}training_history.TrainingHistory"},
-    {"class_path": f"{_STUDIES}layer_studies.LayerProbes"},
-    {"class_path": f"{_STUDIES}layer_studies.FeatureEmbedding"},
-    {"class_path": f"{_STUDIES}layer_studies.FeatureMaps", "init_args": {"class_name": "bar"}},
+    {"class_path": f"{_STUDIES}TrainingHistory"},
+    {"class_path": f"{_STUDIES}LayerProbes"},
+    {"class_path": f"{_STUDIES}FeatureEmbedding"},
+    {"class_path": f"{_STUDIES}FeatureMaps", "init_args": {"class_name": "bar"}},
 ]
 _FOREST = {"class_path": "torch_geometric_tactile.baselines.flat_forest"}
 

@@ -10,9 +10,9 @@ import torch
 
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.experiments import _data_source as data_source
+from torch_geometric_tactile.experiments import source as data_source
 from torch_geometric_tactile.experiments._building import build
-from torch_geometric_tactile.experiments._data_source import DataFacts, DataSource
+from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.sensors import grid
 
 ALLEGRO = "torch_geometric_tactile.datasets.AllegroUSkin"

@@ -10,8 +10,9 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets import BioTacSP, default_root
 from torch_geometric_tactile.experiments._building import build
-from torch_geometric_tactile.experiments._data_source import DataSource
-from torch_geometric_tactile.experiments.tables import Table, load_table
+from torch_geometric_tactile.experiments.source import DataSource
+from torch_geometric_tactile.experiments.tables import Table
+from torch_geometric_tactile.papers.load_table import load_table
 
 _logger = logging.getLogger(__name__)
 _GENERATED = {"num_samples": 2000, "num_test": 600, "num_objects": 20}

@@ -10,8 +10,8 @@ from typing import Any
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._compared_windows import FrameCut, with_stride
-from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.experiments.compared_windows import FrameCut, with_stride
+from torch_geometric_tactile.experiments.source import DataSource
 
 _DATASETS = "torch_geometric_tactile.datasets"
 _PITCH = 0.005

@@ -13,7 +13,7 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile.data import StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._building import argument_names, find_class
-from torch_geometric_tactile.experiments._data_source import DataSource
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.transforms import Tare
 
 _WINDOWS = "torch_geometric_tactile.data.Windows"

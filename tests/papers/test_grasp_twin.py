@@ -3,8 +3,8 @@ import torch
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments._grasp_twin import TaxelNetWithoutEdges
 from torch_geometric_tactile.nn import TaxelNet
+from torch_geometric_tactile.papers._grasp_twin import TaxelNetWithoutEdges
 
 
 def drawn(cls):

@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterator
 
 from torch_geometric_tactile._texts import markdown_text
-from torch_geometric_tactile.experiments._orderings import (
+from torch_geometric_tactile.experiments.differences import RULE, Difference
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.papers._orderings import (
     Comparison,
     class_shares,
     compare_orderings,
 )
-from torch_geometric_tactile.experiments.differences import RULE, Difference
-from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
 def ordering_lines(run: PlanRun) -> list[str]:

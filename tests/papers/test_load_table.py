@@ -7,10 +7,11 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands.table import TABLES
 from torch_geometric_tactile.experiments._building import check_arguments
-from torch_geometric_tactile.experiments._numbers import table_numbers
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
-from torch_geometric_tactile.experiments.tables import cell_config, load_table, table_names
+from torch_geometric_tactile.experiments.tables import cell_config
+from torch_geometric_tactile.papers import load_table, table_names
+from torch_geometric_tactile.papers._numbers import table_numbers
 from torch_geometric_tactile.training.config import expand_template, find_config
 
 
@@ -209,7 +210,7 @@ def test_own_table_is_run_and_written(own_table, tmp_path, capsys):
 
 
 def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):
-    plan = make_plan(str(own_table), Settings(seeds=1))
+    plan = make_plan(load_table(str(own_table)), Settings(seeds=1))
     run = run_plan(plan, tmp_path, only=["SVM"])
     (accuracy,) = [n for n in table_numbers(run) if (n.experiment, n.metric) == ("SVM", "accuracy")]
     parts = [result["metrics"]["accuracy"] * result["num_test"] for _, result in run.results]
@@ -217,6 +218,11 @@ def test_folds_are_pooled_before_they_are_scored(own_table, tmp_path):
     assert accuracy.mean == pytest.approx(100 * sum(parts) / 40)
     one_missing = run._replace(results=run.results[1:])
     assert not [n for n in table_numbers(one_missing) if n.metric == "accuracy"]
+
+
+def test_unknown_name_lists_the_tables():
+    with pytest.raises(ValueError, match=r"'name' must be one of .*got 'p1-table9'"):
+        load_table("p1-table9")
 
 
 @pytest.mark.parametrize(
@@ -244,4 +250,4 @@ def test_file_that_is_not_there(tmp_path):
 
 def test_data_file_is_shipped():
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text()
-    assert '"experiments/*.yaml"' in text
+    assert '"papers/*.yaml"' in text

@@ -18,7 +18,12 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._grasp_numbers import (
+from torch_geometric_tactile.experiments.differences import RULE, Difference
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.tables import cell_config
+from torch_geometric_tactile.papers._grasp_numbers import (
     Judged,
     Score,
     grasp_differences,
@@ -26,11 +31,6 @@ from torch_geometric_tactile.experiments._grasp_numbers import (
     grasp_records,
     grasp_summary,
 )
-from torch_geometric_tactile.experiments._judgement import Judgement
-from torch_geometric_tactile.experiments.differences import RULE, Difference
-from torch_geometric_tactile.experiments.plan import Plan
-from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.reports.html import ReportPicture, ReportTable, write_report
 from torch_geometric_tactile.sensors import layout_sectors
 from torch_geometric_tactile.transforms import CommonMode, ZScore, fit_transform

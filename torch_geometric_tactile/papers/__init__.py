@@ -1,0 +1,34 @@
+r"""The tables of five papers, their published numbers and their studies. Needs the extras ``train``
+and ``viz``."""
+
+from torch_geometric_tactile.papers.early_slip import (
+    LeadTimes,
+    SlipScores,
+    SlipSummary,
+    alarm_threshold,
+    lead_times,
+    slip_summary,
+)
+from torch_geometric_tactile.papers.frame_studies import DeadRows, FrameTime
+from torch_geometric_tactile.papers.layer_studies import FeatureEmbedding, FeatureMaps, LayerProbes
+from torch_geometric_tactile.papers.load_table import load_table, table_names
+from torch_geometric_tactile.papers.training_history import TrainingHistory
+from torch_geometric_tactile.papers.write_table import write_table
+
+__all__ = [
+    "DeadRows",
+    "FeatureEmbedding",
+    "FeatureMaps",
+    "FrameTime",
+    "LayerProbes",
+    "LeadTimes",
+    "SlipScores",
+    "SlipSummary",
+    "TrainingHistory",
+    "alarm_threshold",
+    "lead_times",
+    "load_table",
+    "slip_summary",
+    "table_names",
+    "write_table",
+]
