@@ -8,7 +8,8 @@ from torch_geometric.data import Data, HeteroData
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticRule, apply_transform
-from torch_geometric_tactile.data.apply_transform import _RULES, flat, own_declaration
+from torch_geometric_tactile.data._pyg_transforms import RULES
+from torch_geometric_tactile.data.apply_transform import flat, own_declaration
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import CommonMode, KNNGraph, ZScore, static_transform
 
@@ -77,7 +78,7 @@ class Counted(BaseTransform):
 
     def __init__(self, transform):
         self.transform = transform
-        self.static_rule = _RULES[type(transform)](transform)
+        self.static_rule = RULES[type(transform)](transform)
         self.calls = 0
 
     def forward(self, data):
@@ -100,7 +101,7 @@ def assert_as_one_by_one(transform, data):
 
 
 def test_list_is_tested():
-    assert {type(transform) for transform in TRANSFORMS} | LIST_ONLY == set(_RULES)
+    assert {type(transform) for transform in TRANSFORMS} | LIST_ONLY == set(RULES)
 
 
 @pytest.mark.parametrize("num_samples", [1, 4])
@@ -187,7 +188,7 @@ def test_random_transform_stays_one_by_one():
     expected = [T.RandomJitter(0.001)(sample).pos for sample in data.to_data_list()]
     assert found.pos.equal(torch.stack(expected))
     draws = T.NormalizeRotation(max_points=3)
-    assert _RULES[T.NormalizeRotation](draws).reads is None
+    assert RULES[T.NormalizeRotation](draws).reads is None
 
 
 def test_subclass_is_not_taken_for_its_parent():

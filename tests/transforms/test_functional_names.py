@@ -59,7 +59,8 @@ def window():
 
 
 def test_functional_names_are_complete():
-    classes = {name for name in transforms.__all__ if name[0].isupper()} - {"FittedTransform"}
+    classes = {name for name in transforms.__all__ if name[0].isupper()}
+    classes -= {"FittedTransform", "TactileTransform"}
     assert {name for name, _ in NAMES.values()} == classes
     for functional, (name, _) in NAMES.items():
         assert f":obj:`{functional}`" in " ".join(getattr(transforms, name).__doc__.split())

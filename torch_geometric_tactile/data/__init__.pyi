@@ -1,5 +1,5 @@
 from . import splits
-from .apply_transform import StaticRule, apply_transform
+from .apply_transform import apply_transform
 from .frame_ring import FrameRing
 from .frames import join_frames, split_frames
 from .image_data import ImageData, StaticImages, image_of
@@ -9,6 +9,7 @@ from .recording import UNITS, Recording
 from .splits import Fold
 from .static_data import StaticData
 from .static_dataset import StaticDataset
+from .static_rule import StaticRule
 from .trials import Trials
 from .windows import Windows
 

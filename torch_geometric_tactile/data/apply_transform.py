@@ -1,9 +1,9 @@
 r"""Transforms of many samples at once."""
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,92 +12,11 @@ from torch_geometric.data import Data
 
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._levels import Schema
+from torch_geometric_tactile.data._pyg_transforms import RULES
 from torch_geometric_tactile.data.static_data import StaticData
+from torch_geometric_tactile.data.static_rule import StaticRule
 
 _EDGES = ("edge_index", "edge_attr", "edge_weight")
-
-
-class StaticRule(NamedTuple):
-    r"""Describes which attributes a transform reads and adds.
-
-    Args:
-        reads (tuple of str, optional): The attributes that its result follows from. If all samples
-            share them, they share the result, and the transform runs once for all samples. With
-            :obj:`None` it runs for each sample, as a random one must.
-        node (tuple of str): The attributes that it adds with a row for each taxel.
-        edge (tuple of str): The attributes that it adds with a row for each edge.
-        shared (tuple of str): The attributes that it adds with one value for all samples.
-        x (str, optional): Whether it appends columns that follow from :obj:`reads` to :obj:`x`
-            (:obj:`"append"`), or replaces :obj:`x` by them (:obj:`"replace"`).
-
-    Examples:
-        >>> StaticRule(reads=("pos", "edge_index"), edge=("edge_attr",)).edge
-        ('edge_attr',)
-    """
-
-    reads: tuple[str, ...] | None = None
-    node: tuple[str, ...] = ()
-    edge: tuple[str, ...] = ()
-    shared: tuple[str, ...] = ()
-    x: Literal["append", "replace"] | None = None
-
-
-def _reads(*names: str) -> Callable[[Any], StaticRule]:
-    return lambda transform: StaticRule(names)
-
-
-def _columns(*names: str) -> Callable[[Any], StaticRule]:
-    return lambda transform: StaticRule(
-        names, x="append" if getattr(transform, "cat", True) else "replace"
-    )
-
-
-def _named_edge_attr(transform: Any) -> StaticRule:
-    name = transform.attr
-    return StaticRule(("edge_index", name), edge=() if name in _EDGES else (name,))
-
-
-def _encoding(*names: str) -> Callable[[Any], StaticRule]:
-    def rule(transform: Any) -> StaticRule:
-        name = transform.attr_name
-        return StaticRule(names or None, (name,) if name else (), x=None if name else "append")
-
-    return rule
-
-
-def _rotation(transform: Any) -> StaticRule:
-    draws = transform.max_points > 0  # which points are used
-    return StaticRule(None if draws else ("pos", "normal"))
-
-
-# PyG's transforms whose result follows from the topology and the positions: these classes only,
-# since a subclass may do something else.
-_RULES: dict[type, Callable[[Any], StaticRule]] = {
-    T.AddLaplacianEigenvectorPE: _encoding(),  # draws signs
-    T.AddRandomWalkPE: _encoding("edge_index", "edge_weight"),
-    T.AddRemainingSelfLoops: _named_edge_attr,
-    T.AddSelfLoops: _named_edge_attr,
-    T.Cartesian: _reads("pos", *_EDGES),
-    T.Center: _reads("pos"),
-    T.Constant: _columns(),
-    T.Distance: _reads("pos", *_EDGES),
-    T.GCNNorm: _reads("edge_index", "edge_weight"),
-    T.LinearTransformation: _reads("pos"),
-    T.LocalCartesian: _reads("pos", *_EDGES),
-    T.LocalDegreeProfile: _columns("edge_index"),
-    T.NormalizeRotation: _rotation,
-    T.NormalizeScale: _reads("pos"),
-    T.OneHotDegree: _columns("edge_index"),
-    T.PointPairFeatures: _reads("pos", "norm", *_EDGES),
-    T.Polar: _reads("pos", *_EDGES),
-    T.RemoveDuplicatedEdges: _reads(*_EDGES),
-    T.Spherical: _reads("pos", *_EDGES),
-    T.TargetIndegree: _reads(*_EDGES),
-    T.ToUndirected: _reads(*_EDGES),
-    T.TwoHop: _reads(*_EDGES),
-}
-if hasattr(T, "RemoveSelfLoops"):  # not in every PyG that we support
-    _RULES[T.RemoveSelfLoops] = _named_edge_attr
 _UNKNOWN = StaticRule()
 
 
@@ -108,13 +27,14 @@ def static_rule(transform: Transform) -> StaticRule:
     own = own_declaration(transform, "static_rule")
     if isinstance(own, StaticRule):
         return own
-    known = _RULES.get(type(transform))
+    known = RULES.get(type(transform))
     return _UNKNOWN if known is None else known(transform)
 
 
 def own_declaration(transform: Transform, name: str) -> Any:
     r"""Returns an attribute by which a transform declares what its :obj:`forward` does, or
-    :obj:`None`. What a parent class declares does not hold for a subclass with its own.
+    :obj:`None`. What a parent class declares does not hold for a subclass with its own, unless that
+    says what it reads.
 
     Examples:
         >>> from torch_geometric_tactile.transforms import ZScore
@@ -124,10 +44,12 @@ def own_declaration(transform: Transform, name: str) -> Any:
         >>> [own_declaration(transform, "supports_static") for transform in (ZScore(), Clipped())]
         [True, None]
     """
+    declares = False
     for space in (getattr(transform, "__dict__", {}), *map(vars, type(transform).__mro__)):
         if name in space:
             return getattr(transform, name)
-        if "forward" in space or "__call__" in space:
+        declares = declares or "reads" in space
+        if ("forward" in space or "__call__" in space) and not declares:
             return None
     return None
 

@@ -57,6 +57,7 @@ class StaticData(LeveledData):
             contradictory.
 
     Examples:
+        >>> import torch
         >>> data = StaticData(
         ...     x=torch.zeros(5, 4, 3),
         ...     edge_index=torch.tensor([[0, 1], [1, 0]]),

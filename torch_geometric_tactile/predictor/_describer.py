@@ -16,12 +16,10 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.transforms import BaseTransform, Compose
 
+from torch_geometric_tactile.data._pyg_transforms import KEPT_AS
 from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.predictor.classes import describe_own, model_classes, transform_classes
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-
-# Arguments that PyG keeps by another name.
-_KEPT_AS = {"max_value": "max", "key": "keys"}
 
 
 class NotPlainError(ValueError):
@@ -127,7 +125,7 @@ def transform_arguments(transform: Any) -> dict[str, Any]:
         return {}
     out = {}
     for name in list(inspect.signature(type(transform).__init__).parameters)[1:]:
-        kept = name if hasattr(transform, name) else _KEPT_AS.get(name, name)
+        kept = name if hasattr(transform, name) else KEPT_AS.get(name, name)
         if not hasattr(transform, kept):
             raise NotPlainError(f"{type(transform).__name__} keeps no '{name}'")
         out[name] = getattr(transform, kept)

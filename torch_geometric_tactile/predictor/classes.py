@@ -6,36 +6,19 @@ from typing import Any
 import torch_geometric.transforms
 
 from torch_geometric_tactile import transforms
+from torch_geometric_tactile.data._pyg_transforms import IN_FILES
 from torch_geometric_tactile.data.apply_transform import flat as flat
 from torch_geometric_tactile.nn import models
-
-# Deterministic transforms of PyG that need no compiled package and keep the number of taxels.
-_PYG_TRANSFORMS = (
-    "AddRemainingSelfLoops",
-    "AddSelfLoops",
-    "Cartesian",
-    "Center",
-    "Compose",
-    "Constant",
-    "Distance",
-    "LocalCartesian",
-    "LocalDegreeProfile",
-    "NormalizeFeatures",
-    "NormalizeScale",
-    "OneHotDegree",
-    "RemoveDuplicatedEdges",
-    "RemoveSelfLoops",
-    "Spherical",
-    "TargetIndegree",
-    "ToUndirected",
-)
 
 
 def transform_classes() -> dict[str, type]:
     r"""Returns the transforms that are built by name: ours, and some of PyG's."""
     ours = {name: getattr(transforms, name) for name in transforms.__all__}
-    classes = {name: getattr(torch_geometric.transforms, name) for name in _PYG_TRANSFORMS}
-    return classes | {name: cls for name, cls in ours.items() if inspect.isclass(cls)}
+    classes = {name: getattr(torch_geometric.transforms, name) for name in IN_FILES}
+    is_class = {
+        name: inspect.isclass(cls) and not inspect.isabstract(cls) for name, cls in ours.items()
+    }
+    return classes | {name: cls for name, cls in ours.items() if is_class[name]}
 
 
 def model_classes() -> dict[str, type]:

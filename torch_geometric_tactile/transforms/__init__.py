@@ -24,6 +24,7 @@ from torch_geometric_tactile.transforms.sector_graph import SectorGraph
 from torch_geometric_tactile.transforms.select_channels import SelectChannels
 from torch_geometric_tactile.transforms.session_z_score import SessionZScore
 from torch_geometric_tactile.transforms.static_transform import static_transform
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 from torch_geometric_tactile.transforms.tare import Tare
 from torch_geometric_tactile.transforms.taxel_force import TaxelForce
 from torch_geometric_tactile.transforms.taxel_pose import TaxelPose
@@ -53,6 +54,7 @@ __all__ = [
     "SectorGraph",
     "SelectChannels",
     "SessionZScore",
+    "TactileTransform",
     "Tare",
     "TaxelForce",
     "TaxelPose",

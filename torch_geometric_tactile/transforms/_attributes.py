@@ -5,6 +5,8 @@ from typing import Any
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
+EDGES = ("edge_index", "edge_attr", "edge_weight")
+FRAMES = ("num_frames", "valid_frames")  # of windows
 # What gives a sample the attributes that it may lack.
 _SOURCES = {
     "pos": ": on a layout with several links samples have none, as these move against each other: "

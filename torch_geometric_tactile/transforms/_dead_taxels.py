@@ -5,15 +5,15 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import add_mark, require_x
 from torch_geometric_tactile.transforms._random import check_probability, uniform
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _P = 0.1
 
 
-class DeadTaxels(BaseTransform):
+class DeadTaxels(TactileTransform):
     r"""Sets the readings of some taxels to a value and marks them as :obj:`dropped`.
 
     Args:
@@ -25,7 +25,13 @@ class DeadTaxels(BaseTransform):
         generator (torch.Generator, optional): The source of random numbers.
     """
 
-    supports_static = True
+    reads = writes = ("x", "dropped")
+    per_frame = True
+
+    @property
+    def is_random(self) -> bool:
+        r"""Whether taxels are drawn, and not chosen."""
+        return self.p is not None
 
     def __init__(
         self,

@@ -6,17 +6,17 @@ from typing import Any
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._attributes import FRAMES, require_x
 from torch_geometric_tactile.transforms._random import check_deviation, normal
 from torch_geometric_tactile.transforms._segments import Segments
 from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
-class SegmentDraws(BaseTransform):
+class SegmentDraws(TactileTransform):
     r"""Changes the readings by normal numbers, one for each segment and channel of each sample,
     the same for all frames of a window. A subclass defines :meth:`changed`.
 
@@ -31,7 +31,9 @@ class SegmentDraws(BaseTransform):
         ValueError: If :obj:`std` is negative or not finite, or :obj:`segments` is wrong.
     """
 
-    supports_static = True
+    reads, writes = ("x", *FRAMES), ("x",)
+    per_frame = False  # one number for all frames
+    is_random = True
 
     def __init__(
         self,

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import torch
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import require_pos, require_x
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("absolute_morphology")
-class AbsoluteMorphology(BaseTransform):
+class AbsoluteMorphology(TactileTransform):
     r"""Describes each taxel by its distance and its vector from one point (functional name:
     :obj:`absolute_morphology`).
 
@@ -41,7 +41,17 @@ class AbsoluteMorphology(BaseTransform):
         tensor([[0.0500, 0.0000, 0.0300, 0.0400]])
     """
 
-    supports_static = True
+    per_frame = True
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        r"""Positions, and the readings that they join."""
+        return ("pos", "x") if self.cat else ("pos",)
+
+    @property
+    def writes(self) -> tuple[str, ...]:
+        r"""What it sets."""
+        return ("x",) if self.cat else ("absolute",)
 
     def __init__(self, origin: Sequence[float] = (0.0, 0.0, 0.0), cat: bool = False) -> None:
         self.origin = tuple(float(number) for number in origin)

@@ -1,7 +1,7 @@
 r"""What the scaling transforms share."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Any, Literal, Protocol, Self
 
 import torch
@@ -9,7 +9,8 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.transforms._attributes import require
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.transforms._attributes import FRAMES, require
 from torch_geometric_tactile.transforms._moments import (
     center_and_scale,
     check_size,
@@ -23,9 +24,13 @@ from torch_geometric_tactile.transforms._sample_tables import (
     tables_like,
 )
 from torch_geometric_tactile.transforms._samples import AnySamples, Samples
+from torch_geometric_tactile.transforms._windows import repeated
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _CHUNK = 8192  # samples read at a time, at most
 
+# Of a scale: what single precision leaves over of a centre, that does not count.
+_NEGLIGIBLE = 1e-7
 _PER = ("taxel", "channel", "signal")
 
 _logger = logging.getLogger(__name__)
@@ -37,7 +42,7 @@ class _Attributes(Protocol):
     def __getitem__(self, key: str) -> Any: ...
 
 
-class FittedTransform(BaseTransform):
+class FittedTransform(TactileTransform):
     r"""Base class of transforms that subtract a centre from the readings, or from another
     attribute, and divide by a scale, both fitted before: for each number of a sample (each taxel
     and channel, for example) or for all numbers of a channel, and separately for each value of the
@@ -72,7 +77,21 @@ class FittedTransform(BaseTransform):
         tensor([-1.,  1.])
     """
 
-    supports_static = True
+    @property
+    def reads(self) -> tuple[str, ...]:
+        r"""What is scaled, the numbers of its samples, and the frames of windows."""
+        key = (self.key, "x") if self.key else ()
+        return (self.attr, *key, *(FRAMES if self.per == "signal" else ()))
+
+    @property
+    def writes(self) -> tuple[str, ...]:
+        r"""What is scaled."""
+        return (self.attr,)
+
+    @property
+    def per_frame(self) -> bool:
+        r"""Whether all frames of a window have one centre and scale."""
+        return self.attr != "x" or self.per == "signal"
 
     def __init__(
         self,
@@ -268,6 +287,12 @@ class FittedTransform(BaseTransform):
         data[self.attr] = x
         return data
 
+    def graph_step(
+        self, known: StaticData, changing: Set[str]
+    ) -> Callable[[StaticData], StaticData]:
+        r"""Returns a product with tables of the size of what is scaled."""
+        return _Scaled(self)
+
     def state_dict(self) -> dict[str, Tensor]:
         r"""Returns what was fitted, for a checkpoint."""
         if self.center is None or self.scale is None or self.key_values is None:
@@ -290,3 +315,35 @@ class FittedTransform(BaseTransform):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._attr_repr().removeprefix(', ')})"
+
+
+class _Scaled:
+    r"""A scaler with tables of the size of what is scaled, which a runtime takes in long loops."""
+
+    def __init__(self, part: FittedTransform) -> None:
+        self.part = part
+        self.kept: dict[torch.Size, tuple[Tensor, Tensor | None, Tensor]] = {}
+
+    def __call__(self, data: StaticData) -> StaticData:
+        x = data[self.part.attr]
+        if x.shape not in self.kept:
+            num_frames = data.num_frames if self.part.per == "signal" else 1
+            self.kept[x.shape] = self._tables(x.shape, num_frames)
+        near, rest, factor = self.kept[x.shape]
+        x = x - near
+        data[self.part.attr] = (x if rest is None else x - rest) * factor
+        return data
+
+    def _tables(self, shape: torch.Size, num_frames: int) -> tuple[Tensor, Tensor | None, Tensor]:
+        assert self.part.center is not None
+        assert self.part.scale is not None
+        center, scale = self.part.center[0].cpu(), self.part.scale[0].cpu().double()
+        if self.part.per == "signal":
+            center, scale = repeated(center, num_frames), repeated(scale, num_frames)
+        near = center.float()
+        rest = center - near
+        is_small = bool((rest / scale).abs().max() < _NEGLIGIBLE) if rest.numel() else True
+        near, rest, factor = (
+            value.float().expand(shape).contiguous() for value in (near, rest, 1 / scale)
+        )
+        return near, None if is_small else rest, factor

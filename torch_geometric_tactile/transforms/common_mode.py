@@ -7,16 +7,16 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("common_mode")
-class CommonMode(BaseTransform):
+class CommonMode(TactileTransform):
     r"""Subtracts the mean over the taxels of each segment, in each sample and channel (functional
     name: :obj:`common_mode`).
 
@@ -56,7 +56,8 @@ class CommonMode(BaseTransform):
         tensor([-1.,  1.,  0.])
     """
 
-    supports_static = True
+    reads = writes = ("x",)
+    per_frame = True
 
     def __init__(
         self,

@@ -2,20 +2,23 @@ r"""Windows that begin with contact."""
 
 import logging
 import math
+from collections.abc import Callable, Set
 from typing import Literal
 
 import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.transforms._attributes import FRAMES
 from torch_geometric_tactile.transforms._random import check_whole
 from torch_geometric_tactile.transforms._windows import (
     joined_signals,
     require_signals,
     valid_frames,
 )
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _MOST_FRAMES = 100_000
 _MISSING = ("error", "keep")
@@ -25,7 +28,7 @@ _logger = logging.getLogger(__name__)
 
 
 @functional_transform("contact_crop")
-class ContactCrop(BaseTransform):
+class ContactCrop(TactileTransform):
     r"""Drops the frames of each window before the fingers touch the object (functional name:
     :obj:`contact_crop`). All channels (fingers) are cut at the same frame, so that they stay
     synchronous.
@@ -83,8 +86,9 @@ class ContactCrop(BaseTransform):
         (tensor([3]), tensor([4]))
     """
 
-    supports_static = True
-    causal = True
+    reads = ("x", *FRAMES)
+    writes = ("x", "valid_frames", "contact_frame")
+    per_frame = False
 
     def __init__(
         self,
@@ -171,6 +175,14 @@ class ContactCrop(BaseTransform):
                 "missing='keep' to keep them whole, or a lower threshold"
             )
         _logger.warning("no contact in %s: kept whole by %r", text, self)
+
+    def graph_step(
+        self, known: StaticData, changing: Set[str]
+    ) -> Callable[[StaticData], StaticData]:
+        r"""Returns no graph."""
+        raise NotImplementedError(
+            f"{self!r} cannot be exported: the length of its windows depends on the readings"
+        )
 
     def __repr__(self) -> str:
         return (

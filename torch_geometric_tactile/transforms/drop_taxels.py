@@ -1,12 +1,13 @@
 r"""Dead taxels."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence, Set
 
 import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
 
 
@@ -76,6 +77,26 @@ class DropTaxels(DeadTaxels):
             dead[..., taxels] = True
         return dead
 
+    def graph_step(
+        self, known: StaticData, changing: Set[str]
+    ) -> Callable[[StaticData], StaticData]:
+        r"""Returns the dead taxels, or this transform if it draws them."""
+        return self if self.is_random else _Dropped(self, known)
+
     def __repr__(self) -> str:
         what = f"p={self.p}" if self.taxels is None else f"taxels={self.taxels.tolist()}"
         return f"{type(self).__name__}({what}, value={self.value})"
+
+
+class _Dropped:
+    r"""Dead taxels, the same in all frames."""
+
+    def __init__(self, part: DropTaxels, known: StaticData) -> None:
+        self.value = part.value
+        self.dead = part.dead(known, known.x)[0]
+
+    def __call__(self, data: StaticData) -> StaticData:
+        data.x = data.x.masked_fill(self.dead.unsqueeze(-1), self.value)
+        old = getattr(data, "dropped", None)
+        data.dropped = self.dead if old is None else self.dead | old.bool()
+        return data

@@ -4,14 +4,14 @@ import math
 
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.transforms._attributes import add_mark, require_x
+from torch_geometric_tactile.transforms._attributes import FRAMES, add_mark, require_x
 from torch_geometric_tactile.transforms._windows import padded_frames
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("fill_missing")
-class FillMissing(BaseTransform):
+class FillMissing(TactileTransform):
     r"""Replaces missing readings (NaN) by a number, and marks their taxels as :obj:`missing`
     (functional name: :obj:`fill_missing`).
 
@@ -40,7 +40,9 @@ class FillMissing(BaseTransform):
         tensor([ True, False])
     """
 
-    supports_static = True
+    reads = ("x", "missing", *FRAMES)
+    writes = ("x", "missing")
+    per_frame = True
 
     def __init__(self, value: float = 0.0) -> None:
         self.value = float(value)

@@ -6,14 +6,14 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 from torch_geometric.utils import scatter
 
 from torch_geometric_tactile.transforms._attributes import require, require_pos
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("geometric_edge_attr")
-class GeometricEdgeAttr(BaseTransform):
+class GeometricEdgeAttr(TactileTransform):
     r"""Describes each edge by its length and its vector (functional name:
     :obj:`geometric_edge_attr`), the geometrical edge features of the "Tactile Object Property
     Recognition using Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network"
@@ -52,7 +52,8 @@ class GeometricEdgeAttr(BaseTransform):
                 [ 0.0500,  0.0300,  0.0400,  0.0000]])
     """
 
-    supports_static = True
+    reads, writes = ("pos", "edge_index", "edge_attr"), ("edge_attr",)
+    per_frame = True
 
     def __init__(
         self, norm: bool = False, max_value: float | None = None, cat: bool = True

@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 from torch_geometric.utils import coalesce
 
-from torch_geometric_tactile.transforms._attributes import require
+from torch_geometric_tactile.transforms._attributes import EDGES, require
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 # Rounding of single-precision positions, a few sensor lengths from the origin, stays below this
 # part of the sensor's size.
@@ -17,7 +17,7 @@ _TIE = 1e-5
 
 
 @functional_transform("taxel_knn_graph")
-class KNNGraph(BaseTransform):
+class KNNGraph(TactileTransform):
     r"""Connects each taxel with its :math:`k` nearest neighbours in three dimensions, as in the
     "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper (functional
     name: :obj:`taxel_knn_graph`, since PyG has a :obj:`knn_graph`).
@@ -47,7 +47,8 @@ class KNNGraph(BaseTransform):
                 [1, 0, 2]])
     """
 
-    supports_static = True
+    reads, writes = ("pos", *EDGES), EDGES
+    per_frame = True
 
     def __init__(self, k: int, symmetric: bool = True) -> None:
         if k < 1:

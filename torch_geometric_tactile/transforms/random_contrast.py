@@ -6,15 +6,15 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._random import uniform
 from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("random_contrast")
-class RandomContrast(BaseTransform):
+class RandomContrast(TactileTransform):
     r"""Stretches the grey values of each sample about a centre by a random factor (functional name:
     :obj:`random_contrast`), as an augmentation: a :obj:`train_transform`.
 
@@ -47,7 +47,9 @@ class RandomContrast(BaseTransform):
         tensor([0.0000, 0.2500, 0.7500])
     """
 
-    supports_static = True
+    reads = writes = ("x",)
+    per_frame = False  # one number for all frames
+    is_random = True
 
     def __init__(
         self,

@@ -5,15 +5,15 @@ import math
 import torch
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._random import check_probability, uniform
 from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("random_inversion")
-class RandomInversion(BaseTransform):
+class RandomInversion(TactileTransform):
     r"""Inverts the grey values of some samples (functional name: :obj:`random_inversion`), as an
     augmentation: a :obj:`train_transform`. Black becomes white.
 
@@ -46,7 +46,9 @@ class RandomInversion(BaseTransform):
         tensor([1.0000, 0.7500])
     """
 
-    supports_static = True
+    reads = writes = ("x",)
+    per_frame = False  # all frames or none
+    is_random = True
 
     def __init__(
         self,

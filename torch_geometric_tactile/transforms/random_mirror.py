@@ -6,20 +6,20 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
+from torch_geometric_tactile.transforms._attributes import FRAMES, check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
 from torch_geometric_tactile.transforms._random import check_probability, uniform
 from torch_geometric_tactile.transforms._windows import num_channels_and_frames, repeated
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _ALONG = ("columns", "rows")
 
 
 @functional_transform("random_mirror")
-class RandomMirror(BaseTransform):
+class RandomMirror(TactileTransform):
     r"""Mirrors the image of the taxels of some samples (functional name: :obj:`random_mirror`), as
     an augmentation: a :obj:`train_transform`. Taxels that lie opposite one another on the image map
     of the layout swap their readings.
@@ -54,7 +54,9 @@ class RandomMirror(BaseTransform):
         tensor([3., 2., 1.])
     """
 
-    supports_static = True
+    reads, writes = ("x", *FRAMES), ("x",)
+    per_frame = False  # all frames or none
+    is_random = True
 
     def __init__(
         self,

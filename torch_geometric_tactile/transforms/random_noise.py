@@ -3,14 +3,14 @@ r"""Noise on the readings."""
 import torch
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.transforms._attributes import require_x
 from torch_geometric_tactile.transforms._random import check_deviation, normal
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("random_noise")
-class RandomNoise(BaseTransform):
+class RandomNoise(TactileTransform):
     r"""Adds normal noise to each reading separately (functional name: :obj:`random_noise`), as an
     augmentation: a :obj:`train_transform`.
 
@@ -33,7 +33,9 @@ class RandomNoise(BaseTransform):
         tensor([1., 1.])
     """
 
-    supports_static = True
+    reads = writes = ("x",)
+    per_frame = True
+    is_random = True
 
     def __init__(self, std: float = 0.1, generator: torch.Generator | None = None) -> None:
         self.std = check_deviation(std)

@@ -4,19 +4,19 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
 from torch_geometric_tactile.transforms._random import check_whole, uniform
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _MOST_STEPS = 100
 
 
 @functional_transform("random_shift")
-class RandomShift(BaseTransform):
+class RandomShift(TactileTransform):
     r"""Shifts the image of the taxels of each sample by a random number of cells (functional name:
     :obj:`random_shift`), as an augmentation: a :obj:`train_transform`. Each taxel takes the reading
     of the taxel that many rows and columns away on the image map of the layout.
@@ -50,7 +50,9 @@ class RandomShift(BaseTransform):
         tensor([1., 2., 3.])
     """
 
-    supports_static = True
+    reads = writes = ("x",)
+    per_frame = False  # one shift for all frames
+    is_random = True
 
     def __init__(
         self,

@@ -4,18 +4,18 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
-from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._attributes import FRAMES, require_x
 from torch_geometric_tactile.transforms._random import check_whole, uniform
 from torch_geometric_tactile.transforms._segments import Segments
 from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _MOST_STEPS = 100_000
 
 
 @functional_transform("random_time_shift")
-class RandomTimeShift(BaseTransform):
+class RandomTimeShift(TactileTransform):
     r"""Shifts each sample in time by a random number of frames, the same for all taxels (functional
     name: :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or last
     frame is repeated to fill the gap.
@@ -48,7 +48,9 @@ class RandomTimeShift(BaseTransform):
         RandomTimeShift(steps=1, num_frames=2)
     """
 
-    supports_static = True
+    reads, writes = ("x", *FRAMES), ("x",)
+    per_frame = False
+    is_random = True
 
     def __init__(
         self,

@@ -1,24 +1,29 @@
 r"""Windows with another number of frames."""
 
+from collections.abc import Callable, Set
+
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.transforms._attributes import FRAMES
 from torch_geometric_tactile.transforms._random import check_whole
-from torch_geometric_tactile.transforms._resampling import resampled
+from torch_geometric_tactile.transforms._resampling import new_times, resampled, resampling_matrix
 from torch_geometric_tactile.transforms._windows import (
     joined_signals,
     require_signals,
     valid_frames,
 )
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _MOST_FRAMES = 100_000
 
 
 @functional_transform("resample")
-class Resample(BaseTransform):
+class Resample(TactileTransform):
     r"""Resamples the frames of each window to :obj:`num` frames (functional name: :obj:`resample`),
     60 in the "Tactile Grasp Stability Classification Based on Graph Convolutional Networks" paper.
     Windows of different lengths have the same length afterwards.
@@ -63,7 +68,8 @@ class Resample(BaseTransform):
         tensor([[0., 1., 2., 3., 4., 5., 6., 7., 8.]])
     """
 
-    supports_static = True
+    reads = writes = ("x", *FRAMES)
+    per_frame = False
     causal = False
 
     def __init__(self, num: int = 60) -> None:
@@ -86,5 +92,56 @@ class Resample(BaseTransform):
             del data.valid_frames
         return data
 
+    def graph_step(
+        self, known: StaticData, changing: Set[str]
+    ) -> Callable[[StaticData], StaticData]:
+        r"""Returns a product with a matrix, for windows of one length."""
+        return _Resampled(self)
+
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.num})"
+
+
+class _Resampled:
+    r"""Windows of one length with another number of frames."""
+
+    def __init__(self, part: Resample) -> None:
+        self.part = part
+
+    def __call__(self, data: StaticData) -> StaticData:
+        if getattr(data, "valid_frames", None) is not None:
+            raise NotImplementedError(f"{self.part!r} cannot be exported for padded windows")
+        signals, num = require_signals(self.part, data), self.part.num
+        length = signals.size(-1)
+        if length != num:
+            matrix = resampling_matrix(length, num).t()
+            nearest = (new_times(length, num) + 0.5).floor().long()
+            missing = signals.isnan()
+            bridged = _bridged(signals.double(), missing)
+            level = bridged[..., :1]
+            out = (level + (bridged - level) @ matrix).to(signals.dtype)
+            out = torch.cat([signals[..., :1], out[..., 1:-1], signals[..., -1:]], dim=-1)
+            signals = out.masked_fill(missing[..., nearest], torch.nan)
+        data.x = joined_signals(signals, data)
+        data.num_frames = num
+        return data
+
+
+def _bridged(values: Tensor, missing: Tensor) -> Tensor:
+    # As of `_resampling`, with running maxima in steps of 1, 2, 4 and so on frames, since a graph
+    # has none in one operation.
+    length = values.size(-1)
+    frames = torch.arange(length)
+    left = torch.where(missing, -1, frames)
+    right = torch.where(missing, length, frames)
+    step = 1
+    while step < length:
+        left = torch.maximum(left, pad(left[..., :-step], (step, 0), value=-1))
+        right = torch.minimum(right, pad(right[..., step:], (0, step), value=length))
+        step *= 2
+    first, last = left.clamp(min=0), right.clamp(max=length - 1)
+    first, last = torch.where(left < 0, last, first), torch.where(right >= length, first, last)
+    start, stop = values.gather(-1, first), values.gather(-1, last)
+    part = (frames - first) / (last - first).clamp(min=1)
+    line = start + part * (stop - start)
+    return torch.where(missing, line, values).nan_to_num(nan=0.0)

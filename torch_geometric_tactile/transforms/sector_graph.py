@@ -5,18 +5,18 @@ from typing import Literal
 import torch
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, layout_sectors
-from torch_geometric_tactile.transforms._attributes import check_num_taxels
+from torch_geometric_tactile.transforms._attributes import EDGES, check_num_taxels
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 # What belonged to other edges.
 _OF_EDGES = ("edge_attr", "edge_weight", "edge_type", "edge_is_within")
 
 
 @functional_transform("sector_graph")
-class SectorGraph(BaseTransform):
+class SectorGraph(TactileTransform):
     r"""Connects each taxel with its nearest neighbour in each sector of its tangent plane
     (functional name: :obj:`sector_graph`), for
     :class:`~torch_geometric_tactile.nn.conv.SectorConv`. See
@@ -48,7 +48,9 @@ class SectorGraph(BaseTransform):
         tensor([0, 1, 2, 2, 3, 4, 0, 6, 7, 4, 5, 6])
     """
 
-    supports_static = True
+    reads = ()
+    writes = (*EDGES, "edge_sector", "edge_type", "edge_is_within")
+    per_frame = True
 
     def __init__(
         self,

@@ -6,15 +6,15 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import join_frames, split_frames
-from torch_geometric_tactile.transforms._attributes import require_x
+from torch_geometric_tactile.transforms._attributes import FRAMES, require_x
 from torch_geometric_tactile.transforms._windows import given_num_frames
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("select_channels")
-class SelectChannels(BaseTransform):
+class SelectChannels(TactileTransform):
     r"""Keeps some channels of the readings, in the given order (functional name:
     :obj:`select_channels`): for example some of the fingers whose signals are the channels of
     :class:`~torch_geometric_tactile.datasets.BioTacSP`, or the pressure of a skin that also reports
@@ -41,7 +41,8 @@ class SelectChannels(BaseTransform):
                 [6., 4.]])
     """
 
-    supports_static = True
+    reads, writes = ("x", *FRAMES), ("x",)
+    per_frame = True
 
     def __init__(self, channels: Sequence[int] | Tensor) -> None:
         index = torch.as_tensor(channels).cpu()

@@ -3,14 +3,14 @@ r"""Readings of three axes as forces in the frame of the hand."""
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import require, require_x
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("taxel_force")
-class TaxelForce(BaseTransform):
+class TaxelForce(TactileTransform):
     r"""Rotates readings :math:`(x, y, p)`, shear along the two axes of a taxel and pressure, into
     the frame of the hand (functional name: :obj:`taxel_force`), where readings of different taxels
     can be added and compared:
@@ -50,7 +50,13 @@ class TaxelForce(BaseTransform):
         tensor([-2.0000,  0.5000,  0.0000])
     """
 
-    supports_static = True
+    reads = ("x", "tangent", "normal")
+    per_frame = True
+
+    @property
+    def writes(self) -> tuple[str, ...]:
+        r"""What takes the forces."""
+        return (self.out,)
 
     def __init__(self, out: str = "x") -> None:
         self.out = out

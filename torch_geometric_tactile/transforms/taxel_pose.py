@@ -1,18 +1,22 @@
 r"""Positions of the taxels from joint angles."""
 
+from collections.abc import Callable, Set
+
+import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, as_layout
+from torch_geometric_tactile.sensors._pose_tables import FewTables, chain_few
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
 @functional_transform("taxel_pose")
-class TaxelPose(BaseTransform):
+class TaxelPose(TactileTransform):
     r"""Computes the positions of the taxels of a hand from its joint angles :obj:`joint`
     (functional name: :obj:`taxel_pose`), differentiably.
 
@@ -53,7 +57,8 @@ class TaxelPose(BaseTransform):
         Data(joint=[1, 16], pos=[384, 3], normal=[384, 3])
     """
 
-    supports_static = True
+    reads, writes = ("x", "joint"), ("pos", "normal", "tangent")
+    per_frame = True
 
     def __init__(
         self,
@@ -116,5 +121,48 @@ class TaxelPose(BaseTransform):
             )
         return rows
 
+    def graph_step(
+        self, known: StaticData, changing: Set[str]
+    ) -> Callable[[StaticData], StaticData]:
+        r"""Returns one product with the poses of the links."""
+        return _Posed(self)
+
     def __repr__(self) -> str:
         return f"{type(self).__name__}('{self.layout.name}', '{self.kinematics.name}')"
+
+
+class _Posed:
+    r"""Taxels placed by joint angles. Positions and normals are linear in the poses of the links:
+    one product serves all taxels.
+    """
+
+    def __init__(self, part: TaxelPose) -> None:
+        self.part = part
+        joint = torch.zeros(1, part.kinematics.num_joints)
+        self.few: FewTables = part.kinematics._kept_tables(part.layout, joint, few=True)
+        self.links = self.few.link.unique()
+        self.pos = self._table(self.few.pos)
+        self.normal = None
+        if part.normal and part.layout.normal is not None:
+            self.normal = self._table(self.few.normal)
+
+    def _table(self, places: Tensor) -> Tensor:
+        # (12 L, 3 N): of each link three rows of four numbers.
+        count = len(places)
+        row = torch.searchsorted(self.links, self.few.link)
+        table = torch.zeros(len(self.links), 3, 4, count, 3)
+        for axis in range(3):
+            table[row, axis, :, torch.arange(count), axis] = places[:, 0]
+        return table.view(12 * len(self.links), 3 * count)
+
+    def __call__(self, data: StaticData) -> StaticData:
+        joint = data.joint
+        pose = chain_few(self.few, joint).index_select(1, self.links)[:, :, :3].flatten(1)
+        shape = (len(joint), -1, 3)
+        data.pos = (pose @ self.pos).view(shape)
+        if self.normal is not None:
+            data.normal = (pose @ self.normal).view(shape)
+        if self.part.tangent:
+            axes = self.part.kinematics.taxel_axes(self.part.layout, joint)
+            data.tangent = axes[..., :2, :]
+        return data

@@ -1,26 +1,26 @@
 r"""The segments of a hand as parts of the graph."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence, Set
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
-from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
+from torch_geometric_tactile.transforms._attributes import EDGES, check_num_taxels, require
 from torch_geometric_tactile.transforms._segments import segment_numbers
+from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _SET_HERE = ("segment_batch", "edge_is_within")
 
 
 @functional_transform("topological_segmentation")
-class TopologicalSegmentation(BaseTransform):
+class TopologicalSegmentation(TactileTransform):
     r"""Divides the taxels into segments, such as the digits of a hand, without edges between them
     (functional name: :obj:`topological_segmentation`), as in the "Multifingered Object Recognition
     with Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation"
@@ -66,7 +66,9 @@ class TopologicalSegmentation(BaseTransform):
         [Data(x=[2, 1], edge_index=[2, 2]), Data(x=[1, 1], edge_index=[2, 0])]
     """
 
-    supports_static = True
+    reads = (*EDGES, "edge_is_within")
+    writes = (*EDGES, "segment_batch", "edge_is_within")
+    per_frame = True
 
     def __init__(
         self,
@@ -167,6 +169,12 @@ class TopologicalSegmentation(BaseTransform):
             part.ptr = num_taxels * torch.arange(num_graphs + 1, device=data.ptr.device)
         return part
 
+    def graph_step(
+        self, known: StaticData, changing: Set[str]
+    ) -> Callable[[StaticData], StaticData]:
+        r"""Returns the edges that are kept, if edges are the same for all frames."""
+        return self if "edge_index" in changing else _Segmented(self, known)
+
     def __repr__(self) -> str:
         by = self.by if self.by == "numbers" else f"'{self.by}'"
         return f"{type(self).__name__}({by}, num_segments={self.num_segments}, drop={self.drop})"
@@ -204,3 +212,35 @@ def _reslice(data: Data, key: str, counts: Tensor, increment: int | None = None)
     if increment is not None or key not in data._inc_dict:
         shift = (increment or 0) * torch.arange(len(counts))
         data._inc_dict = {**data._inc_dict, key: shift}
+
+
+class _Segmented:
+    r"""Edges within segments, chosen beforehand: their number must not depend on values."""
+
+    is_settled = True  # what it sets is the same for all frames
+
+    def __init__(self, part: TopologicalSegmentation, known: StaticData) -> None:
+        source, target = known.edge_index
+        within = part.segment[source] == part.segment[target]
+        self.kept = within.nonzero().view(-1)
+        self.count = known.edge_index.size(1)
+        self.segment = part.segment
+        self.within = None if part.drop else within
+        self.edge_index = known.edge_index[:, self.kept] if part.drop else known.edge_index
+
+    def __call__(self, data: StaticData) -> StaticData:
+        rows = {}
+        if self.within is None:
+            for key, value in data.to_dict().items():
+                if key != "edge_index" and isinstance(value, Tensor) and data.level(key) == "edge":
+                    rows[key] = value.index_select(0 if data.is_shared(key) else 1, self.kept)
+        for key in ("edge_is_within", *rows):
+            if key in data:
+                del data[key]
+        data.edge_index = self.edge_index
+        for key, value in rows.items():
+            data[key] = value
+        if self.within is not None:
+            data.edge_is_within = self.within
+        data.segment_batch = self.segment
+        return data

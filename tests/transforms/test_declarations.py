@@ -1,0 +1,184 @@
+"""What transforms say of themselves holds, and is all that others ask of them."""
+
+import copy
+
+import pytest
+import torch
+from predictor.test_round_trip import OURS, WINDOWED, samples, windows
+
+from torch_geometric_tactile import transforms
+from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.nn import TaxelNet
+from torch_geometric_tactile.predictor import Predictor
+from torch_geometric_tactile.sensors import grid
+from torch_geometric_tactile.transforms import FittedTransform, TactileTransform
+
+ALL = [(make, samples) for makes in OURS.values() for make in makes]
+ALL += [(make, windows) for makes in WINDOWED.values() for make in makes]
+IDS = [f"{make()!r}".replace("\n", "") for make, _ in ALL]
+DRAWN = [
+    transforms.DropTaxels(p=0.5),
+    transforms.DropPatches(grid(2, 3, pitch=0.01), p=0.5),
+    transforms.RandomGain(0.5),
+    transforms.RandomNoise(0.5),
+    transforms.RandomOffset(0.5),
+]
+PLACES = ("pos", "edge_index", "edge_attr", "edge_weight", "num_frames", "valid_frames")
+
+
+def ready(make, data):
+    transform = make()
+    return transform.fit(data) if isinstance(transform, FittedTransform) else transform
+
+
+def same(a, b):
+    if not isinstance(a, torch.Tensor) or not isinstance(b, torch.Tensor):
+        return a is b or a == b
+    return a.shape == b.shape and torch.allclose(a, b, 0, 0, equal_nan=True)
+
+
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_only_what_is_declared_is_written(make, given):
+    data = given()
+    transform, before = ready(make, data), data.to_dict()
+    after = transform(copy.copy(data)).to_dict()
+    changed = {k for k in {*before, *after} if k not in after or not same(before.get(k), after[k])}
+    assert changed <= {*transform.writes}
+
+
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_only_what_is_declared_is_read(make, given):
+    data = given()
+    transform = ready(make, data)
+    expected = transform(copy.copy(data)).to_dict()
+    poisoned = copy.copy(data)
+    for key, value in data.to_dict().items():
+        if key in transform.reads or key in PLACES or not isinstance(value, torch.Tensor):
+            continue
+        if value.is_floating_point():
+            poisoned[key] = value + 1e3
+    found = transform(poisoned).to_dict()
+    for key in {*transform.writes} & {*expected}:
+        if key in transform.reads or key not in poisoned or key not in data:
+            assert same(found[key], expected[key]), key
+
+
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_what_is_not_random_gives_the_same_again(make, given):
+    data = given()
+    transform = ready(make, data)
+    if transform.is_random:
+        return
+    first, again = (transform(copy.copy(data)).to_dict() for _ in range(2))
+    assert all(same(first[key], again[key]) for key in first)
+
+
+@pytest.mark.parametrize("transform", DRAWN, ids=repr)
+def test_what_is_random_draws(transform):
+    assert transform.is_random
+    data = StaticData(x=torch.ones(20, 6, 2), pos=grid(2, 3, pitch=0.01).pos)
+    first, again = (transform(copy.copy(data)).x for _ in range(2))
+    assert not first.equal(again)
+
+
+def test_a_class_without_declarations_is_refused():
+    with pytest.raises(TypeError, match=r"'per_frame' of Half must be declared, .*\(got none\)"):
+
+        class Half(TactileTransform):
+            reads = writes = ("x",)
+
+            def forward(self, data):
+                return data
+
+
+class Fold(TactileTransform):
+    """One class, and no other line anywhere: how far from the middle of a reading's range."""
+
+    reads, writes, per_frame = ("x",), ("x",), True
+    calls = 0
+
+    def forward(self, data):
+        type(self).calls += 1
+        data.x = (data.x - 0.5).abs()
+        return data
+
+
+class Heights(TactileTransform):
+    """Follows from what all samples share."""
+
+    reads, writes, per_frame = ("pos",), ("edge_attr",), True
+    calls = 0
+
+    def forward(self, data):
+        type(self).calls += 1
+        source, target = data.edge_index
+        data.edge_attr = (data.pos[..., source, 2:] - data.pos[..., target, 2:]).abs()
+        return data
+
+
+@pytest.fixture
+def dataset():
+    draw = torch.Generator().manual_seed(0)
+    layout = grid(2, 3, pitch=0.01)
+    x = torch.rand(12, 6, 2, generator=draw)
+    y = torch.arange(12) % 2
+    return StaticDataset.from_arrays(x, y, layout=layout, transform=Fold(), adjacency="original")
+
+
+def test_a_new_transform_takes_all_samples_at_once(dataset):
+    Fold.calls = 0
+    folded = apply_transform(Fold(), dataset.data)
+    assert Fold.calls == 1
+    assert folded.x.shape == (12, 6, 2)
+
+
+def test_a_new_transform_is_settled_in_a_predictor(dataset):
+    predictor = Predictor(
+        model_of(dataset), dataset.layout, transform=Heights(), adjacency="original"
+    )
+    Heights.calls = 0
+    predictor(torch.rand(3, 6, 2))
+    assert Heights.calls == 0  # the edges of all frames are known
+
+
+def model_of(dataset):
+    torch.manual_seed(0)
+    return TaxelNet(dataset.layout, 2, in_channels=2, widths=(4,))
+
+
+def test_a_new_transform_is_exported(dataset, tmp_path):
+    onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra 'export'")
+    pytest.importorskip("onnxscript", reason="needs the extra 'export'")
+    from torch_geometric_tactile.predictor import export_onnx
+
+    predictor = Predictor.from_dataset(model_of(dataset), dataset)
+    export_onnx(predictor, tmp_path / "a.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "a.onnx")
+    frame = torch.rand(1, 6, 2)
+    (found,) = session.run(["probability"], {"tactile": frame.numpy()})
+    assert torch.allclose(torch.from_numpy(found), predictor(frame), atol=1e-5)
+
+
+def test_a_new_transform_is_kept_in_a_file(dataset, tmp_path):
+    predictor = Predictor.from_dataset(model_of(dataset), dataset)
+    predictor.save(tmp_path / "a.predictor")
+    again = Predictor.load(tmp_path / "a.predictor", transforms=[Fold()])
+    frame = torch.rand(6, 2)
+    assert again(frame).equal(predictor(frame))
+
+
+def test_a_subclass_with_its_own_forward_declares_it_again():
+    class Other(Fold):
+        def forward(self, data):
+            return data
+
+    class Declared(Other):
+        reads = ("x",)
+
+        def forward(self, data):
+            return data
+
+    from torch_geometric_tactile.data.apply_transform import own_declaration
+
+    assert own_declaration(Other(), "supports_static") is None
+    assert own_declaration(Declared(), "supports_static") is True
