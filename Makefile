@@ -4,18 +4,23 @@ VENV := .venv
 # Recordings that lie beside the checkout are used in place of a download.
 DATA ?= $(wildcard ../shared/data)
 
-.PHONY: demo test check tutorials lint docs linkcheck dist clean
+.PHONY: demo test test-full check tutorials lint docs linkcheck dist clean
+TESTS = OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
 SPHINX = OMP_NUM_THREADS=1 $(VENV)/bin/python -m sphinx -W --keep-going -j auto -d docs/build/doctrees
 
 demo: $(VENV)/demo
 	$(VENV)/bin/tactile demo --seeds 2 $(if $(DATA),--root "$(DATA)")
 
 test: $(VENV)/installed
-	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadgroup
+	$(TESTS) -m "not full"
+
+# What takes long: kills, full disks, clusters, mutated checkpoints, whole pages.
+test-full: $(VENV)/installed
+	$(TESTS) -m full
 
 # All that must hold before a change lands, on one machine: about 30 minutes.
 check: export TACTILE_CHECKPOINT_CASES = 10000
-check: test lint docs tutorials dist
+check: test test-full lint docs tutorials dist
 	$(MAKE) docs  # once as in a fresh clone, and once with the tutorials that have run
 	OMP_NUM_THREADS=1 $(VENV)/bin/python tests/fuzz/run.py --cases 20000
 

@@ -44,10 +44,59 @@ SLOW_FILES = (
     "training/test_own_data.py",
 )
 
+# Cases that only `make check` runs, by the beginning of their names: kills, full disks, clusters,
+# other processes, whole pages, and graphs and compilations of which `make test` has some.
+FULL = (
+    "analysis/test_embedding.py::test_embedding_follows_its_seed[2-umap]",
+    "analysis/test_embedding.py::test_umap_changes",
+    "commands/test_compare.py::test_all_models_run",
+    "commands/test_compare.py::test_stopped_run",
+    "commands/test_record_replay.py::test_signals_end",
+    "data/test_changed_settings.py::test_two_processes_at_once",
+    "data/test_fingerprint.py::test_description_in_another_run",
+    "experiments/test_plan_interrupted.py",
+    "experiments/test_worker.py",
+    "io/test_hdf5_damage.py::test_bits_flipped_all_over",
+    "io/test_lerobot_reader.py::test_data_that_unpack",
+    "loader/test_static_loader.py::test_loader_with_workers[spawn",
+    "nn/models/test_onnx.py",
+    "nn/models/test_posed_taxel_net.py::test_posed_taxel_net_compile",
+    "nn/models/test_taxel_net.py::test_taxel_net_compile",
+    "nn/models/test_temporal_taxel_net.py::test_temporal_taxel_net_compile",
+    "papers/test_grasp_report.py",
+    "robustness/",
+    "sim/test_grasp_properties.py",
+    "sim/test_simulate.py::test_finished_trials_are_kept",
+    "sim/test_simulate_bigs.py::test_killed_run_goes_on",
+    "sim/test_simulate_interrupted.py",
+    "sim/test_simulate_killed.py",
+    "sim/test_simulate_letters.py::test_killed_run",
+    "sim/test_simulate_letters.py::test_no_extra",
+    "sim/test_simulate_letters.py::test_processes_do_not_matter",
+    "test_cli.py",
+    "test_markdown.py::test_blocks_run[README",
+    "test_markdown.py::test_blocks_run[docs/analysis",
+    "test_markdown.py::test_blocks_run[docs/command_line",
+    "test_markdown.py::test_blocks_run[docs/live",
+    "test_markdown.py::test_blocks_run[docs/models",
+    "test_markdown.py::test_blocks_run[docs/predictor",
+    "test_markdown.py::test_blocks_run[docs/simulation",
+    "test_markdown.py::test_blocks_run[docs/your_own_data",
+    "test_pages.py::test_example_of_the_readme",
+    "test_parallel.py::test_closing_stops_the_work",
+    "test_parallel.py::test_running_dask_cluster_is_used",
+    "test_parallel.py::test_table_is_trained_by_dask",
+    "test_parallel.py::test_work_is_done_by_other_processes[dask]",
+    "test_typing.py",
+    "training/test_fit_windows.py::test_two_processes",
+    "training/test_own_data.py",
+    "training/test_poisoned",
+)
+
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """Runs slow tests first, so that processes side by side end together."""
+    """Marks cases, and runs slow ones first, so that processes side by side end together."""
     for item in items:
         path = item.path.as_posix()
         names = [name for name in SHARED_FIXTURES if name in getattr(item, "fixturenames", ())]
@@ -56,6 +105,8 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.xdist_group(names[0]))
         if path.endswith(SLOW_FILES):
             item.add_marker(pytest.mark.slow)
+        if item.nodeid.removeprefix("tests/").startswith(FULL):
+            item.add_marker(pytest.mark.full)
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
