@@ -6,8 +6,8 @@ their index, and we see one array. :obj:`foxglove.PointCloud` is the
 `schema of Foxglove <https://docs.foxglove.dev/docs/sdk/schemas/point-cloud>`_.
 """
 
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,17 +22,8 @@ POINTS = "foxglove.PointCloud"
 TOPICS = (FRAME, PREDICTION, HEALTH, EVENT, POINTS)
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
-_VARINT, _EIGHT, _TEXT, _FOUR = 0, 1, 2, 5
 _ARRAYS: dict[str, np.dtype] = {"double": np.dtype("<f8"), "float": np.dtype("<f4")}
-_WIRE = {
-    "double": _EIGHT,
-    "float": _FOUR,
-    "fixed32": _FOUR,
-    "int64": _VARINT,
-    "int32": _VARINT,
-    "uint32": _VARINT,
-}
-_MOST = 2**28  # bytes of a message
+_NUMBERS = ("double", "float", "fixed32", "int64", "int32", "uint32")
 
 
 class Field(NamedTuple):
@@ -110,14 +101,6 @@ MESSAGES: dict[str, dict[str, Field]] = {
         ("fields", "foxglove.PackedElementField*"),
         ("data", "bytes"),
     ),
-}
-# By their numbers, and the types of those that are repeated.
-_TABLES: dict[str, tuple[dict[int, tuple[str, Field]], dict[str, np.dtype | None]]] = {
-    message: (
-        {field.number: (name, field) for name, field in fields.items()},
-        {name: _ARRAYS.get(field.kind) for name, field in fields.items() if field.many},
-    )
-    for message, fields in MESSAGES.items()
 }
 _NUMERIC_TYPE = (
     *("UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"),
@@ -212,143 +195,71 @@ def _describe(pb: Any, message: Any, fields: Mapping[str, Field]) -> None:
             row.type = proto.Type.Value(f"TYPE_{field.kind.upper()}")
 
 
+@cache
+def _type_of(message: str) -> Any:
+    # The class that protobuf makes of the fields. As of proto2, which tells a zero from nothing and
+    # has the same bytes.
+    from google.protobuf import descriptor_pool, message_factory
+
+    pb, pool = _descriptors(), descriptor_pool.DescriptorPool()
+    for file in pb.FileDescriptorSet.FromString(schema_of(message)).file:
+        file.syntax = "proto2"
+        for field in (field for made in file.message_type for field in made.field):
+            if field.label == field.LABEL_REPEATED and _kind(pb, field) in _NUMBERS:
+                field.options.packed = True
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(message))
+
+
 def encode(message: str, values: Mapping[str, Any]) -> bytes:
     r"""Returns a message in protobuf's format."""
-    out = bytearray()
+    return bytes(_type_of(message)(**_given(message, values)).SerializeToString())
+
+
+def _given(message: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    out: dict[str, Any] = {}
     for name, field in MESSAGES[message].items():
         value = values.get(name)
         if value is None:
             continue
-        if not field.many:
-            _put(out, field, value)
-        elif field.kind in _ARRAYS:
-            data = np.asarray(value).astype(_ARRAYS[field.kind], copy=False).tobytes()
-            _put_bytes(out, field.number, data)
-        elif field.kind in _WIRE:
-            packed = b"".join(_varint(int(item)) for item in value)
-            _put_bytes(out, field.number, packed)
+        convert = _convert(field.kind)
+        if field.many and field.kind in _ARRAYS:
+            out[name] = np.asarray(value, _ARRAYS[field.kind]).ravel().tolist()
         else:
-            for item in value:
-                _put(out, field, item)
-    return bytes(out)
+            out[name] = [convert(item) for item in value] if field.many else convert(value)
+    return out
 
 
-def _put(out: bytearray, field: Field, value: Any) -> None:
-    if field.kind in MESSAGES:
-        _put_bytes(out, field.number, encode(field.kind, value))
-    elif field.kind == "string":
-        _put_bytes(out, field.number, str(value).encode("utf-8", "replace"))
-    elif field.kind == "bytes":
-        _put_bytes(out, field.number, value)
-    else:
-        wire = _WIRE.get(field.kind, _VARINT)
-        out += _varint(field.number << 3 | wire)
-        if wire == _VARINT:
-            out += _varint(int(value))
-        else:
-            form = {"double": "<d", "float": "<f", "fixed32": "<I"}[field.kind]
-            out += struct.pack(form, value)
-
-
-def _put_bytes(out: bytearray, number: int, data: bytes) -> None:
-    out += _varint(number << 3 | _TEXT)
-    out += _varint(len(data))
-    out += data
-
-
-def _varint(value: int) -> bytes:
-    if value < 0:
-        value += 1 << 64
-    out = bytearray()
-    while value > 0x7F:
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    out.append(value)
-    return bytes(out)
+def _convert(kind: str) -> Callable[[Any], Any]:
+    if kind in MESSAGES:
+        return partial(_given, kind)
+    if kind == "string":
+        return lambda value: str(value).encode("utf-8", "replace").decode()
+    return {"bytes": bytes, "double": float, "float": float}.get(kind, int)
 
 
 def decode(message: str, data: bytes | memoryview) -> dict[str, Any]:
-    r"""Reads a message: texts, numbers, dictionaries, and arrays of floating-point numbers, which
-    share the memory of :obj:`data`. Fields that are not known are passed over.
+    r"""Reads a message: texts, numbers, dictionaries, and arrays of floating-point numbers. Fields
+    that are not known are passed over.
     """
-    known, repeated = _TABLES[message]
-    out: dict[str, Any] = {name: [] for name in repeated}
-    for number, wire, value in _items(memoryview(data)):
-        if number not in known:
+    try:
+        return _plain(message, _type_of(message).FromString(bytes(data)))
+    except ValueError:  # a text that is no UTF-8
+        raise
+    except Exception as error:  # DecodeError, whose module depends on the version
+        raise ValueError(f"a message must be a {message} of protobuf ({error})") from error
+
+
+def _plain(message: str, parsed: Any) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for name, field in MESSAGES[message].items():
+        if not field.many and not parsed.HasField(name):
             continue
-        name, field = known[number]
-        if not field.many:
-            out[name] = _single(name, field, wire, value)
-        elif wire == _TEXT and field.kind in _ARRAYS:
-            form = _ARRAYS[field.kind]
-            if len(value) % form.itemsize:
-                raise ValueError(f"'{name}' must hold numbers of {form.itemsize} bytes")
-            out[name].append(np.frombuffer(value, form))
-        elif wire == _TEXT and field.kind in _WIRE:
-            out[name] += _numbers(value)
-        else:
-            single = _single(name, field, wire, value)
-            is_number = field.kind in _ARRAYS
-            out[name].append(np.array([single], _ARRAYS[field.kind]) if is_number else single)
-    for name, dtype in repeated.items():
-        if dtype is not None:
-            parts = out[name]
-            out[name] = (
-                parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, dtype), *parts])
-            )
+        value = getattr(parsed, name)
+        if field.kind in MESSAGES:
+            inner = partial(_plain, field.kind)
+            value = [inner(item) for item in value] if field.many else inner(value)
+        elif field.many:
+            value = np.array(value, _ARRAYS[field.kind]) if field.kind in _ARRAYS else list(value)
+        out[name] = value
     return out
-
-
-def _single(name: str, field: Field, wire: int, value: Any) -> Any:
-    expected = _WIRE.get(field.kind, _VARINT if field.kind == "foxglove.NumericType" else _TEXT)
-    if wire != expected:
-        raise ValueError(f"'{name}' must be {field.kind} (got wire type {wire})")
-    if field.kind in MESSAGES:
-        return decode(field.kind, value)
-    if field.kind == "string":
-        return str(value, "utf-8")
-    if wire == _VARINT:
-        return value - (1 << 64) if field.kind[0] == "i" and value >> 63 else value
-    if wire == _TEXT:
-        return value
-    return struct.unpack({"double": "<d", "float": "<f", "fixed32": "<I"}[field.kind], value)[0]
-
-
-def _items(data: memoryview) -> Iterator[tuple[int, int, Any]]:
-    place = 0
-    while place < len(data):
-        tag, place = _read_varint(data, place)
-        wire = tag & 7
-        if wire == _VARINT:
-            value, place = _read_varint(data, place)
-            yield tag >> 3, wire, value
-            continue
-        size = {_EIGHT: 8, _FOUR: 4}.get(wire)
-        if wire == _TEXT:
-            size, place = _read_varint(data, place)
-        if size is None or size > min(len(data) - place, _MOST):
-            raise ValueError(f"a field must end inside of its message (got {len(data)} bytes)")
-        yield tag >> 3, wire, data[place : place + size]
-        place += size
-
-
-def _numbers(data: memoryview) -> list[int]:
-    out, place = [], 0
-    while place < len(data):
-        value, place = _read_varint(data, place)
-        out.append(value)
-    return out
-
-
-def _read_varint(data: memoryview, place: int) -> tuple[int, int]:
-    if place < len(data) and data[place] < 0x80:
-        return data[place], place + 1
-    value = shift = 0
-    while place < len(data) and shift < 64:
-        byte = data[place]
-        value |= (byte & 0x7F) << shift
-        place += 1
-        if byte < 0x80:
-            return value & (1 << 64) - 1, place
-        shift += 7
-    raise ValueError("a number must end inside of its message (got none)")

@@ -17,22 +17,8 @@ except ImportError:  # the extra `live` has it; without it messages take twice a
 #: Reads JSON, as fast as it can be.
 fast_json: Callable[[bytes], Any] = json.loads if _orjson is None else _orjson.loads
 
-_MOST_FLOATS = 4096
-
-
-class _Floats(dict[str, float]):
-    """Floats by their texts. Temperatures and rates come again and again: a look-up takes half
-    as long as reading one."""
-
-    def __missing__(self, text: str) -> float:
-        if len(self) >= _MOST_FLOATS:
-            self.clear()
-        value = self[text] = float(text)
-        return value
-
-
 # Some servers send line breaks inside of texts, which strict JSON forbids.
-_JSON = json.JSONDecoder(strict=False, parse_float=_Floats().__getitem__)
+_JSON = json.JSONDecoder(strict=False)
 
 
 def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None:
