@@ -35,7 +35,6 @@ from .xela_live import parse_xela_text
 from .xela_log_csv import read_xela_log_csv
 from .xela_message import XelaFrame, format_xela_message, parse_xela_message
 from .xela_messages import read_xela_messages, write_xela_messages
-from .xela_reader import XelaReader
 
 __all__ = [
     "PROTOCOLS",
@@ -55,7 +54,6 @@ __all__ = [
     "RobotiqDecoder",
     "TextRowsDecoder",
     "XelaFrame",
-    "XelaReader",
     "add_to_lerobot",
     "append_hdf5",
     "decoder_of",

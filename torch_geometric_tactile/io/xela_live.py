@@ -1,10 +1,7 @@
 r"""The text of a single message of XELA's server, as fast as a live hand sends them."""
 
 import json
-from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from torch_geometric_tactile.io.xela_message import XelaFrame, few, parse_xela_message, sensor_keys
 
@@ -13,9 +10,6 @@ try:
     import orjson as _orjson
 except ImportError:  # the extra `live` has it; without it messages take twice as long
     _orjson = None
-
-#: Reads JSON, as fast as it can be.
-fast_json: Callable[[bytes], Any] = json.loads if _orjson is None else _orjson.loads
 
 # Some servers send line breaks inside of texts, which strict JSON forbids.
 _JSON = json.JSONDecoder(strict=False)
@@ -44,28 +38,17 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
         ([[1.0, 2.0, 255.0]], [25.5])
     """
     if _orjson is not None:
-        try:
-            return _read(_orjson.loads(text), forces)
-        except ValueError:  # also what only Python's reader takes, who tells what is wrong
-            pass
+        given = text.encode("utf-8", "replace") if isinstance(text, str) else text
+        for content in (given, given.replace(b",\n", b",")):
+            try:
+                return _read(_orjson.loads(content), forces)
+            except ValueError:  # also what only Python's reader takes, who tells what is wrong
+                continue
     try:
         message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
         raise ValueError(f"a XELA message must be JSON (got {few(text)}: {error})") from error
     return _read(message, forces)
-
-
-def integers_as_text(counts: np.ndarray) -> bytes:
-    r"""Returns counts as JSON writes them, with commas between them.
-
-    Shapes:
-        - **counts:** Whole numbers from 0 to 65535, of any type :math:`(K,)`.
-    """
-    if _orjson is None:
-        return b",".join([b"%d" % count for count in counts.tolist()])
-    counts = counts.astype(np.uint16)
-    text: bytes = _orjson.dumps(counts, option=_orjson.OPT_SERIALIZE_NUMPY)
-    return text[1:-1]
 
 
 def _read(message: Any, forces: bool) -> XelaFrame | None:

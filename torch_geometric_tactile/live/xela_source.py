@@ -3,8 +3,8 @@ r"""Frames from XELA's server."""
 import time
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.io.xela_live import parse_xela_text
 from torch_geometric_tactile.io.xela_message import XelaFrame
-from torch_geometric_tactile.io.xela_reader import XelaReader
 from torch_geometric_tactile.live._web_socket import WebSocket
 from torch_geometric_tactile.live.source import Source
 
@@ -43,7 +43,6 @@ class XelaSource(Source):
             raise ValueError(f"'url' must begin with ws:// or wss:// (got {url!r})")
         super().__init__(url, {"unit": "newton" if forces else "count"})
         self.forces = forces
-        self._reader = XelaReader(forces)
         self._socket = WebSocket(url)
         self._is_open = False
         self._waiting: list[LiveFrame] = []
@@ -104,7 +103,7 @@ class XelaSource(Source):
 
     def _frame(self, text: bytes, received: int) -> LiveFrame | None:
         try:
-            frame = self._reader.read(text)
+            frame = parse_xela_text(text, self.forces)
         except ValueError as error:
             self.counts.corrupt += 1
             self.counts.refuse(str(error))
