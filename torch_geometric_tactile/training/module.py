@@ -11,6 +11,7 @@ from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
 from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile.training._checkpointed_module import CheckpointedModule
 from torch_geometric_tactile.training._checks import (
     EDGE_SOURCE,
     check_data,
@@ -18,7 +19,6 @@ from torch_geometric_tactile.training._checks import (
     num_outputs,
     train_weights,
 )
-from torch_geometric_tactile.training._deciding_module import DecidingModule
 from torch_geometric_tactile.training._finite import BatchCheck
 from torch_geometric_tactile.training._losses import (
     ClassWeights,
@@ -52,7 +52,7 @@ _SOURCES = {
 }
 
 
-class TactileModule(DecidingModule):
+class TactileModule(CheckpointedModule):
     r"""Trains a model for classification (one class or several labels per sample) or regression,
     and computes its metrics.
 
