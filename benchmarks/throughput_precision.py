@@ -20,8 +20,8 @@ from torch_geometric_tactile.experiments._run import fit_classifier
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileGCN
 from torch_geometric_tactile.training import TactileDataModule, classification_metrics
+from torch_geometric_tactile.training._config_files import expand_template
 from torch_geometric_tactile.training._predictions import collect_predictions
-from torch_geometric_tactile.training.config import expand_template
 from torch_geometric_tactile.transforms import ZScore
 
 WAYS = {

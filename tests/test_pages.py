@@ -131,7 +131,8 @@ def test_command_line_lists_every_verb_with_its_help():
 def test_command_line_lists_every_shipped_configuration():
     pytest.importorskip("yaml", reason="needs the extra 'train'")
     pytest.importorskip("lightning", reason="needs the extra 'train'")
-    from torch_geometric_tactile.training.config import TEMPLATES, config_names
+    from torch_geometric_tactile.training._config_files import TEMPLATES
+    from torch_geometric_tactile.training.config import config_names
 
     text = page("command_line.md")
     assert not [name for name in (*config_names(), *TEMPLATES) if f"`{name}" not in text]

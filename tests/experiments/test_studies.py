@@ -12,9 +12,10 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 from torch_geometric_tactile.data import Protocol, StaticData
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments._run_studies import build_studies
 from torch_geometric_tactile.experiments.plan import make_plan
 from torch_geometric_tactile.experiments.source import DataSource
-from torch_geometric_tactile.experiments.studies import Trained, build_studies
+from torch_geometric_tactile.experiments.studies import Trained
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 from torch_geometric_tactile.papers.frame_studies import DeadRows, FrameTime
 from torch_geometric_tactile.sensors import grid

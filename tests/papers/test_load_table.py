@@ -12,7 +12,8 @@ from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table, table_names
 from torch_geometric_tactile.papers._numbers import table_numbers
-from torch_geometric_tactile.training.config import expand_template, find_config
+from torch_geometric_tactile.training._config_files import expand_template
+from torch_geometric_tactile.training.config import find_config
 
 
 def published(name, key="accuracy"):

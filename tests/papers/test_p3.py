@@ -9,7 +9,8 @@ from torch_geometric_tactile.nn.models import GraspGCN, GraspLSTM, TemporalTaxel
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.sensors import biotac
 from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
-from torch_geometric_tactile.training.config import expand_template, load_config
+from torch_geometric_tactile.training._config_files import expand_template
+from torch_geometric_tactile.training.config import load_config
 
 OURS = {"temporal", "temporal_weights", "temporal_threshold"}
 

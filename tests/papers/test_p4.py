@@ -19,7 +19,8 @@ from torch_geometric_tactile.nn.models import MSCNN, TactileFNN, TaxelNet
 from torch_geometric_tactile.papers import load_table
 from torch_geometric_tactile.sensors import allegro_uskin_240
 from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
-from torch_geometric_tactile.training.config import expand_template, load_config
+from torch_geometric_tactile.training._config_files import expand_template
+from torch_geometric_tactile.training.config import load_config
 
 PATTERNS = ["I", "II", "III", "IV", "V", "VI", "VII"]
 ONE, THREE, SHARED = "1-D", "3-D, different filters", "3-D, shared filters"

@@ -20,6 +20,7 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile import Predictor, nn
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, Trials, Windows
+from torch_geometric_tactile.data.apply_transform import flat
 from torch_geometric_tactile.experiments._compared_models import MODELS as COMPARED
 from torch_geometric_tactile.nn.models import (
     BMFCNN,
@@ -288,7 +289,7 @@ def fitted(data, model, parts, **more):
 
 def test_every_transform_and_model_is_in_a_pair():
     made = [pair() for pair in PAIRS.values()]
-    parts = [part for _, _, parts in made for part in classes.flat(Compose(parts))]
+    parts = [part for _, _, parts in made for part in flat(Compose(parts))]
     names = {type(part).__name__ for part in parts} | {"Compose"} | set(REFUSED)
     known = set(classes.transform_classes()) - {"FittedTransform"}
     assert known - names == set()

@@ -23,8 +23,8 @@ from torch_geometric_tactile.nn.models import (
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import MissingOwnError, classes
+from torch_geometric_tactile.predictor._builder import Builder
 from torch_geometric_tactile.predictor._describer import Describer
-from torch_geometric_tactile.predictor.builder import Builder
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
 
 HAND = HandKinematics(

@@ -13,8 +13,9 @@ from hostile_settings import small_checkpoint
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.training import TactileModule, config
-from torch_geometric_tactile.training.config import load_config, read_yaml
+from torch_geometric_tactile.training import TactileModule, _config_files
+from torch_geometric_tactile.training._config_files import read_yaml
+from torch_geometric_tactile.training.config import load_config
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join(['*' + chr(97 + i)] * 10)}]\n" for i in range(9)
@@ -202,15 +203,15 @@ def test_damaged_checkpoint_on_the_command_line(tmp_path, monkeypatch, capsys):
 
 def test_limits_of_a_yaml_file(tmp_path, monkeypatch):
     path = tmp_path / "a.yaml"
-    monkeypatch.setattr(config, "_MAX_VALUES", 6)
-    monkeypatch.setattr(config, "_MAX_DEPTH", 2)
+    monkeypatch.setattr(_config_files, "_MAX_VALUES", 6)
+    monkeypatch.setattr(_config_files, "_MAX_DEPTH", 2)
     path.write_text("a: [1, 2]\nb: 3\n")  # the mapping, the list and three numbers
-    assert config.read_yaml(path) == {"a": [1, 2], "b": 3}
+    assert read_yaml(path) == {"a": [1, 2], "b": 3}
     path.write_text("a: [1, 2]\nb: 3\nc: 4\n")
-    assert config.read_yaml(path) == {"a": [1, 2], "b": 3, "c": 4}
+    assert read_yaml(path) == {"a": [1, 2], "b": 3, "c": 4}
     path.write_text("a: [1, 2]\nb: 3\nc: 4\nd: 5\n")
     with pytest.raises(ValueError, match="more than 6 values, or nested 2 deep"):
-        config.read_yaml(path)
+        read_yaml(path)
     path.write_text("a: [[1]]\n")
     with pytest.raises(ValueError, match="more than 6 values, or nested 2 deep"):
-        config.read_yaml(path)
+        read_yaml(path)

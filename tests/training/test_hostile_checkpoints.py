@@ -22,12 +22,8 @@ from torch_geometric_tactile.nn.models import GraspGCN, TactileFNN
 from torch_geometric_tactile.reports import _run_data as run_data
 from torch_geometric_tactile.reports._run_data import load_data
 from torch_geometric_tactile.training import AtomicCheckpointIO, TactileDataModule, TactileModule
-from torch_geometric_tactile.training.config import (
-    TEMPLATES,
-    config_names,
-    expand_template,
-    load_config,
-)
+from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template
+from torch_geometric_tactile.training.config import config_names, load_config
 
 CONFIG = fake_config("GraspGCN", 40, test=0.25, split="frame")
 

@@ -7,11 +7,8 @@ from sklearn.metrics import f1_score, roc_auc_score
 
 pytest.importorskip("torchmetrics", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.training.metrics import (
-    classification_metrics,
-    make_metrics,
-    read_metrics,
-)
+from torch_geometric_tactile.training._collected_metrics import make_metrics, read_metrics
+from torch_geometric_tactile.training.metrics import classification_metrics
 
 
 def draw(task, num_samples=200, num_classes=5, seed=0):

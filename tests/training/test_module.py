@@ -18,7 +18,7 @@ from torch_geometric_tactile.training import (
     TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training.metrics import read_metrics
+from torch_geometric_tactile.training._collected_metrics import read_metrics
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, ZScore
 
 CONFIG = {

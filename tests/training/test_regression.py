@@ -12,7 +12,7 @@ from sklearn.metrics import mean_absolute_error, r2_score, root_mean_squared_err
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._predictions import write_samples
 from torch_geometric_tactile.training import TactileDataModule, TactileModule, regression_metrics
-from torch_geometric_tactile.training.metrics import make_metrics, read_metrics
+from torch_geometric_tactile.training._collected_metrics import make_metrics, read_metrics
 
 
 def trainer(tmp_path, **kwargs):

@@ -20,7 +20,7 @@ from torch_geometric_tactile.training import (
     classifier_from_config,
     fill_sizes,
 )
-from torch_geometric_tactile.training.sizes import layout_from_text, layout_to_text
+from torch_geometric_tactile.training._layout_text import layout_from_text, layout_to_text
 from torch_geometric_tactile.transforms import GeometricEdgeAttr, KNNGraph, ZScore
 
 

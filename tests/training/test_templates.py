@@ -12,14 +12,8 @@ import yaml
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.training import DataSizes, classifier_from_config, fill_sizes
-from torch_geometric_tactile.training.config import (
-    TEMPLATES,
-    config_names,
-    expand_template,
-    find_config,
-    load_config,
-    merged,
-)
+from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template, merged
+from torch_geometric_tactile.training.config import config_names, find_config, load_config
 
 HANDS = [template for template in TEMPLATES if template.startswith(("p1", "p2"))]
 NAMES = [(template, name) for template in HANDS for name in expand_template(template)]

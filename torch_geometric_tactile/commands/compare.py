@@ -296,8 +296,8 @@ def _quick_first(plan: "Plan", arguments: argparse.Namespace) -> "Plan":
 
 def _tell_row(plan: "Plan", experiment: "Experiment", arguments: argparse.Namespace) -> None:
     # The score of a model, as soon as it has been tested on every split.
+    from torch_geometric_tactile.experiments._advice_texts import NAMES, shown_number
     from torch_geometric_tactile.experiments._run_store import RunStore
-    from torch_geometric_tactile.experiments.advice import NAMES, shown_number
     from torch_geometric_tactile.experiments.comparison import summarize
     from torch_geometric_tactile.experiments.run_plan import PlanRun
 

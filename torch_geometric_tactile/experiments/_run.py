@@ -27,12 +27,14 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._fitting import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.experiments._held_out import choice_parts, column_of
 from torch_geometric_tactile.experiments._memory import PeakMemory
+from torch_geometric_tactile.experiments._run_studies import build_studies, run_studies
 from torch_geometric_tactile.experiments.judgement import Judgement
-from torch_geometric_tactile.experiments.studies import Study, Trained, build_studies, run_studies
+from torch_geometric_tactile.experiments.studies import Study, Trained
+from torch_geometric_tactile.training._collected_metrics import predicted_classes
 from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.training._threshold import choose_threshold
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import classification_metrics, predicted_classes
+from torch_geometric_tactile.training.metrics import classification_metrics
 
 
 def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -> dict[str, Any]:

@@ -3,35 +3,15 @@ r"""What a comparison says in one sentence, and as plain data."""
 import math
 from typing import Any
 
+from torch_geometric_tactile.experiments._advice_texts import _PERCENT, NAMES, shown_number
 from torch_geometric_tactile.experiments._compared_models import FLOOR
+from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult, Summary
-from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, Difference
+from torch_geometric_tactile.experiments.differences import Difference
 
-VERSION = 2
-NAMES = {
-    "accuracy": "accuracy",
-    "balanced_accuracy": "balanced accuracy",
-    "f1": "macro F1",
-    "mae": "MAE",
-    "rmse": "RMSE",
-    "r2": "R2",
-}
+_VERSION = 2
 _LEVEL = "level with it"
 _MORE = " More test samples would tell."
-_PERCENT = ("accuracy", "balanced_accuracy", "f1")
-
-
-def shown_number(metric: str, value: float) -> str:
-    r"""Returns a score as text, in percent where that is usual.
-
-    Examples:
-        >>> shown_number("accuracy", 0.918), shown_number("mae", 0.00435)
-        ('91.8', '0.00435')
-    """
-    if math.isnan(value):
-        return "?"
-    text = f"{100 * value:.1f}" if metric in _PERCENT else f"{value:.3g}"
-    return text.removeprefix("-") if not float(text) else text  # not "-0.0"
 
 
 def advice(comparison: Comparison) -> str:
@@ -147,7 +127,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
     (protocol,) = plan.protocols
     return {
         "format": "tactile comparison",
-        "version": VERSION,
+        "version": _VERSION,
         "data": {
             "class_path": plan.data.class_path,
             "caption": plan.data.caption,

@@ -93,10 +93,10 @@ def of_frames(
     if not isinstance(found, type) or not issubclass(found, FrameView):
         return source, None if tare is None else dict(tare), selection
     source = source.with_arguments(selection or {})
-    return source if tare is None else without_rest(source, tare), None, None
+    return source if tare is None else _without_rest(source, tare), None, None
 
 
-def without_rest(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
+def _without_rest(source: DataSource, tare: Mapping[str, Any]) -> DataSource:
     r"""Returns the windows of a source with the rest reading of each trial subtracted from its
     frames, before windows are cut.
     """

@@ -18,17 +18,18 @@ from torch_geometric_tactile.experiments._compared_models import (
 )
 from torch_geometric_tactile.experiments._compared_task import Task
 from torch_geometric_tactile.experiments._held_out import balanced_protocol, check_units
+from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
 from torch_geometric_tactile.experiments.compared_data import predicts_numbers, said_before
 from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
-from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, Difference, run_difference
+from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
-CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
-NUMBER_METRICS = ("mae", "rmse", "r2")
-UNITS = ("trial", "group", "frame", "given")
+_CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
+_NUMBER_METRICS = ("mae", "rmse", "r2")
+_UNITS = ("trial", "group", "frame", "given")
 _CHOOSE_ON = 0.8  # of the training part
 _logger = logging.getLogger(__name__)
 
@@ -75,8 +76,8 @@ class ComparisonSettings:
     def __post_init__(self) -> None:
         if self.models is not None:
             check_names(self.models)
-        if self.by not in (None, *UNITS):
-            raise ValueError(f"'by' must be one of {list(UNITS)} (got '{self.by}')")
+        if self.by not in (None, *_UNITS):
+            raise ValueError(f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
             raise ValueError(
                 f"'metric' must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')"
@@ -145,7 +146,7 @@ class Comparison:
     @property
     def metrics(self) -> tuple[str, ...]:
         r"""The names of the scores."""
-        return NUMBER_METRICS if self.metric == "mae" else CLASS_METRICS
+        return _NUMBER_METRICS if self.metric == "mae" else _CLASS_METRICS
 
     @property
     def unit(self) -> str:
@@ -326,7 +327,7 @@ def summarize(run: PlanRun) -> Comparison:
     means = {name: sign * _summary(results, metric).mean for name, results in whole.items()}
     plain = [name for name in means if not model_of(name).is_graph]
     best_plain = max(plain, key=lambda name: (means[name], name != FLOOR), default=None)
-    metrics = NUMBER_METRICS if metric == "mae" else CLASS_METRICS
+    metrics = _NUMBER_METRICS if metric == "mae" else _CLASS_METRICS
     results = tuple(
         ModelResult(
             model=model_of(name),

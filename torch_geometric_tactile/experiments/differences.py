@@ -8,16 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import t
 
+from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
 from torch_geometric_tactile.experiments._scores import sample_scores
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
-
-LEAST_PAIRS = 3
-RULE = (
-    "A difference is beyond the noise if it is larger than both standard errors times Student's t "
-    "(two-sided, 5 %); the error over the splits is corrected for training sets that overlap "
-    f"(Nadeau and Bengio, 2003). There is no verdict on fewer than {LEAST_PAIRS} splits."
-)
 
 
 class Difference(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from sklearn.metrics import roc_auc_score
 
-from torch_geometric_tactile.training.metrics import macro_f1, positive_scores
+from torch_geometric_tactile.training._collected_metrics import macro_f1, positive_scores
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from torch_geometric_tactile.experiments.tables import (
     cell_config,
 )
 
-ACCELERATORS = ("cpu", "gpu")
+_ACCELERATORS = ("cpu", "gpu")
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Settings:
             number = getattr(self, name)
             if number is not None and number < least:
                 raise ValueError(f"'{name}' must be at least {least} (got {number})")
-        if self.accelerator not in ACCELERATORS:
+        if self.accelerator not in _ACCELERATORS:
             raise ValueError(
-                f"'accelerator' must be one of {list(ACCELERATORS)} (got '{self.accelerator}')"
+                f"'accelerator' must be one of {list(_ACCELERATORS)} (got '{self.accelerator}')"
             )
 
 

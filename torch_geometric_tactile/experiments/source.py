@@ -60,7 +60,7 @@ class DataSource:
         if not isinstance(dataset, StaticDataset):
             raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
         facts = DataFacts.of(dataset, used)
-        synthetic = getattr(innermost(dataset), "synthetic", None)
+        synthetic = getattr(_innermost(dataset), "synthetic", None)
         kind = self.kind or {None: "ours", True: "simulated", False: "measured"}[synthetic]
         caption = self.caption or _caption(dataset, kind, facts)
         code = _fingerprint(dataset)
@@ -170,7 +170,7 @@ def _without_places(arguments: Mapping[str, Any]) -> dict[str, Any]:
     return left
 
 
-def innermost(dataset: StaticDataset) -> StaticDataset:
+def _innermost(dataset: StaticDataset) -> StaticDataset:
     r"""Returns the data set that a view shows, or that this one shows, and so on; the data set
     itself if it is no view.
     """
@@ -196,7 +196,7 @@ def _caption(dataset: StaticDataset, kind: str, facts: DataFacts) -> str:
     held = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
     if kind != "simulated":
         return f"Recordings of your own: {held}."
-    root = Path(innermost(dataset).root)
+    root = Path(_innermost(dataset).root)
     found = [path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()]
     if not found:
         return f"**Simulated**, not a result of a real sensor: {held}."
@@ -232,7 +232,7 @@ def _made(simulation: Mapping[str, Any]) -> str:
 
 
 def _fingerprint(dataset: StaticDataset) -> str:
-    dataset = innermost(dataset)
+    dataset = _innermost(dataset)
     code = hashlib.sha256()
     files = _files(dataset)
     for file in files:

@@ -13,13 +13,9 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._choice import Choice
 from torch_geometric_tactile.experiments._draws import Draws
 from torch_geometric_tactile.experiments.source import DataSource
+from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template, read_yaml
 from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
-from torch_geometric_tactile.training.config import (
-    TEMPLATES,
-    expand_template,
-    load_config,
-    read_yaml,
-)
+from torch_geometric_tactile.training.config import load_config
 
 _SHOWS = ("accuracy", "memory")
 _PUBLISHED = ("accuracy", "spread", "variance", "f1", "auc", "memory", "milliseconds")

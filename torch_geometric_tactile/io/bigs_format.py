@@ -10,8 +10,8 @@ from torch_geometric_tactile.io._array_order import StoredArray, parsed_order
 
 NUM_ELECTRODES = 19
 FINGERS = ("left", "middle", "right")
-RATE = 100.0  # frames per second
-RATES = {"pac": 2200.0, "robot_joint": 300.0, "finger_joint": 300.0}
+_RATE = 100.0  # frames per second
+_RATES = {"pac": 2200.0, "robot_joint": 300.0, "finger_joint": 300.0}
 #: The arrays and, in their neutral order, their axes.
 ARRAYS: Mapping[str, tuple[str, ...]] = {
     "electrodes": ("frame", "electrode", "finger"),
@@ -81,7 +81,7 @@ class BiGSFormat:
     fields: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, Any] = field(default_factory=dict)
     pattern: str = _PATTERN
-    rate: float = RATE
+    rate: float = _RATE
     rates: Mapping[str, float] = field(default_factory=dict)
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     angle_unit: Literal["rad", "deg"] = "rad"
@@ -94,7 +94,7 @@ class BiGSFormat:
         for name, given, known in (
             ("fields", self.fields, (*ARRAYS, *VALUES)),
             ("values", self.values, VALUES),
-            ("rates", self.rates, RATES),
+            ("rates", self.rates, _RATES),
         ):
             if not isinstance(given, Mapping):
                 raise ValueError(f"'{name}' must be a mapping (got {type(given).__name__})")
@@ -144,7 +144,7 @@ class BiGSFormat:
         for key, rate in (("rate", self.rate), *self.rates.items()):
             if not _is_number(rate) or not 0 < rate < 1e6:
                 raise ValueError(f"'{key}' must be a rate above 0, per second (got {rate!r})")
-        for key in RATES:
+        for key in _RATES:
             steps = self.rate_of(key) / self.rate
             if key in self.rates and (round(steps) < 1 or abs(steps - round(steps)) > 1e-6):
                 raise ValueError(
@@ -179,7 +179,7 @@ class BiGSFormat:
         Args:
             key (str): Our name of the array.
         """
-        return float(self.rates.get(key, RATES.get(key, self.rate)))
+        return float(self.rates.get(key, _RATES.get(key, self.rate)))
 
     def steps(self, key: str) -> int:
         r"""Returns how many values an array has a frame.

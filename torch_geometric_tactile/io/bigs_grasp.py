@@ -12,7 +12,7 @@ from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._bigs_fields import BiGSFields
 from torch_geometric_tactile.io.bigs_format import BiGSFormat
 
-OUTCOMES = ("failure", "success")
+_OUTCOMES = ("failure", "success")
 _FULL_TURN = 2 * math.pi * (1 + 1e-6)
 _MOST_APART = 0.1  # of a rate that is stated and that of the times
 _EXTRA = ("pressure", "pac", "robot_joint", "finger_joint")
@@ -81,7 +81,7 @@ class _Grasp(BiGSFields):
             return Recording(
                 time=time,
                 tactile=tactile,
-                label=OUTCOMES[self.success()],
+                label=_OUTCOMES[self.success()],
                 meta=meta,
                 privileged=privileged,
                 extra=extra,

@@ -10,17 +10,17 @@ from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_table import is_number
 
-ICUB_FINGERS = ("thumb", "index", "middle", "ring", "little")
-NUM_ENCODERS = 9
-NUM_TAXELS = 12
+_ICUB_FINGERS = ("thumb", "index", "middle", "ring", "little")
+_NUM_ENCODERS = 9
+_NUM_TAXELS = 12
 _HEAD = -10000.0
 _FULL = 255.0
 _APART = 6.0  # counts that a maximum is from its readings, at most, in the published files
 _MOST_CHARACTERS = 1000  # of a line; the published ones have 76 at most
 _LINES = (
-    ("encoders", NUM_ENCODERS),
-    ("maxima", len(ICUB_FINGERS)),
-    *((f"taxels of the {finger} finger", NUM_TAXELS) for finger in ICUB_FINGERS),
+    ("encoders", _NUM_ENCODERS),
+    ("maxima", len(_ICUB_FINGERS)),
+    *((f"taxels of the {finger} finger", _NUM_TAXELS) for finger in _ICUB_FINGERS),
 )
 
 

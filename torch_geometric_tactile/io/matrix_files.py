@@ -19,7 +19,7 @@ _READERS: dict[str, Callable[..., np.ndarray]] = {
 }
 _ROW_SUFFIXES = (".npy",)
 #: The suffixes of files of matrices.
-MATRIX_SUFFIXES = tuple(sorted(_READERS))
+_MATRIX_SUFFIXES = tuple(sorted(_READERS))
 
 
 def read_matrices(
@@ -50,7 +50,7 @@ def read_matrices(
         (5, 32, 32)
     """
     suffix = Path(path).suffix.lower()
-    known = MATRIX_SUFFIXES if len(size) == 2 else _ROW_SUFFIXES
+    known = _MATRIX_SUFFIXES if len(size) == 2 else _ROW_SUFFIXES
     if suffix not in known:
         raise ValueError(f"'{path}' must have one of the suffixes {', '.join(known)}")
     if suffix == ".mat":

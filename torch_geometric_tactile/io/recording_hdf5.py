@@ -59,7 +59,7 @@ from torch_geometric_tactile.io._recording_schema import (
     recording_to_texts,
 )
 
-VERSION = 2
+_VERSION = 2
 _READABLE = (1, 2)
 _CHECKSUMS_PER_CHUNK = 1024
 
@@ -205,7 +205,7 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
             file[name].resize(end, axis=0)
             file[name][start:end] = array
         file.attrs.modify("num_frames", np.int64(end))
-        checksum = head_checksum(VERSION, end, content.texts, datasets)
+        checksum = head_checksum(_VERSION, end, content.texts, datasets)
         file.attrs.modify("checksum", checksum)
 
 
@@ -228,11 +228,11 @@ def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -
         file.create_dataset(FRAMES, data=sums, maxshape=(None,), chunks=(_CHECKSUMS_PER_CHUNK,))
         texts = recording_to_texts(recording)
         file.attrs["format"] = _fixed(FORMAT)
-        file.attrs["version"] = np.int64(VERSION)
+        file.attrs["version"] = np.int64(_VERSION)
         file.attrs["num_frames"] = np.int64(recording.num_frames)
         for name, text in texts.items():
             file.attrs[name] = _fixed(text)
-        file.attrs["checksum"] = head_checksum(VERSION, recording.num_frames, texts, datasets)
+        file.attrs["checksum"] = head_checksum(_VERSION, recording.num_frames, texts, datasets)
     with atomic_path(path) as temporary:
         temporary.write_bytes(image.getbuffer())
         if new:

@@ -38,7 +38,7 @@ from torch_geometric_tactile.io._mcap_schemas import (
 
 METADATA_NAME = "torch_geometric_tactile"
 VERSION = 1
-FLUSH_SECONDS = 0.25
+_FLUSH_SECONDS = 0.25
 _NANO = 1_000_000_000
 _CHUNK = 2**20
 _LATEST = 2**62 / _NANO  # seconds whose nanoseconds fit a file, the year 2116
@@ -91,7 +91,7 @@ class McapWriter:
         layout: str | None = None,
         label: str | int | None = None,
         overwrite: bool = False,
-        flush_seconds: float | None = FLUSH_SECONDS,
+        flush_seconds: float | None = _FLUSH_SECONDS,
         live: bool = True,
     ) -> None:
         library = require_mcap()

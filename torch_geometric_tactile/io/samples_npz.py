@@ -10,7 +10,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 
 #: The arrays of a file, and the names by which each is found.
-SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
+_SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
     "x": ("x", "X", "data", "readings", "tactile"),
     "y": ("y", "Y", "label", "labels", "target", "targets"),
     "trial": ("trial", "trials", "trial_id"),
@@ -25,7 +25,7 @@ SAMPLE_ARRAYS: dict[str, tuple[str, ...]] = {
     "normal": ("normal", "normals"),
     "edge_index": ("edge_index", "edges"),
 }
-_BY_NAME = {name: key for key, names in SAMPLE_ARRAYS.items() for name in names}
+_BY_NAME = {name: key for key, names in _SAMPLE_ARRAYS.items() for name in names}
 _ROWS = ("y", "trial", "group", "session", "set", "joint", "time", "part")
 _TEXTS = ("y", "trial", "group", "session", "set", "class_names", "part")
 _logger = logging.getLogger(__name__)

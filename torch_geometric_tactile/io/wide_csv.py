@@ -30,7 +30,7 @@ from torch_geometric_tactile.io._wide_csv_header import (
 
 _log = logging.getLogger(__name__)
 
-NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS = 384, 3, 16
+_NUM_TAXELS, _NUM_CHANNELS, _NUM_JOINTS = 384, 3, 16
 
 
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
@@ -192,7 +192,7 @@ def _named(path: Path, row: Sequence[str], sizes: dict[str, int | None]) -> Wide
 def _unnamed(
     path: Path, line: int, row: Sequence[str], sizes: dict[str, int | None]
 ) -> WideColumns:
-    defaults = (NUM_TAXELS, NUM_CHANNELS, NUM_JOINTS)
+    defaults = (_NUM_TAXELS, _NUM_CHANNELS, _NUM_JOINTS)
     taxels, channels, joints = (
         default if size is None else size
         for size, default in zip(sizes.values(), defaults, strict=True)
@@ -227,4 +227,4 @@ def has_own_names(row: Sequence[str]) -> bool:
     """
     if not row or not has_names(row) or any(map(is_wide_name, row)):
         return False
-    return len(row) - NUM_TAXELS * NUM_CHANNELS - NUM_JOINTS not in (0, 1)
+    return len(row) - _NUM_TAXELS * _NUM_CHANNELS - _NUM_JOINTS not in (0, 1)

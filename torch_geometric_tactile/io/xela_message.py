@@ -210,10 +210,10 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
         if type(part) is not list or len(part) != count:
             break
     else:
-        found = float_numbers([*chain.from_iterable(parts)])
+        found = _float_numbers([*chain.from_iterable(parts)])
         if found is not None:
             return found
-    values = [float_numbers(part) if type(part) is list else None for part in parts]
+    values = [_float_numbers(part) if type(part) is list else None for part in parts]
     return np.concatenate(
         [
             part if part is not None and len(part) == count else np.full(count, np.nan, np.float32)
@@ -222,7 +222,7 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
     )
 
 
-def float_numbers(values: list[Any]) -> np.ndarray | None:
+def _float_numbers(values: list[Any]) -> np.ndarray | None:
     r"""Returns numbers as float32, NaN for :obj:`None` and infinity, or :obj:`None` if some are no
     numbers.
     """
@@ -232,7 +232,7 @@ def float_numbers(values: list[Any]) -> np.ndarray | None:
         return None
     except struct.error:
         some = [math.nan if value is None else value for value in values]
-        return float_numbers(some) if None in values else None
+        return _float_numbers(some) if None in values else None
     with np.errstate(over="ignore"):
         found = np.frombuffer(data).astype(np.float32)
     found[np.isinf(found)] = np.nan

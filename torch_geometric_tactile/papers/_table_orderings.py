@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterator
 
 from torch_geometric_tactile._texts import markdown_text
-from torch_geometric_tactile.experiments.differences import RULE, Difference
+from torch_geometric_tactile.experiments._noise import RULE
+from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.papers._orderings import (
     Comparison,

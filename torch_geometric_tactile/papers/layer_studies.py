@@ -18,7 +18,7 @@ from torch_geometric_tactile.experiments.studies import Study, Trained
 _BATCH = 256
 
 
-def layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> dict[str, Tensor]:
+def _layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> dict[str, Tensor]:
     r"""Returns the features of a network layer by layer, those of each sample in a row.
 
     Args:
@@ -70,8 +70,8 @@ class LayerProbes(Study):
             return None
         order = np.random.default_rng(trained.seed).permutation(trained.train.num_samples)
         chosen = torch.from_numpy(np.sort(order[: self.num_samples]))
-        seen = layer_features(trained.model, trained.train.x[chosen])
-        held = layer_features(trained.model, trained.test.x)
+        seen = _layer_features(trained.model, trained.train.x[chosen])
+        held = _layer_features(trained.model, trained.test.x)
         y, y_test = trained.train.y[chosen].numpy(), trained.test.y.numpy()
         accuracy = {}
         for name, rows in seen.items():
@@ -130,7 +130,7 @@ class FeatureEmbedding(Study):
     def _features(self, trained: Trained, samples: StaticData) -> np.ndarray | None:
         model = trained.model
         if hasattr(model, "features"):
-            found = layer_features(model, samples.x, [self.layer])
+            found = _layer_features(model, samples.x, [self.layer])
             return found[self.layer].numpy() if self.layer in found else None
         if not trained.is_network and hasattr(model, "transform"):
             return np.asarray(model.transform(estimator_input(model, samples)))

@@ -19,7 +19,7 @@ from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost
 from torch_geometric_tactile.papers._table_draws import draws_note
 from torch_geometric_tactile.papers._table_orderings import ordering_lines, positive_note
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
-from torch_geometric_tactile.training.config import TEMPLATES
+from torch_geometric_tactile.training._config_files import TEMPLATES
 from torch_geometric_tactile.visualization import (
     ComparisonPanel,
     plot_comparison,

@@ -1,7 +1,6 @@
 r"""Predictors: a trained model and the preparation of its readings in one file. Does not need the
 extra ``train``."""
 
-from torch_geometric_tactile.predictor.builder import MissingOwnError
 from torch_geometric_tactile.predictor.classes import transform_classes
 from torch_geometric_tactile.predictor.content import (
     build_model,
@@ -10,6 +9,7 @@ from torch_geometric_tactile.predictor.content import (
     model_entry,
 )
 from torch_geometric_tactile.predictor.export_onnx import Exported, export_onnx
+from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.predictor.predictor import Predictor
 
 __all__ = [

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.experiments._advice_texts import NAMES, shown_number
 from torch_geometric_tactile.experiments._compared_samples import (
     PartScores,
     part_scores,
     prediction_rows,
 )
-from torch_geometric_tactile.experiments.advice import NAMES, advice, shown_number, to_dict
+from torch_geometric_tactile.experiments._noise import LEAST_PAIRS, RULE
+from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
-from torch_geometric_tactile.experiments.differences import LEAST_PAIRS, RULE
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.reports._predictions import cell_text
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure

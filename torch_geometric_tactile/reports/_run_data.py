@@ -112,7 +112,7 @@ def _own_data(settings: dict[str, Any]) -> Any:
 def _described_data(settings: Mapping[str, Any], source: Path, root: PathLike | None) -> Any:
     # Of plain values and names; no name is imported, and no text is parsed.
     from torch_geometric_tactile.training import TactileDataModule
-    from torch_geometric_tactile.training.sizes import layout_from_text
+    from torch_geometric_tactile.training._layout_text import layout_from_text
 
     found = [Protocol, Split, Trials, Windows, *(getattr(datasets, n) for n in datasets.__all__)]
     classes = {cls.__name__: cls for cls in found if isinstance(cls, type)} | transform_classes()

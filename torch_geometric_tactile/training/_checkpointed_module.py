@@ -13,9 +13,9 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.loader._random_states import RandomStates
 from torch_geometric_tactile.predictor import checkpoint_entry, model_entry
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training._checkpoint_file import load_module
+from torch_geometric_tactile.training._collected_metrics import Task
 from torch_geometric_tactile.training._threshold import BestThreshold
-from torch_geometric_tactile.training.checkpoint import load_module
-from torch_geometric_tactile.training.metrics import Task
 
 _STATES = "random_states"
 

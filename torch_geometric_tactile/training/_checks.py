@@ -18,10 +18,10 @@ from torch_geometric.nn.norm import (
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.loader._random_states import kept_rng
+from torch_geometric_tactile.training._collected_metrics import Task
 from torch_geometric_tactile.training._finite import check_part
 from torch_geometric_tactile.training._losses import balanced_weights
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import Task
 
 # PyG's normalisations that give wrong numbers for stacked samples, without an error.
 _MIXING = (BatchNorm, GraphNorm, GraphSizeNorm, LayerNorm, MeanSubtractionNorm, PairNorm)

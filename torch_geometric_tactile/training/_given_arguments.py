@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from torch_geometric_tactile.training.config import merged, read_yaml
+from torch_geometric_tactile.training._config_files import merged, read_yaml
 
 _SECTIONS = ("data", "model", "trainer")
 

@@ -22,14 +22,16 @@ from lightning.pytorch.cli import (
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from torch_geometric_tactile.training._adverts import no_adverts
+from torch_geometric_tactile.training._checkpoint_file import compare_settings
+from torch_geometric_tactile.training._config_files import merged, scratch_folder
 from torch_geometric_tactile.training._fit_summary import fit_summary
 from torch_geometric_tactile.training._given_arguments import (
     GivenArguments,
     own_modules,
     read_config,
 )
-from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO, compare_settings
-from torch_geometric_tactile.training.config import find_config, merged, scratch_folder
+from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
+from torch_geometric_tactile.training.config import find_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
 from torch_geometric_tactile.training.sizes import fill_sizes

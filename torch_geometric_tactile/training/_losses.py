@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from torch_geometric_tactile.training.metrics import Task
+from torch_geometric_tactile.training._collected_metrics import Task
 
 RegressionLoss = Literal["mse", "l1", "huber"]
 ClassWeights = Sequence[float] | Literal["balanced"]

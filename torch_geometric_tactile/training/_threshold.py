@@ -9,7 +9,7 @@ from torchmetrics import Metric
 from torchmetrics.utilities import dim_zero_cat
 
 from torch_geometric_tactile._typing import ThresholdMetric
-from torch_geometric_tactile.training.metrics import Task
+from torch_geometric_tactile.training._collected_metrics import Task
 
 THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 

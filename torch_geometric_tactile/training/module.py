@@ -19,6 +19,15 @@ from torch_geometric_tactile.training._checks import (
     num_outputs,
     train_weights,
 )
+from torch_geometric_tactile.training._collected_metrics import (
+    Task,
+    check_task,
+    make_metrics,
+    predicted_classes,
+    read_metrics,
+    session_metric,
+    update_metrics,
+)
 from torch_geometric_tactile.training._finite import BatchCheck
 from torch_geometric_tactile.training._losses import (
     ClassWeights,
@@ -30,15 +39,6 @@ from torch_geometric_tactile.training._losses import (
 )
 from torch_geometric_tactile.training._threshold import check_threshold
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import (
-    Task,
-    check_task,
-    make_metrics,
-    predicted_classes,
-    read_metrics,
-    session_metric,
-    update_metrics,
-)
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
 
 # What gives a sample the attributes that models ask for.

@@ -2,7 +2,6 @@ r"""The sizes of a model, taken from the data that it is trained on."""
 
 import importlib
 import inspect
-import json
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,16 +10,19 @@ from typing import Any, Literal, Self, Union, get_args, get_origin, get_type_hin
 from jsonargparse.typing import register_type
 from torch import Tensor
 
-from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
+from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._checks import check_labels, num_outputs
+from torch_geometric_tactile.training._collected_metrics import Task, check_task
+from torch_geometric_tactile.training._layout_text import (
+    _is_stock,
+    layout_from_text,
+    layout_to_text,
+)
 from torch_geometric_tactile.training.data_module import TactileDataModule
-from torch_geometric_tactile.training.metrics import Task, check_task
 
 _MODELS = "torch_geometric_tactile.nn.models"
 # The attribute of a batch behind each input of our models.
 _INPUTS = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "position": "pos"}
-
-_CONTENT = "layout="  # in front of the content of a layout
 
 
 @dataclass(frozen=True)
@@ -157,27 +159,6 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     return filled
 
 
-def layout_from_text(text: str) -> TaxelLayout:
-    r"""Returns the layout that a configuration names: one that comes with the package, a layout
-    file, or what :func:`layout_to_text` returned.
-    """
-    if text.startswith(_CONTENT):
-        return TaxelLayout.from_dict(json.loads(text.removeprefix(_CONTENT)))
-    return as_layout(text)
-
-
-def layout_to_text(layout: TaxelLayout) -> str:
-    r"""Returns the shortest text that :func:`layout_from_text` reads anywhere: the name of a layout
-    that comes with the package, or else its whole content.
-    """
-    if _is_stock(layout):
-        return layout.name
-    # Without a space, and not a mapping at first sight: the parser of configurations would take it
-    # for one wherever a class accepts texts of several kinds.
-    content = json.dumps(layout.to_dict(), separators=(",", ":"))
-    return _CONTENT + content.replace(" ", "\\u0020")
-
-
 # Wherever a class of a configuration asks for a layout, a name or a path may be given.
 register_type(TaxelLayout, layout_to_text, layout_from_text)
 
@@ -275,13 +256,6 @@ def _stored_layout(layout: TaxelLayout, annotation: Any, cls: type) -> str | int
     if _accepts(annotation, TaxelLayout) or (_accepts(annotation, str) and _is_stock(layout)):
         return layout_to_text(layout)
     return layout.num_taxels if _accepts(annotation, int) else None
-
-
-def _is_stock(layout: TaxelLayout) -> bool:
-    try:
-        return stock_layout(layout.name).matches(layout)
-    except ValueError:
-        return False
 
 
 def _accepts(annotation: Any, *kinds: type) -> bool:

@@ -9,32 +9,12 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
-from torch_geometric_tactile.predictor.classes import (
-    describe_own,
-    flat,
-    model_classes,
-    transform_classes,
-)
+from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.predictor._own_classes import describe_own
+from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
+from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform
-
-
-class MissingOwnError(ValueError):
-    r"""Raised when a model or transform that the user wrote must be passed and was not.
-
-    Args:
-        text (str): The message.
-        argument (str): What must be given: :obj:`"model"` or :obj:`"transforms"`.
-
-    Examples:
-        >>> error = MissingOwnError("pass the model that the predictor was saved with", "model")
-        >>> error.argument
-        'model'
-    """
-
-    def __init__(self, text: str, argument: str) -> None:
-        super().__init__(text)
-        self.argument = argument
 
 
 class Builder:
