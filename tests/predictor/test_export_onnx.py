@@ -20,7 +20,7 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile import Predictor, nn
 from torch_geometric_tactile import transforms as T
 from torch_geometric_tactile.data import StaticData, StaticDataset, Trials, Windows
-from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.experiments._compared_models import MODELS as COMPARED
 from torch_geometric_tactile.nn.models import (
     BMFCNN,

@@ -178,7 +178,7 @@ def test_a_subclass_with_its_own_forward_declares_it_again():
         def forward(self, data):
             return data
 
-    from torch_geometric_tactile.data.apply_transform import own_declaration
+    from torch_geometric_tactile.data._transform_rules import own_declaration
 
     assert own_declaration(Other(), "supports_static") is None
     assert own_declaration(Declared(), "supports_static") is True

@@ -16,6 +16,7 @@ from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._building import argument_names, build, check_arguments
+from torch_geometric_tactile.experiments._facts import num_frames_of
 
 _SIMULATION = "simulation.json"
 _PLACES = ("root", "path")  # of files, whose content is the fingerprint
@@ -135,14 +136,6 @@ class DataFacts:
             session_names=tuple(dataset.session_names),
             num_frames=num_frames_of(dataset),
         )
-
-
-def num_frames_of(dataset: StaticDataset) -> int | None:
-    r"""Returns the number of frames that each sample says it has, or :obj:`None` of single
-    frames.
-    """
-    number = dataset.column("num_frames")
-    return None if number is None else int(torch.as_tensor(number).view(-1)[0])
 
 
 def _laid_over(

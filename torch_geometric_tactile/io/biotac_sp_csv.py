@@ -8,11 +8,10 @@ import numpy as np
 
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._biotac_sp import FINGERS, NUM_ELECTRODES
 from torch_geometric_tactile.io._csv_header import refuse_twice
 from torch_geometric_tactile.io._csv_table import check_width, csv_rows, is_number
 
-FINGERS = ("ff", "mf", "th")
-NUM_ELECTRODES = 24
 _READING_COLUMNS = tuple(
     f"{finger}_biotac_{i}" for finger in FINGERS for i in range(1, NUM_ELECTRODES + 1)
 )

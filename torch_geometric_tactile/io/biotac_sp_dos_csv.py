@@ -8,9 +8,9 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._biotac_sp import FINGERS, NUM_ELECTRODES
 from torch_geometric_tactile.io._csv_header import refuse_twice
 from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
-from torch_geometric_tactile.io.biotac_sp_csv import FINGERS, NUM_ELECTRODES
 
 _RATE = 100.0  # frames per second
 _COLUMNS = tuple(f"{finger}_e{i}" for finger in FINGERS for i in range(1, NUM_ELECTRODES + 1))

@@ -15,8 +15,9 @@ from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata,
 from torch_geometric_tactile.io._mcap_frames import FrameRows
 from torch_geometric_tactile.io._mcap_records import Scan, count_messages, summary_records
 from torch_geometric_tactile.io._mcap_schemas import EVENT, FRAME, check_schema, decode
+from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._recording_schema import checked_file, recording_from_fields
-from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, VERSION, texts_checksum
+from torch_geometric_tactile.io.recording_mcap import VERSION
 
 _log = logging.getLogger(__name__)
 _MOST_TOLD = 5

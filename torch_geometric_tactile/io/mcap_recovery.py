@@ -12,9 +12,9 @@ from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata,
 from torch_geometric_tactile.io._mcap_output import McapOutput, require_mcap
 from torch_geometric_tactile.io._mcap_records import Scan, summary_records
 from torch_geometric_tactile.io._mcap_schemas import TOPICS, schema_of
+from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.mcap_reader import told
-from torch_geometric_tactile.io.recording_mcap import METADATA_NAME, texts_checksum
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ since the anchor of the stream.
 
 import json
 import os
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -35,8 +34,8 @@ from torch_geometric_tactile.io._mcap_schemas import (
     encode,
     schema_of,
 )
+from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 
-METADATA_NAME = "torch_geometric_tactile"
 VERSION = 1
 _FLUSH_SECONDS = 0.25
 _NANO = 1_000_000_000
@@ -305,11 +304,6 @@ def _metadata(
         "channels": json.dumps({topic: i for i, topic in enumerate(schemas, start=1)}),
     }
     return {**texts, "crc32": str(texts_checksum(texts))}
-
-
-def texts_checksum(texts: Mapping[str, str]) -> int:
-    r"""Returns the CRC-32 of names and texts."""
-    return zlib.crc32(json.dumps(sorted(texts.items())).encode())
 
 
 def _signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:

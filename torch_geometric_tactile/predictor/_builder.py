@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
-from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor._own_classes import describe_own
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError

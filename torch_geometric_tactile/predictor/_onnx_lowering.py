@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from torch_geometric_tactile.data import StaticData, apply_transform
-from torch_geometric_tactile.data.apply_transform import own_declaration, static_rule
+from torch_geometric_tactile.data._transform_rules import own_declaration, static_rule
 from torch_geometric_tactile.predictor._onnx_steps import GivenRest, Set, Step
 from torch_geometric_tactile.predictor._settling import access
 from torch_geometric_tactile.transforms import FittedTransform, TactileTransform

@@ -13,7 +13,7 @@ from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._frame_view import FrameView
-from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor._file_options import checked_options, stored_options
 from torch_geometric_tactile.predictor._settling import access, is_settled, settle
 from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame

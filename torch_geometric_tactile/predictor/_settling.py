@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from torch_geometric_tactile.data import StaticData, apply_transform
-from torch_geometric_tactile.data.apply_transform import own_declaration, static_rule
+from torch_geometric_tactile.data._transform_rules import own_declaration, static_rule
 from torch_geometric_tactile.transforms import TactileTransform
 from torch_geometric_tactile.transforms._attributes import EDGES
 

@@ -12,7 +12,7 @@ from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticDataset
-from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor._preparation import ArrayLike, Preparation, shared_by_frames
 from torch_geometric_tactile.predictor._trained_model import Task, TrainedModel

@@ -11,7 +11,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_names
-from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
 from torch_geometric_tactile.loader._memory_limit import exceeds_memory
 from torch_geometric_tactile.loader._random_states import kept_rng

@@ -3,7 +3,7 @@ r"""Fitting transforms that come one after the other."""
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import StaticData, apply_transform
-from torch_geometric_tactile.data.apply_transform import flat
+from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.transforms._samples import AnySamples, as_static_data
 from torch_geometric_tactile.transforms.base import FittedTransform
 
