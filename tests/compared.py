@@ -1,6 +1,9 @@
 """A small file of touches to compare models on."""
 
 import numpy as np
+import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._choice import Choice

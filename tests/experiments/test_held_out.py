@@ -1,5 +1,8 @@
-import numpy as np
 import pytest
+
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
+import numpy as np
 import torch
 from compared import GIVEN, experiment, touches
 

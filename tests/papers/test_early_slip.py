@@ -3,6 +3,8 @@ import math
 import numpy as np
 import pytest
 
+pytest.importorskip("lightning", reason="needs the extra 'train'")
+
 from torch_geometric_tactile.papers.early_slip import (
     SlipScores,
     alarm_threshold,
