@@ -11,12 +11,11 @@ from torch_geometric_tactile.nn import models
 
 def transform_classes() -> dict[str, type]:
     r"""Returns the transforms that are built by name: ours, and some of PyG's."""
-    ours = {name: getattr(transforms, name) for name in transforms.__all__}
+    named = {name: getattr(transforms, name) for name in transforms.__all__}
+    ours = {name: cls for name, cls in named.items() if inspect.isclass(cls)}
+    del ours["TactileTransform"]  # the base class
     classes = {name: getattr(torch_geometric.transforms, name) for name in IN_FILES}
-    is_class = {
-        name: inspect.isclass(cls) and not inspect.isabstract(cls) for name, cls in ours.items()
-    }
-    return classes | {name: cls for name, cls in ours.items() if is_class[name]}
+    return classes | ours
 
 
 def model_classes() -> dict[str, type]:
