@@ -177,11 +177,11 @@ def test_order_is_kept_where_a_later_transform_changes_what_an_earlier_one_read(
     shared = StaticData(
         x=torch.zeros(1, 4, 0), pos=FINGER.pos, edge_index=FINGER.edge_index("original")
     )
-    _, rest = settling.settle(shared, chain.transforms)
+    _, rest = settling.apply_once(shared, chain.transforms)
     assert rest == chain.transforms
-    _, rest = settling.settle(shared, [KNNGraph(k=1), *chain.transforms[:2]])
+    _, rest = settling.apply_once(shared, [KNNGraph(k=1), *chain.transforms[:2]])
     assert rest == chain.transforms[:2]
-    _, rest = settling.settle(shared, [torch.nn.Identity(), KNNGraph(k=1)])
+    _, rest = settling.apply_once(shared, [torch.nn.Identity(), KNNGraph(k=1)])
     assert len(rest) == 2
 
 

@@ -1,6 +1,5 @@
 r"""What of a model is chosen on a validation part, as a value."""
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -35,18 +34,3 @@ class Choice:
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the arguments as JSON values."""
         return {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
-
-
-def laid_over(model: Mapping[str, Any], setting: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns a model with a setting: mappings are merged, anything else is replaced.
-
-    Examples:
-        >>> laid_over({"init_args": {"C": 1, "kernel": "rbf"}}, {"init_args": {"C": 10}})
-        {'init_args': {'C': 10, 'kernel': 'rbf'}}
-    """
-    out = copy.deepcopy(dict(model))
-    for key, value in setting.items():
-        mine = out.get(key)
-        both = isinstance(mine, Mapping) and isinstance(value, Mapping)
-        out[key] = laid_over(mine, value) if both else copy.deepcopy(value)  # type: ignore[arg-type]
-    return out

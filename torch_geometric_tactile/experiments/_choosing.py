@@ -15,7 +15,6 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._building import build
-from torch_geometric_tactile.experiments._choice import laid_over
 from torch_geometric_tactile.experiments._estimators import (
     estimator_input,
     fitted_samples,
@@ -28,6 +27,7 @@ from torch_geometric_tactile.experiments._held_out import Parts, choice_parts, c
 from torch_geometric_tactile.experiments._scores import prediction_scores
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training._config_files import merged
 from torch_geometric_tactile.training._predictions import Predictions, collect_predictions
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.one_cycle import OneCycle
@@ -114,7 +114,7 @@ def _tried(experiment: Experiment, parts: Parts, number: int) -> Scored:
 
 def _model(experiment: Experiment, number: int) -> dict[str, Any]:
     assert experiment.choice is not None
-    return laid_over(experiment.model, experiment.choice.settings[number])
+    return merged(experiment.model, experiment.choice.settings[number])
 
 
 def fit_and_predict(

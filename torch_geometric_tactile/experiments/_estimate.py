@@ -10,12 +10,12 @@ import torch
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._choice import laid_over
 from torch_geometric_tactile.experiments._choosing import fit_and_predict
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.training._config_files import merged
 
 _PROBE = 256  # samples
 _EPOCHS = 3
@@ -48,7 +48,7 @@ def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
 def _of_run(experiment: Experiment) -> float:
     assert experiment.choice is not None
     parts = choice_parts(experiment)
-    model = laid_over(experiment.model, experiment.choice.settings[0])
+    model = merged(experiment.model, experiment.choice.settings[0])
     few = _some(parts.fit, _PROBE)
     tried = len(experiment.choice.settings)
     tried = tried if tried > 1 else 0  # there is nothing to choose of one
@@ -73,7 +73,7 @@ def _of_estimator(
     trainings: int,
 ) -> float:
     assert experiment.choice is not None
-    last = laid_over(experiment.model, experiment.choice.settings[-1])  # slower for some
+    last = merged(experiment.model, experiment.choice.settings[-1])  # slower for some
     tried = [_seconds(experiment, m, few, _some(parts.val, 8))[0] for m in (model, last)]
     seconds = sum(tried) / len(tried)
     growth = len(parts.fit) / len(few)

@@ -74,22 +74,22 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
     problems = [*scan.damage, *content.problems()]
     if problems and not recover:
         raise ValueError(
-            f"'{path}' is not whole: {told(problems)}; read it with recover=True, or repair it "
-            "with `tactile replay FILE --repair OUT`"
+            f"'{path}' is not whole: {first_problems(problems)}; read it with recover=True, or "
+            "repair it with `tactile replay FILE --repair OUT`"
         )
     recording, gaps = content.recording()
     if problems:
         _log.warning(
             "'%s' is not whole: %s; %d frames were read%s",
             path,
-            told(problems),
+            first_problems(problems),
             recording.num_frames,
             f", and {gaps}" if gaps else "",
         )
     return recording
 
 
-def told(problems: list[str]) -> str:
+def first_problems(problems: list[str]) -> str:
     r"""Returns the first few of some problems as one text."""
     return short_list(problems, _MOST_TOLD, printable, rest="; and {} more", joint="; ")
 
@@ -190,7 +190,7 @@ class _Content:
 
     def why_empty(self, scan: Scan) -> str:
         problems = [*scan.damage, *self.wrong]
-        why = f" ({told(problems)})" if problems else ""
+        why = f" ({first_problems(problems)})" if problems else ""
         topics = sorted({printable(channel.topic) for channel in self.channels.values()})
         if FRAME in topics:
             return f"'{self.path}' must hold a frame that can be read (got none{why})"

@@ -14,7 +14,7 @@ from torch_geometric_tactile.io._mcap_records import Scan, summary_records
 from torch_geometric_tactile.io._mcap_schemas import TOPICS, schema_of
 from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._recording_schema import checked_file
-from torch_geometric_tactile.io.mcap_reader import told
+from torch_geometric_tactile.io.mcap_reader import first_problems
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class RepairReport:
 
     def __str__(self) -> str:
         saved = ", ".join(f"{count} {topic}" for topic, count in self.messages.items())
-        wrong = told([*self.damage]) if self.damage else "it was whole"
+        wrong = first_problems([*self.damage]) if self.damage else "it was whole"
         return (
             f"saved {saved or 'nothing'} ({self.seconds:.2f} s, {self.chunks} chunks); left out "
             f"{self.skipped_bytes} bytes: {wrong}"
@@ -94,7 +94,7 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
                 for record in batch:
                     copy.add(record)
             if not copy.counts:
-                raise ValueError(f"'{path}' holds nothing to save ({told(scan.damage)})")
+                raise ValueError(f"'{path}' holds nothing to save ({first_problems(scan.damage)})")
             writer.finish()
         except OSError as error:
             raise OSError(error.errno, os.strerror(error.errno or 0), str(out)) from error

@@ -3,7 +3,8 @@ r"""The text of a single message of XELA's server, as fast as a live hand sends 
 import json
 from typing import Any
 
-from torch_geometric_tactile.io.xela_message import XelaFrame, few, parse_xela_message, sensor_keys
+from torch_geometric_tactile._texts import short_repr
+from torch_geometric_tactile.io.xela_message import XelaFrame, parse_xela_message, sensor_keys
 
 _orjson: Any
 try:
@@ -47,7 +48,9 @@ def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None
     try:
         message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
-        raise ValueError(f"a XELA message must be JSON (got {few(text)}: {error})") from error
+        raise ValueError(
+            f"a XELA message must be JSON (got {short_repr(text)}: {error})"
+        ) from error
     return _read(message, forces)
 
 

@@ -20,13 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile._texts import quoted as shown
+from torch_geometric_tactile._texts import short_repr
 
 _WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
 _HIGHEST = 0xFFFF
 _SENSOR = re.compile(r"[0-9]{1,9}")
 _HIGHEST_NUMBER = 2**63 - 1
 _LATEST = 1e11  # seconds: the year 5138
-_MOST_SHOWN = 60
+
 _USUAL_KEYS = 256
 XELA_VERSION = "1.8.0"
 
@@ -81,14 +82,18 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         raise ValueError(f"a XELA message must be a JSON object (got {type(message).__name__})")
     number, time = message.get("message"), message.get("time", message.get("sendtime"))
     if isinstance(number, bool) or not isinstance(number, int) or abs(number) > _HIGHEST_NUMBER:
-        raise ValueError(f"'message' of a XELA message must be an integer (got {few(number)})")
+        raise ValueError(
+            f"'message' of a XELA message must be an integer (got {short_repr(number)})"
+        )
     where = f"XELA message {number}"
     if not _is_number(time) or not abs(time) < _LATEST:
-        raise ValueError(f"'time' of {where} must be a number of seconds (got {few(time)})")
+        raise ValueError(f"'time' of {where} must be a number of seconds (got {short_repr(time)})")
     keys = sensor_keys(message)
     count = message.get("sensors", len(keys))
     if not keys or isinstance(count, bool) or count != len(keys):
-        raise ValueError(f"{where} must hold {few(count or 1)} sensors (got {keys or 'none'})")
+        raise ValueError(
+            f"{where} must hold {short_repr(count or 1)} sensors (got {keys or 'none'})"
+        )
     sensors = [message[key] for key in keys]
     found = None if forces else _counts_at_once(sensors)
     if found is None:
@@ -99,10 +104,10 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
     reading, taxels = found
     for key, sensor in zip(keys, sensors, strict=True):
         said = sensor.get("sensor", key)
-        is_number = said == key or _SENSOR.fullmatch(few(said).strip("'"))
+        is_number = said == key or _SENSOR.fullmatch(short_repr(said).strip("'"))
         if not is_number or int(said) != int(key):
             raise ValueError(
-                f"'sensor' of sensor '{key}' of {where} must be its key (got {few(said)})"
+                f"'sensor' of sensor '{key}' of {where} must be its key (got {short_repr(said)})"
             )
     return XelaFrame(
         number=number,
@@ -140,21 +145,12 @@ def _texts(where: str, sensors: Sequence[Mapping[str, Any]], key: str) -> tuple[
 def _text(where: str, content: Mapping[str, Any], key: str) -> str:
     text = content.get(key, "")
     if not isinstance(text, str):
-        raise ValueError(f"'{key}' of {where} must be a text (got {few(text)})")
+        raise ValueError(f"'{key}' of {where} must be a text (got {short_repr(text)})")
     return text
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def few(value: Any) -> str:
-    r"""Returns what a value of a message looks like, for an error message: not too long."""
-    try:
-        text = repr(value)
-    except (RecursionError, ValueError):  # Python writes no integer of thousands of digits
-        text = f"one of type {type(value).__name__}"
-    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
 
 
 def _counts_at_once(sensors: Sequence[Any]) -> tuple[np.ndarray, tuple[int, ...]] | None:
@@ -241,10 +237,12 @@ def _float_numbers(values: list[Any]) -> np.ndarray | None:
 
 def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
     if not isinstance(sensor, Mapping):
-        raise ValueError(f"{where} must be a JSON object (got {few(sensor)})")
+        raise ValueError(f"{where} must be a JSON object (got {short_repr(sensor)})")
     data = sensor.get("data")
     if not isinstance(data, str):
-        raise ValueError(f"'data' of {where} must be a text of hexadecimal words (got {few(data)})")
+        raise ValueError(
+            f"'data' of {where} must be a text of hexadecimal words (got {short_repr(data)})"
+        )
     words = [word for word in re.split(r"[,\s]+", data) if word]
     for word in words:
         if not _WORD.fullmatch(word):
@@ -254,10 +252,12 @@ def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
             )
     taxels = sensor.get("taxels", max(1, len(words) // 3))
     if isinstance(taxels, bool) or not isinstance(taxels, int) or taxels < 1:
-        raise ValueError(f"'taxels' of {where} must be a positive integer (got {few(taxels)})")
+        raise ValueError(
+            f"'taxels' of {where} must be a positive integer (got {short_repr(taxels)})"
+        )
     if taxels * 3 != len(words):
         raise ValueError(
-            f"'data' of {where} must hold 3 words for each of {few(taxels)} taxels (got "
+            f"'data' of {where} must hold 3 words for each of {short_repr(taxels)} taxels (got "
             f"{len(words)})"
         )
     counts = [int(word, 16) for word in words]
@@ -274,7 +274,9 @@ def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
         )
     values = sensor["calibrated"]
     if not isinstance(values, list) or not all(v is None or _is_number(v) for v in values):
-        raise ValueError(f"'calibrated' of {where} must hold numbers or null (got {few(values)})")
+        raise ValueError(
+            f"'calibrated' of {where} must hold numbers or null (got {short_repr(values)})"
+        )
     try:
         with np.errstate(over="ignore"):
             calibrated = np.asarray(values, dtype=np.float32)  # null becomes NaN

@@ -13,13 +13,13 @@ import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import quoted as shown
+from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.xela_message import (
     XELA_VERSION,
     XelaFrame,
-    few,
     format_xela_message,
     parse_xela_message,
     sensor_keys,
@@ -83,8 +83,8 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
             if sensor_keys(message) != sensors or frame.models != before.models:
                 raise ValueError(
                     f"'{path}', line {line}: message {frame.number} must have sensors {sensors} of "
-                    f"models {few(list(before.models))}, as those before (got "
-                    f"{sensor_keys(message)} of models {few(list(frame.models))})"
+                    f"models {short_repr(list(before.models))}, as those before (got "
+                    f"{sensor_keys(message)} of models {short_repr(list(frame.models))})"
                 )
             if frame.taxels != before.taxels:
                 raise ValueError(

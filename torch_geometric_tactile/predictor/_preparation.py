@@ -15,7 +15,7 @@ from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor._file_options import checked_options, stored_options
-from torch_geometric_tactile.predictor._settling import access, is_settled, settle
+from torch_geometric_tactile.predictor._settling import access, apply_once, is_settled
 from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import fit_parts, fitted_parts
@@ -63,10 +63,10 @@ class Preparation:
         self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
         reads = {name for part in parts for name in access(part)[0] or ()}
         self.needs_joint = "joint" in reads
-        self._constant, self._frame_parts = settle(self.shared, of_frames)
+        self._constant, self._frame_parts = apply_once(self.shared, of_frames)
         self._parts = parts[len(of_frames) :]
         if not self._frame_parts:  # what they change may be what later parts read
-            self._constant, self._parts = settle(self._constant, self._parts)
+            self._constant, self._parts = apply_once(self._constant, self._parts)
 
     @property
     def causal(self) -> bool:

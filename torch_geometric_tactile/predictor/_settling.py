@@ -11,7 +11,7 @@ from torch_geometric_tactile.transforms._attributes import EDGES
 _Names = tuple[str, ...] | None
 
 
-def settle(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
+def apply_once(shared: StaticData, parts: Sequence[Any]) -> tuple[StaticData, list[Any]]:
     r"""Applies those of some transforms whose result is the same for all frames, and returns what
     frames share then, and the other transforms.
     """
