@@ -116,7 +116,7 @@ def _with_pip_line(error: ModuleNotFoundError, argv: Sequence[str]) -> str:
             'pip install "torch-geometric-tactile[live]"'
         )
     extras = getattr(_verb(argv[0]), "EXTRAS", None) if argv and argv[0] in VERBS else None
-    if extras is None or "pip install" in str(error):
+    if extras is None or ("pip install" in str(error) and "[train]" not in str(error)):
         return str(error)
     return (
         f"'tactile {argv[0]}' needs the package '{error.name}': "

@@ -5,9 +5,10 @@ try:
     import lightning  # noqa: F401
     import torchmetrics  # noqa: F401
 except ImportError as error:
-    raise ImportError(
+    raise ModuleNotFoundError(
         f"torch_geometric_tactile.training needs '{error.name}': "
-        'pip install "torch-geometric-tactile[train]"'
+        'pip install "torch-geometric-tactile[train]"',
+        name=error.name,
     ) from error
 
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
