@@ -1,5 +1,6 @@
 r"""Signposts: which module is public, and which name, is seen from its name."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -102,3 +103,11 @@ def test_walk_counts_stays_by_hand(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="'fit' is not reached from 'tactile table'"):
         walk_of(house, "table", "fit")
     assert Walk(house).stays == []
+
+
+def test_pages_and_tutorials_show_public_modules_only() -> None:
+    root = PACKAGE.parent
+    pages = [*root.glob("*.md"), *root.glob("docs/*.md"), *root.glob("tutorials/*.py")]
+    assert len(pages) > 30
+    private = re.compile(rf"^ *(?:from|import) {PACKAGE.name}[\w.]*\._", re.MULTILINE)
+    assert not [path.name for path in pages if private.search(path.read_text("utf-8"))]
