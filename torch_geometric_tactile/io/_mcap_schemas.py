@@ -256,10 +256,15 @@ def _plain(message: str, parsed: Any) -> dict[str, Any]:
         if not field.many and not parsed.HasField(name):
             continue
         value = getattr(parsed, name)
-        if field.kind in MESSAGES:
-            inner = partial(_plain, field.kind)
-            value = [inner(item) for item in value] if field.many else inner(value)
-        elif field.many:
-            value = np.array(value, _ARRAYS[field.kind]) if field.kind in _ARRAYS else list(value)
-        out[name] = value
+        if field.many and field.kind in _ARRAYS:
+            out[name] = np.array(value, _ARRAYS[field.kind])
+        else:
+            out[name] = [_value(field, v) for v in value] if field.many else _value(field, value)
     return out
+
+
+def _value(field: Field, value: Any) -> Any:
+    if field.kind in MESSAGES:
+        return _plain(field.kind, value)
+    # Protobuf returns texts that are no UTF-8 as bytes.
+    return str(value, "utf-8") if field.kind == "string" and type(value) is bytes else value
