@@ -228,9 +228,10 @@ def limit_memory(growth: int) -> None:
 
 
 def serve(
-    pipe: Connection, runner_of: Any, targets: Sequence[Target], errors: str, growth: int = 2 * GIBI
+    pipe: Connection, runner_of: Any, targets: Sequence[Target], errors: str, growth: int = 4 * GIBI
 ) -> None:
-    """Answers each number of a case with its result, until the pipe is closed."""
+    """Answers each number of a case with its result, until the pipe is closed. Threads of a library
+    such as pyarrow reserve 1.3 GiB of address space, so that the limit must be well above."""
     with open(errors, "w") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
