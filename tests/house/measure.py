@@ -14,12 +14,15 @@ an older checkout. The definitions:
   itself without an underscore, that no ``__init__`` exports from there. Verbs are called by their
   names, and are left out. At 34e7a70 there are 873 (666 functions and classes, 207 constants), and
   200 unsigned modules, 217 with the 17 verbs.
+* **ambiguous**: a function or class without an underscore at the top of two modules, without verbs
+  and entries: one name, one meaning.
 * **docstrings**: the lines of the docstrings of modules, classes and functions.
 * **cases**: functions ``test_...`` in ``tests`` beside the package, not multiplied by parameters.
 """
 
 import argparse
 import ast
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -136,6 +139,18 @@ class House:
             for name in module.definitions
             if (module.name, name) not in self.exports
         ]
+
+    @property
+    def ambiguous(self) -> list[str]:
+        kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+        counts = Counter(
+            node.name
+            for module in self.modules.values()
+            if module.name not in self.verbs and not module.is_entry
+            for node in module.tree.body
+            if isinstance(node, kinds) and not node.name.startswith("_")
+        )
+        return sorted(name for name, number in counts.items() if number > 1)
 
     def _from(self, source: str, alias: str) -> set[tuple[str, str]]:
         # A module that is exported as a whole exports the names that it defines; a package, none.

@@ -9,6 +9,24 @@ from house.walks import Walk, walk_of
 
 PUBLIC_LOOKING = 48  # may only fall
 UNSIGNED = 0
+AMBIGUOUS = {
+    "Comparison",
+    "Judgement",
+    "Schema",
+    "build",
+    "check_frames",
+    "check_names",
+    "check_size",
+    "check_sizes",
+    "column",
+    "cut_windows",
+    "describe",
+    "is_number",
+    "main",
+    "may_run_fast",
+    "num_frames_of",
+    "write_table",
+}
 WITHOUT_ALL: set[str] = set()
 FILES = {  # a package with each kind of module once
     "__init__.pyi": "from . import room\n__all__ = ['room']\n",
@@ -52,6 +70,13 @@ def test_every_module_is_exported_or_private_or_a_verb() -> None:
 def test_every_public_looking_name_is_exported() -> None:
     found = House(PACKAGE).public_looking
     assert len(found) <= PUBLIC_LOOKING, found
+
+
+def test_a_name_has_one_meaning(package: House) -> None:
+    assert package.ambiguous == []
+    (package.root / "room" / "_hidden.py").write_text("class Layer: ...\ndef _own(): ...\n")
+    assert House(package.root).ambiguous == ["Layer"]
+    assert {*House(PACKAGE).ambiguous} <= AMBIGUOUS
 
 
 def test_every_room_says_what_it_exports() -> None:
