@@ -23,6 +23,14 @@ _SCRATCH = "torch_geometric_tactile_"
 _OWNER = ".owner"
 
 
+def existing_file(path: PathLike, advice: str) -> Path:
+    r"""Returns the path of a file that exists."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"'{path}' does not exist; {advice}")
+    return path
+
+
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
     r"""Yields a temporary path beside :obj:`path` that becomes :obj:`path` when the block succeeds.

@@ -1,10 +1,10 @@
 r"""A matrix of readings as lines of numbers."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
 
@@ -34,9 +34,7 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         array([[[1., 2.],
                 [3., 4.]]])
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of a CSV file")
+    path = existing_file(path, "give the path of a CSV file")
     rows, columns = size
     names = [f"column {i + 1}" for i in range(columns)]
     found: list[np.ndarray] = []

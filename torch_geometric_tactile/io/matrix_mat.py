@@ -8,11 +8,11 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import MAT_BYTES, is_absurd
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
@@ -76,9 +76,7 @@ def read_matrix_mat(
         ...     read_matrix_mat(f"{folder}/presses.mat", size=(2, 3)).shape
         (5, 2, 3)
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of a MAT file")
+    path = existing_file(path, "give the path of a MAT file")
     data = path.read_bytes()
     try:
         order = _byte_order(data)

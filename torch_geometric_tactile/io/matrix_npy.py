@@ -1,12 +1,12 @@
 r"""Matrices of readings in npy files, as :func:`numpy.save` writes them."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._npz_arrays import UNREADABLE, read_array_header
+from torch_geometric_tactile.io._npz_arrays import UNREADABLE, read_array_header, unreadable
 
 
 def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
@@ -36,17 +36,12 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         ...     read_matrix_npy(f"{folder}/press.npy", size=(2, 3)).shape
         (1, 2, 3)
     """
-    path, size = Path(path), tuple(size)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of an npy file")
+    path, size = existing_file(path, "give the path of an npy file"), tuple(size)
     with path.open("rb") as file:
         try:
             header, start = read_array_header(file, path.stem)
         except UNREADABLE as error:
-            reason = str(error) or type(error).__name__
-            raise ValueError(
-                f"'{path}' cannot be read as npy: {reason}; copy or write it again"
-            ) from error
+            raise unreadable(path, "npy", error) from error
         if header.dtype.kind not in "iuf":
             raise ValueError(f"'{path}' must hold numbers (got type {header.dtype})")
         shape = header.shape

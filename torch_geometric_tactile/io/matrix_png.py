@@ -1,15 +1,16 @@
 r"""A matrix of readings as a grey PNG image."""
 
 import struct
-import zlib
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.io._npz_arrays import UNREADABLE, unreadable
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY = 0
@@ -44,9 +45,7 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
         ...     read_matrix_png(f"{folder}/press.png", size=(1, 3))
         array([[[  0, 128, 255]]], dtype=uint8)
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of a PNG file")
+    path = existing_file(path, "give the path of a PNG file")
     if path.stat().st_size > PNG_BYTES:
         raise ValueError(
             f"'{path}' must have {PNG_BYTES} bytes at most, as a small image has (got "
@@ -56,23 +55,8 @@ def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
     depth = _checked_depth(path, data, tuple(size))
     try:
         pixels = _pixels(data, tuple(size))
-    except (
-        EOFError,
-        LookupError,
-        MemoryError,
-        OSError,
-        OverflowError,
-        RuntimeError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-        struct.error,
-        zlib.error,
-    ) as error:
-        reason = str(error) or type(error).__name__
-        raise ValueError(
-            f"'{path}' cannot be read as PNG: {reason}; copy or write it again"
-        ) from error
+    except UNREADABLE as error:
+        raise unreadable(path, "PNG", error) from error
     return pixels.astype(np.uint8 if depth == 8 else np.uint16)[None]
 
 

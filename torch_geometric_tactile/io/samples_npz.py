@@ -1,10 +1,10 @@
 r"""Labelled samples as npz files of plain arrays, as :func:`numpy.savez` writes them."""
 
 import logging
-from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._npz_arrays import opened_npz
@@ -64,9 +64,7 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         >>> {name: array.shape for name, array in arrays.items()}
         {'x': (6, 16, 3), 'y': (6,)}
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of an npz file")
+    path = existing_file(path, "give the path of an npz file")
     with opened_npz(path, allow_large) as arrays:
         shapes = arrays.shapes
         found: dict[str, list[str]] = {}
