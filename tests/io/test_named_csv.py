@@ -70,8 +70,16 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
         ([HEADER, "0,1,2,3"], {}, r"line 2 must have 5 cells \(got 4\): is the file truncated"),
         ([HEADER, "0,1,2,3,mug"], {}, r"line 2, column 5: 'grasp' must be a number \(got 'mug'\)"),
         ([HEADER, "0,x,2,3,4"], {}, r"'thumb' must be a number \(got 'x'\)"),
-        ([HEADER, ",1,2,3,4"], {}, r"glove.csv': 'time' must be finite \(got nan in frame 0\)"),
-        ([HEADER, "1,1,2,3,4", "1,1,2,3,4"], {}, r"glove.csv': 'time' must increase"),
+        (
+            [HEADER, ",1,2,3,4"],
+            {},
+            r"line 2, column 1: 'Time' must be a number \(got ''\)$",
+        ),
+        (
+            [HEADER, "1,1,2,3,4", "1,1,2,3,4"],
+            {},
+            r"line 3: 'Time' must increase \(got 1.0",
+        ),
         ([HEADER, "1,1,2,3,"], {"label": "grasp"}, r"label in every frame in 'grasp' .* frame 0"),
         ([HEADER, "1,1,2,3,4"], {"label": "y"}, r"must have the column 'y' \(got Time, thumb,"),
         (

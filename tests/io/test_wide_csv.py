@@ -159,7 +159,7 @@ def test_read_header_only(write):
             [HEADER, f"0.2,{ROW}", f"0.2,{ROW}"],
             r"line 3: 'time' must increase \(got 0.2 s after 0.2 s\)",
         ),
-        ([HEADER, f",{ROW}"], r"line 2: 'time' must be a number \(got ''\)"),
+        ([HEADER, f",{ROW}"], r"line 2, column 1: 'time' must be a number \(got ''\)"),
     ],
 )
 def test_read_bad_lines(write, lines, message):

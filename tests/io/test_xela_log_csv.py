@@ -103,8 +103,12 @@ def test_read_missing_file(tmp_path):
         ),
         (f"{HEADER}\n0,1,1,1,y,3\n", False, r"line 2, column 5: '1Y' must be a number \(got 'y'\)"),
         (f"{HEADER}\n0,1,1,1,inf,3\n", False, r"column 5: '1Y' must be finite"),
-        (f"{HEADER}\n0,,1,1,2,3\n", False, r"line 2: 'Send time' must be a number \(got ''\)"),
-        (f"{HEADER}\n0,1,,1,2,3\n", False, r"line 2: 'Message number' must be a number"),
+        (
+            f"{HEADER}\n0,,1,1,2,3\n",
+            False,
+            r"line 2, column 2: 'Send time' must be a number",
+        ),
+        (f"{HEADER}\n0,1,,1,2,3\n", False, r"line 2, column 3: 'Message number' must be a number"),
         (
             f"{HEADER}\n0,2,1,1,2,3\n0,1,2,2,2,3\n",
             False,
@@ -134,7 +138,7 @@ def test_read_columns_that_count_from_zero(write):
     ("text", "message"),
     [
         (f"{HEADER},1X\n0,1,1,1,2,3,4\n", r"line 1 must name each column once \(got '1X' twice\)"),
-        (f"{HEADER},01x\n0,1,1,1,2,3,4\n", r"name each column once \(got '01x' twice\)"),
+        (f"{HEADER},01x\n0,1,1,1,2,3,4\n", r"name each column once \(got '1X' and '01x'\)"),
         (f"{HEADER},Send time\n0,1,1,1,2,3,4\n", r"each column once \(got 'Send time' twice\)"),
         (
             f"{HEADER},99999999X\n0,1,1,1,2,3,4\n",

@@ -1,7 +1,6 @@
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
-from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
-from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
+from .biotac_sp_csv import GraspTable, read_biotac_sp_csv, read_biotac_sp_dos_csv
 from .decoders.anyskin import AnySkinDecoder
 from .decoders.decoder import Decoder, DecoderCounts
 from .decoders.flexitac import FlexiTacDecoder

@@ -1,14 +1,15 @@
 r"""Names of the columns of CSV files with one frame a row: which column is what, in which unit."""
 
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple, TypeVar
 
 from torch_geometric_tactile._texts import quoted
-from torch_geometric_tactile.io._csv_header import time_unit
+from torch_geometric_tactile.io._csv_frames import FrameColumns, time_unit_of
+from torch_geometric_tactile.io._csv_table import placed
 
-_Key = TypeVar("_Key", bound=Hashable)
+_HAND = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
+HAND_COLUMNS = 384 * 3 + 16
 _AXES = ("x", "y", "z")
 _TAXEL = re.compile(r"taxel_([0-9]{1,9})_([xyz]|[0-9]{1,9})(?:_([a-z]+))?")
 _JOINT = re.compile(r"joint_([0-9]{1,9})(?:_(rad|deg))?")
@@ -20,25 +21,6 @@ _UNITS = {
     "count": ("count", 1.0),
     "counts": ("count", 1.0),
 }
-
-
-class WideColumns(NamedTuple):
-    r"""What the columns of a file are.
-
-    :obj:`tactile` and :obj:`joint` are columns in the order of the recording, :obj:`sizes` the
-    numbers of taxels, channels and joints, :obj:`degrees` the joints whose angles are in degrees.
-    The readings are divided by :obj:`per_unit` to be in :obj:`unit`.
-    """
-
-    names: list[str]
-    sizes: tuple[int, int, int]
-    time: int | None
-    time_unit: str
-    tactile: list[int]
-    joint: list[int]
-    degrees: list[int]
-    unit: str | None
-    per_unit: float
 
 
 def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int) -> list[str]:
@@ -53,34 +35,47 @@ def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int) -> list
         - **num_channels:** Number of channels of a taxel :math:`C`; up to three are axes.
         - **num_joints:** Number of joints :math:`J`.
     """
-    return [
-        "time",
-        *(f"taxel_{taxel}_{axis}" for taxel in range(num_taxels) for axis in _axes(num_channels)),
-        *(f"joint_{joint}" for joint in range(num_joints)),
-    ]
+    return ["time", *_names(num_taxels, num_channels, num_joints)]
 
 
-def columns_by_place(sizes: tuple[int, int, int], time: bool) -> WideColumns:
+def _names(num_taxels: int, num_channels: int, num_joints: int) -> Iterator[str]:
+    axes = _axes(num_channels)
+    yield from (f"taxel_{taxel}_{axis}" for taxel in range(num_taxels) for axis in axes)
+    yield from (f"joint_{joint}" for joint in range(num_joints))
+
+
+def columns_by_place(path: Path, width: int, sizes: Mapping[str, int | None]) -> FrameColumns:
     r"""Returns the columns of a file without names: those of :func:`wide_csv_header`."""
-    num_readings, first = sizes[0] * sizes[1], int(time)
-    return WideColumns(
-        names=wide_csv_header(*sizes)[1 - first :],
-        sizes=sizes,
-        time=0 if time else None,
-        time_unit="s",
-        tactile=list(range(first, first + num_readings)),
-        joint=list(range(first + num_readings, first + num_readings + sizes[2])),
+    taxels, channels, joints = (
+        _HAND[name] if size is None else size for name, size in sizes.items()
+    )
+    num_readings = taxels * channels
+    first = width - num_readings - joints
+    if first not in (0, 1):
+        raise ValueError(
+            f"'{path}', line 1 must have {num_readings + joints} cells for {taxels} taxels of "
+            f"{channels} channels and {joints} joints, or {num_readings + joints + 1} with the "
+            f"time (got {width}): name the columns as write_wide_csv does, or give num_taxels, "
+            "num_channels and num_joints (tactile convert: --num-taxels, --num-channels, "
+            "--num-joints)"
+        )
+    return FrameColumns(
+        names=wide_csv_header(taxels, channels, joints)[1 - first :],
+        tactile=[*range(first, first + num_readings)],
+        num_channels=channels,
+        joint=[*range(first + num_readings, width)],
         degrees=[],
-        unit=None,
-        per_unit=1.0,
+        time=0 if first else None,
+        time_unit="s",
     )
 
 
-def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
-    r"""Returns the columns that a header names, which may be in any order."""
-    names = [cell.strip() for cell in header]
+def columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | None]) -> FrameColumns:
+    r"""Returns the columns that a header names, which may be in any order; :obj:`sizes` are those
+    that are given, and must be its own.
+    """
     keys = [name.lower() for name in names]
-    times = [i for i, key in enumerate(keys) if time_unit(key)]
+    times = [i for i, key in enumerate(keys) if time_unit_of(key)]
     taxels = {i: match for i, key in enumerate(keys) if (match := _TAXEL.fullmatch(key))}
     joints = {i: match for i, key in enumerate(keys) if (match := _JOINT.fullmatch(key))}
     known = {*times, *taxels, *joints}
@@ -88,7 +83,7 @@ def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
     units = {match[3] for match in taxels.values()}
     if unknown or not taxels or not units <= {None, *_UNITS}:
         wrong = next((names[i] for i, m in taxels.items() if m[3] not in (None, *_UNITS)), names[0])
-        raise not_understood(path, unknown[0] if unknown else wrong)
+        raise _not_understood(path, unknown[0] if unknown else wrong)
     if len(units) > 1:
         raise ValueError(
             f"'{path}', line 1 must have all readings in one unit (got "
@@ -99,30 +94,37 @@ def columns_by_name(path: Path, header: Sequence[str]) -> WideColumns:
             f"'{path}', line 1 must have one column of the time (got "
             f"{', '.join(names[i] for i in times)})"
         )
-    place = _placed(path, names, {i: (int(m[1]), m[2]) for i, m in taxels.items()})
-    angle = _placed(path, names, {i: int(m[1]) for i, m in joints.items()})
-    num_taxels, num_joints = len({taxel for taxel, _ in place}), len(angle)
-    found_axes = {axis for _, axis in place}
+    meant = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
+    place = placed(path, names, meant | {i: f"joint_{int(m[1])}" for i, m in joints.items()})
+    found_axes = {match[2] for match in taxels.values()}
     axes = _axes(len(found_axes))
     if found_axes != set(axes):
         raise ValueError(
             f"'{path}', line 1 must have the axes {', '.join(axes)} for taxels of {len(axes)} "
             f"channels (got {', '.join(sorted(found_axes)[:6])})"
         )
+    own = (len({int(match[1]) for match in taxels.values()}), len(axes), len(joints))
     # Not as a list, which a header of wrong numbers would make too large.
-    wanted = ((taxel, axis) for taxel in range(num_taxels) for axis in axes)
-    _refuse_gap(path, (f"taxel_{t}_{axis}" for t, axis in wanted if (t, axis) not in place))
-    _refuse_gap(path, (f"joint_{joint}" for joint in range(num_joints) if joint not in angle))
+    missing = next((name for name in _names(*own) if name not in place), None)
+    if missing is not None:
+        raise ValueError(
+            f"'{path}', line 1 must have the column '{missing}': taxels and joints count from 0, "
+            "without gaps, and each taxel has all axes"
+        )
+    for (name, size), found in zip(sizes.items(), own, strict=True):
+        if size not in (None, found):
+            raise ValueError(f"'{name}' must be {found}, as '{path}' has (got {size})")
+    columns = [place[name] for name in _names(*own)]
+    joint = columns[len(taxels) :]
     unit, per_unit = _UNITS.get(units.pop(), (None, 1.0))
-    joint = [angle[i] for i in range(num_joints)]
-    return WideColumns(
+    return FrameColumns(
         names=names,
-        sizes=(num_taxels, len(axes), num_joints),
-        time=times[0] if times else None,
-        time_unit=(time_unit(keys[times[0]]) if times else None) or "s",
-        tactile=[place[taxel, axis] for taxel in range(num_taxels) for axis in axes],
+        tactile=columns[: len(taxels)],
+        num_channels=len(axes),
         joint=joint,
         degrees=[i for i, column in enumerate(joint) if joints[column][2] == "deg"],
+        time=times[0] if times else None,
+        time_unit=(time_unit_of(keys[times[0]]) if times else None) or "s",
         unit=unit,
         per_unit=per_unit,
     )
@@ -133,8 +135,7 @@ def is_wide_name(name: str) -> bool:
     return re.match(r"taxel_[0-9]", name.strip().lower()) is not None
 
 
-def not_understood(path: Path, name: str) -> ValueError:
-    r"""Returns the error for a header with a name that is not known."""
+def _not_understood(path: Path, name: str) -> ValueError:
     return ValueError(
         f"'{path}', line 1 must name the columns 'time', 'taxel_0_x', 'taxel_0_y', 'taxel_0_z', "
         "'taxel_1_x', ..., 'joint_0', ... in any order, with units 'time_ms', 'time_us', "
@@ -149,24 +150,3 @@ def _axes(num_channels: int) -> list[str]:
     if num_channels <= len(_AXES):
         return list(_AXES[:num_channels])
     return [str(channel) for channel in range(num_channels)]
-
-
-def _placed(path: Path, names: Sequence[str], keys: Mapping[int, _Key]) -> dict[_Key, int]:
-    place: dict[_Key, int] = {}
-    for column, key in keys.items():
-        if key in place:
-            raise ValueError(
-                f"'{path}', line 1 must name each column once (got {quoted(names[place[key]])} and "
-                f"{quoted(names[column])})"
-            )
-        place[key] = column
-    return place
-
-
-def _refuse_gap(path: Path, missing: Iterable[str]) -> None:
-    name = next(iter(missing), None)
-    if name is not None:
-        raise ValueError(
-            f"'{path}', line 1 must have the column '{name}': taxels and joints count from 0, "
-            "without gaps, and each taxel has all axes"
-        )

@@ -4,24 +4,23 @@ hand data of the papers (384 taxels of 3 axes and 16 joints: 1168 columns).
 
 import logging
 from collections.abc import Sequence
-from pathlib import Path
+from itertools import chain
 
 import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_header import (
-    cell_to_seconds,
+from torch_geometric_tactile.io._csv_frames import read_frames, recording_of, warn_of_unit
+from torch_geometric_tactile.io._csv_table import (
+    csv_rows,
     has_names,
     refuse_counted,
     refuse_index,
-    warn_of_unit,
 )
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
 from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io._wide_csv_header import (
-    WideColumns,
+    HAND_COLUMNS,
     columns_by_name,
     columns_by_place,
     is_wide_name,
@@ -29,8 +28,6 @@ from torch_geometric_tactile.io._wide_csv_header import (
 )
 
 _log = logging.getLogger(__name__)
-
-_NUM_TAXELS, _NUM_CHANNELS, _NUM_JOINTS = 384, 3, 16
 
 
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
@@ -132,93 +129,27 @@ def read_wide_csv(
         if size is not None and size < (name != "num_joints"):
             raise ValueError(f"'{name}' must be at least {int(name != 'num_joints')} (got {size})")
     lines = csv_rows(path)
-    line, row = next(lines, (1, []))
-    named = header or (header is None and has_names(row))
-    if not named and header is None:
-        refuse_counted(path, row, "pass header=False if this is a frame")
-    columns = _named(path, row, sizes) if named else _unnamed(path, line, row, sizes)
-    times: list[float] = []
-    rows: list[np.ndarray] = []
-    is_counted = columns.time is not None and not named
-    while row:
-        if not (named and line == 1):
-            numbers = csv_numbers(path, line, row, columns.names)
-            if columns.time is not None:
-                cell = row[columns.time]
-                times.append(_seconds(path, line, cell, numbers[columns.time], times, columns))
-                is_counted = is_counted and cell.strip() == str(len(rows))
-            rows.append(numbers)
-        line, row = next(lines, (line, []))
-    if not rows:
-        raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
+    line, row = next(lines)
+    if header or (header is None and has_names(row)):
+        names = [cell.strip() for cell in row]
+        refuse_index(path, names)
+        columns = columns_by_name(path, names, sizes)
+        frames = read_frames(path, lines, columns)
+    else:
+        if header is None:
+            refuse_counted(path, row, "pass header=False if this is a frame")
+        columns = columns_by_place(path, len(row), sizes)
+        frames = read_frames(path, chain([(line, row)], lines), columns, first_line=1)
+        counted = [str(i) for i in range(len(frames.tactile))]
+        if len(counted) > 1 and frames.time_cells == counted:
+            raise ValueError(
+                f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as "
+                "the index of pandas): write the file with to_csv(index=False), or name the columns"
+            )
     if columns.time_unit == "s":
-        warn_of_unit(path, np.array(times), "name the column time_ms")
-    if is_counted and len(rows) > 1:
-        raise ValueError(
-            f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as the "
-            "index of pandas): write the file with to_csv(index=False), or name the columns"
-        )
-    return _recording(path, np.array(times) if times else None, np.stack(rows), columns, rate)
-
-
-def _recording(
-    path: Path, time: np.ndarray | None, table: np.ndarray, columns: WideColumns, rate: float
-) -> Recording:
-    joint = table[:, columns.joint]
-    joint[:, columns.degrees] = np.deg2rad(joint[:, columns.degrees])
-    tactile = table[:, columns.tactile].reshape(len(table), *columns.sizes[:2])
-    if columns.per_unit != 1:
-        tactile /= columns.per_unit
-    try:
-        return Recording(
-            time=np.arange(len(table)) / rate if time is None else time,
-            tactile=tactile,
-            joint=joint if columns.joint else None,
-            meta={} if columns.unit is None else {"unit": columns.unit},
-        )
-    except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
-
-
-def _named(path: Path, row: Sequence[str], sizes: dict[str, int | None]) -> WideColumns:
-    refuse_index(path, [cell.strip() for cell in row])
-    columns = columns_by_name(path, row)
-    for (name, size), own in zip(sizes.items(), columns.sizes, strict=True):
-        if size not in (None, own):
-            raise ValueError(f"'{name}' must be {own}, as '{path}' has (got {size})")
-    return columns
-
-
-def _unnamed(
-    path: Path, line: int, row: Sequence[str], sizes: dict[str, int | None]
-) -> WideColumns:
-    defaults = (_NUM_TAXELS, _NUM_CHANNELS, _NUM_JOINTS)
-    taxels, channels, joints = (
-        default if size is None else size
-        for size, default in zip(sizes.values(), defaults, strict=True)
-    )
-    width = taxels * channels + joints
-    if len(row) - width not in (0, 1):
-        raise ValueError(
-            f"'{path}', line {line} must have {width} cells for {taxels} taxels of {channels} "
-            f"channels and {joints} joints, or {width + 1} with the time (got {len(row)}): name "
-            "the columns as write_wide_csv does, or give num_taxels, num_channels and num_joints "
-            "(tactile convert: --num-taxels, --num-channels, --num-joints)"
-        )
-    return columns_by_place((taxels, channels, joints), time=len(row) > width)
-
-
-def _seconds(
-    path: Path, line: int, cell: str, number: float, before: list[float], columns: WideColumns
-) -> float:
-    if np.isnan(number):
-        raise ValueError(f"'{path}', line {line}: 'time' must be a number (got '{cell.strip()}')")
-    time = cell_to_seconds(path, line, cell, columns.time_unit)
-    if before and time <= before[-1]:
-        raise ValueError(
-            f"'{path}', line {line}: 'time' must increase (got {time} s after {before[-1]} s)"
-        )
-    return time
+        warn_of_unit(path, frames.time, "name the column time_ms")
+    meta = {} if columns.unit is None else {"unit": columns.unit}
+    return recording_of(path, frames, columns, rate, meta=meta)
 
 
 def has_own_names(row: Sequence[str]) -> bool:
@@ -227,4 +158,4 @@ def has_own_names(row: Sequence[str]) -> bool:
     """
     if not row or not has_names(row) or any(map(is_wide_name, row)):
         return False
-    return len(row) - _NUM_TAXELS * _NUM_CHANNELS - _NUM_JOINTS not in (0, 1)
+    return len(row) - HAND_COLUMNS not in (0, 1)
