@@ -128,7 +128,7 @@ def test_read_forces(write):
         ),
         (
             ['{"message": 1, "time": 0, "1": {"data": "1,2,3", "data": "4,5,6"}}'],
-            r"line 1: the message .* JSON \(the key 'data' is there twice\)",
+            r"line 1: the message .* JSON \(an object .* once \(got 'data' twice",
         ),
         (['{"message": 1, "time": %s}' % ("9" * 5000)], r"line 1: the message that begins here"),
         (['{"message": 1, "time": %s}' % ("9" * 400)], r"'time' of XELA message 1 must be a numb"),

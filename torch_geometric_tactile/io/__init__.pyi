@@ -30,9 +30,13 @@ from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .samples_npz import read_samples_npz
 from .wide_csv import read_wide_csv, write_wide_csv
-from .xela_live import parse_xela_text
 from .xela_log_csv import read_xela_log_csv
-from .xela_message import XelaFrame, format_xela_message, parse_xela_message
+from .xela_message import (
+    XelaFrame,
+    format_xela_message,
+    parse_xela_message,
+    parse_xela_text,
+)
 from .xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [

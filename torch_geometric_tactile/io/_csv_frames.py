@@ -11,6 +11,7 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._csv_table import csv_table
+from torch_geometric_tactile.io._recording_schema import new_recording
 
 _TIME = re.compile(r"(?:time|timestamp|t)(?:_(s|ms|us|ns))?", re.ASCII)
 # Times whose unit is not known, and numbers of frames.
@@ -99,14 +100,6 @@ def recording_of(
         joint=frames.joint if columns.joint else None,
         **content,
     )
-
-
-def new_recording(path: Path, **content: Any) -> Recording:
-    r"""Returns a recording whose errors name the file."""
-    try:
-        return Recording(**content)
-    except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
 
 
 def refuse_backwards(path: Path, seconds: np.ndarray, lines: Sequence[int], name: str) -> None:

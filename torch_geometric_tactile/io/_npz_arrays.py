@@ -3,10 +3,7 @@ compared for every byte.
 """
 
 import math
-import struct
-import tokenize
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +11,7 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import UNREADABLE, unreadable
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 
 _MOST_CHARACTER = 0x10FFFF
@@ -21,32 +19,6 @@ _SUFFIX = ".npy"
 _UTF8_NAME = 0x800
 _END = b"PK\x05\x06"
 _LONGEST_END = 22 + 2**16  # with a comment
-
-
-# What numpy's header parser and zipfile raise for damaged or strange files.
-UNREADABLE = (
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    OverflowError,
-    RecursionError,
-    RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
-    SyntaxError,
-    TypeError,
-    ValueError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-
-
-def unreadable(path: Path, kind: str, error: Exception) -> ValueError:
-    r"""Returns the error of a file that is damaged."""
-    reason = str(error) or type(error).__name__
-    return ValueError(f"'{path}' cannot be read as {kind}: {reason}; copy or write it again")
 
 
 class ArrayHeader(NamedTuple):

@@ -36,6 +36,14 @@ def checked_file(path: PathLike) -> Path:
     return existing_file(path, "give the path of a recording")
 
 
+def new_recording(path: Path, **content: Any) -> Recording:
+    r"""Returns the recording in a file, which errors name."""
+    try:
+        return Recording(**content)
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from error
+
+
 def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:
     r"""Returns the arrays of a recording by their names in a file."""
     arrays = {"time": recording.time, "tactile": recording.tactile}

@@ -1,7 +1,8 @@
 r"""Matrices of readings in MAT files, as ``save -v7`` and :func:`scipy.io.savemat` write them.
 
-The reader is our own, since :func:`scipy.io.loadmat` takes memory as a damaged or hostile file says
-it needs, and follows it however deep. It reads numbers only.
+The reader is our own: :func:`scipy.io.loadmat` ends the process on a type of numbers that it does
+not know, and takes memory as a damaged or hostile file says it needs, as :func:`scipy.io.whosmat`
+does for the name of a variable. It reads numbers only.
 """
 
 import math

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from torch_geometric_tactile._files import existing_file
+from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._npz_arrays import UNREADABLE, read_array_header, unreadable
+from torch_geometric_tactile.io._npz_arrays import read_array_header
 
 
 def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:

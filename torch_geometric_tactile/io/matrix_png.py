@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile._files import existing_file
+from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
 from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._npz_arrays import UNREADABLE, unreadable
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY = 0

@@ -12,9 +12,9 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_frames import new_recording, refuse_backwards
+from torch_geometric_tactile.io._csv_frames import refuse_backwards
 from torch_geometric_tactile.io._csv_table import csv_names, csv_rows, csv_table, placed
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
 
 _SEND_TIME, _NUMBER = "send time", "message number"
 _NEEDED = (_SEND_TIME, _NUMBER)

@@ -1,4 +1,4 @@
-r"""A single JSON message of XELA's server.
+r"""A single JSON message of XELA's server, read as fast as a live hand sends them.
 
 A message is ``{"message": 2987, "time": ..., "sensors": 1, "type": "routine", "version": ..., "1":
 {...}, "sendtime": ...}`` with one key for each sensor, and in it ``data`` (three hexadecimal words
@@ -7,6 +7,7 @@ for each taxel: x, y, z), ``integer`` (the same as numbers), on some models ``ca
 ``handedness``, which says "right" in captures of left hands too.
 """
 
+import json
 import math
 import re
 from array import array
@@ -18,6 +19,14 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted as shown
 from torch_geometric_tactile._texts import short_repr
 
+_orjson: Any
+try:
+    import orjson as _orjson
+except ImportError:  # the extra `live` has it; without it messages take twice as long
+    _orjson = None
+
+# Some servers send line breaks inside of texts, which strict JSON forbids.
+_JSON = json.JSONDecoder(strict=False)
 _WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
 _HIGHEST = 0xFFFF
 _SENSOR = re.compile(r"[0-9]{1,9}")
@@ -107,6 +116,54 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
     )
 
 
+def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None:
+    r"""Parses the JSON text of one message of XELA's server.
+
+    Args:
+        text (str or bytes): The text, as it comes from the WebSocket.
+        forces (bool): Whether to read the forces in newtons instead of the counts.
+
+    Returns:
+        XelaFrame: What :meth:`parse_xela_message` returns, or :obj:`None` if the message is a
+        greeting (:obj:`{"message": "Welcome"}`), which has no sensors.
+
+    Raises:
+        ValueError: If the text is no JSON, or :meth:`parse_xela_message` refuses it.
+
+    Examples:
+        >>> parse_xela_text('{"message": "Welcome"}') is None
+        True
+        >>> text = '{"message": 7, "time": 0.5, "1": {"data": "0001,0002,00FF", "temp": [25.5]}}'
+        >>> frame = parse_xela_text(text)
+        >>> frame.reading.tolist(), frame.temp.tolist()
+        ([[1.0, 2.0, 255.0]], [25.5])
+    """
+    if _orjson is not None:
+        given = text.encode("utf-8", "replace") if isinstance(text, str) else text
+        for content in (given, given.replace(b",\n", b",")):
+            try:
+                return _read(_orjson.loads(content), forces)
+            except ValueError:  # also what only Python's reader takes, who tells what is wrong
+                continue
+    try:
+        message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
+        raise ValueError(
+            f"a XELA message must be JSON (got {short_repr(text)}: {error})"
+        ) from error
+    return _read(message, forces)
+
+
+def _read(message: Any, forces: bool) -> XelaFrame | None:
+    if (
+        isinstance(message, dict)
+        and isinstance(message.get("message"), str)
+        and not sensor_keys(message)
+    ):
+        return None
+    return parse_xela_message(message, forces)
+
+
 def sensor_keys(message: Mapping[str, Any]) -> list[str]:
     r"""Returns the keys of the sensors of a message, by their numbers."""
     return sorted([n for n in message if isinstance(n, str) and _SENSOR.fullmatch(n)], key=int)
@@ -129,7 +186,7 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
     found = array("d")
     for sensor, count in zip(sensors, taxels, strict=True):
         part = sensor.get(key)
-        values = part if type(part) is list and len(part) == count else [None] * count
+        values: list[Any] = part if type(part) is list and len(part) == count else [None] * count
         if None in values:
             values = [math.nan if value is None else value for value in values]
         try:  # numbers only, and faster than numpy
