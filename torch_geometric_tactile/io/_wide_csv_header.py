@@ -23,7 +23,7 @@ _UNITS = {
 }
 
 
-def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int) -> list[str]:
+def wide_csv_header(num_taxels: int, num_channels: int, num_joints: int = 0) -> list[str]:
     r"""Returns the names of the columns: :obj:`time`, :obj:`taxel_0_x`, ..., :obj:`joint_0`, ...
 
     Examples:

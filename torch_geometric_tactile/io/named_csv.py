@@ -239,14 +239,11 @@ def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
         if is_number(name) or name.lower() in _MISSING:
             raise _no_name(path, column, name)
         if time_unit_of(name) or is_clock(name):
-            raise _no_time(path, column, name)
-
-
-def _no_time(path: Path, column: int, name: str) -> ValueError:
-    return ValueError(
-        f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the time, "
-        f"one of {list(TIME_UNITS)} (got {quoted(name)}): give it as 'time' or 'ignore'"
-    )
+            raise ValueError(
+                f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the "
+                f"time, one of {list(TIME_UNITS)} (got {quoted(name)}): give it as 'time' or "
+                "'ignore'"
+            )
 
 
 def _refuse_count(path: Path, table: np.ndarray, names: Sequence[str]) -> None:
