@@ -11,18 +11,6 @@ ROW = "1,2,3,4,5,6,0.5"
 HEADER = "time,taxel_0_x,taxel_0_y,taxel_0_z,taxel_1_x,taxel_1_y,taxel_1_z,joint_0"
 
 
-@pytest.fixture
-def write(tmp_path):
-    """Writes lines as a file, and returns its path."""
-
-    def write(*lines, end="\n", last=True, encoding="utf-8"):
-        text = end.join(lines) + (end if last else "")
-        (tmp_path / "hand.csv").write_bytes(text.encode(encoding))
-        return tmp_path / "hand.csv"
-
-    return write
-
-
 def test_read_order_of_columns_by_hand(write):
     rec = read_wide_csv(write(ROW, "7,8,9,10,11,12,-1"), **SMALL, rate=50)
     assert rec.tactile.tolist() == [[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], [10, 11, 12]]]
@@ -45,7 +33,7 @@ def test_read_time_in_front(write):
         [ROW],
     ],
 )
-@pytest.mark.parametrize("style", [{}, {"end": "\r\n"}, {"end": "\r"}, {"encoding": "utf-8-sig"}])
+@pytest.mark.parametrize("style", [{}, {"end": "\r\n"}, {"mark": "\ufeff"}])
 def test_read_headers_and_styles(write, lines, style):
     rec = read_wide_csv(write(*lines, **style), **SMALL)
     assert rec.tactile.tolist() == [[[1, 2, 3], [4, 5, 6]]]
@@ -120,41 +108,15 @@ def test_read_full_size(tmp_path):
     assert np.array_equal(read_wide_csv(tmp_path / "a.csv").tactile, rec.tactile)
 
 
-def test_read_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone.csv' does not exist"):
-        read_wide_csv(tmp_path / "gone.csv")
-
-
-def test_read_empty_file(tmp_path):
-    (tmp_path / "a.csv").write_bytes(b"")
-    with pytest.raises(ValueError, match=r"at least one frame \(got an empty file\)"):
-        read_wide_csv(tmp_path / "a.csv")
-    (tmp_path / "a.csv").write_bytes(b"\n\n")
-    with pytest.raises(ValueError, match=r"a.csv', line 1 must not be empty"):
-        read_wide_csv(tmp_path / "a.csv")
-    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbf")
-    with pytest.raises(ValueError, match=r"a.csv' must hold at least one frame \(got no line\)"):
-        read_wide_csv(tmp_path / "a.csv")
-
-
-def test_read_header_only(write):
-    with pytest.raises(ValueError, match=r"at least one frame \(got a header only\)"):
-        read_wide_csv(write(HEADER))
-
-
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
         ([ROW, "1,2,3"], r"line 2 must have 7 cells \(got 3\): is the file truncated"),
         ([ROW, ROW, f"{ROW},1"], r"line 3 must have 7 cells \(got 8\)"),
         (["1,2,3"], r"line 1 must have 7 cells for 2 taxels of 3 channels and 1 joints, or 8 with"),
-        ([ROW.replace(",", ";")], r"line 1 must have cells .* separated by commas \(got '1;2;3"),
-        ([HEADER, ROW], r"line 2 must have 8 cells \(got 7\)"),
         ([ROW, "1,2,x,4,5,6,7"], r"line 2, column 3: 'taxel_0_z' must be a number \(got 'x'\)"),
         (["1,2,x,4,5,6,7"], r"line 1, column 3: 'taxel_0_z' must be a number \(got 'x'\)"),
-        ([ROW, "1,2,3,4,5,6,7e"], r"line 2, column 7: 'joint_0' must be a number \(got '7e'\)"),
         ([ROW, "1,inf,3,4,5,6,7"], r"line 2, column 2: 'taxel_0_y' must be finite, .*'inf'\)"),
-        ([ROW, "1,1e39,3,4,5,6,7"], r"line 2, column 2: 'taxel_0_y' must be finite, .*'1e39'\)"),
         (
             [HEADER, f"0.2,{ROW}", f"0.2,{ROW}"],
             r"line 3: 'time' must increase \(got 0.2 s after 0.2 s\)",
@@ -165,14 +127,6 @@ def test_read_header_only(write):
 def test_read_bad_lines(write, lines, message):
     with pytest.raises(ValueError, match=rf"hand\.csv', {message}"):
         read_wide_csv(write(*lines), **SMALL)
-
-
-@pytest.mark.parametrize("cut", range(1, 12))
-def test_read_cut_anywhere_in_the_last_line(write, cut):
-    path = write(HEADER, f"0,{ROW}", f"1,{ROW}")
-    path.write_bytes(path.read_bytes()[:-cut])
-    with pytest.raises(ValueError, match=r"hand.csv', line 3 must .*is the file truncated"):
-        read_wide_csv(path)
 
 
 @pytest.mark.parametrize(
@@ -186,11 +140,6 @@ def test_read_cut_anywhere_in_the_last_line(write, cut):
 def test_read_bad_arguments(write, arguments, message):
     with pytest.raises(ValueError, match=message):
         read_wide_csv(write(ROW), **{**SMALL, **arguments})
-
-
-def test_read_what_is_no_text(write):
-    with pytest.raises(ValueError, match=r"hand.csv' cannot be read as CSV"):
-        read_wide_csv(write("\xe9,1", encoding="latin-1"))
 
 
 @pytest.mark.parametrize(("name", "warns"), [("time", True), ("time_ms", False)])
