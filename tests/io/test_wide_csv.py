@@ -121,6 +121,7 @@ def test_read_full_size(tmp_path):
             [HEADER, f"0.2,{ROW}", f"0.2,{ROW}"],
             r"line 3: 'time' must increase \(got 0.2 s after 0.2 s\)",
         ),
+        ([f"0.5,{ROW}", f"0.25,{ROW}"], r"line 2: 'time' must increase \(got 0.25 s after 0.5 s"),
         ([HEADER, f",{ROW}"], r"line 2, column 1: 'time' must be a number \(got ''\)"),
     ],
 )

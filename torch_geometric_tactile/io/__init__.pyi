@@ -16,11 +16,8 @@ from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot
 from .lerobot_reader import read_lerobot
 from .lerobot_touch import add_to_lerobot
-from .matrix_csv import read_matrix_csv
-from .matrix_files import read_matrices
+from .matrix_files import read_matrices, read_matrix_csv, read_matrix_npy, read_matrix_png
 from .matrix_mat import read_matrix_mat
-from .matrix_npy import read_matrix_npy
-from .matrix_png import read_matrix_png
 from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
