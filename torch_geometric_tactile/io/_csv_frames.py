@@ -22,8 +22,28 @@ _CLOCK = re.compile(
 )
 _PLACES = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 TIME_UNITS = tuple(_PLACES)
+_AXES = ("x", "y", "z")
 _LATEST = 1e11  # seconds: the year 5138
 _logger = logging.getLogger(__name__)
+
+
+def signal_names(num_taxels: int, num_channels: int, num_joints: int = 0) -> Iterator[str]:
+    r"""Yields the names of the columns of readings, and of joints; up to three channels are axes.
+
+    Examples:
+        >>> [*signal_names(1, 2, 1)]
+        ['taxel_0_x', 'taxel_0_y', 'joint_0']
+    """
+    axes = axes_of(num_channels)
+    yield from (f"taxel_{taxel}_{axis}" for taxel in range(num_taxels) for axis in axes)
+    yield from (f"joint_{joint}" for joint in range(num_joints))
+
+
+def axes_of(num_channels: int) -> list[str]:
+    r"""Returns the names of the channels of a taxel."""
+    if num_channels <= len(_AXES):
+        return list(_AXES[:num_channels])
+    return [str(channel) for channel in range(num_channels)]
 
 
 class FrameColumns(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._wide_csv_header import wide_csv_header
+from torch_geometric_tactile.io._csv_frames import signal_names
 
 TACTILE, STATE = "observation.tactile", "observation.state"
 TACTILE_FRAMES, STATE_FRAMES = f"{TACTILE}_frames", f"{STATE}_frames"
@@ -37,7 +37,7 @@ def shape_of_names(names: Any) -> tuple[int, int] | None:
     if not num_channels or len(names) % num_channels:
         return None
     shape = (len(names) // num_channels, num_channels)
-    return shape if names == wide_csv_header(*shape)[1:] else None
+    return shape if names == [*signal_names(*shape)] else None
 
 
 def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -> dict[str, Any]:
@@ -48,7 +48,7 @@ def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -
 def touch_features(recording: Recording, rows: int) -> dict[str, Any]:
     r"""Returns the features of the readings."""
     shape = (recording.num_taxels, recording.num_channels)
-    out = {TACTILE: feature(shape[0] * shape[1], wide_csv_header(*shape)[1:])}
+    out = {TACTILE: feature(shape[0] * shape[1], [*signal_names(*shape)])}
     if rows:
         out[TACTILE_FRAMES] = feature(rows * shape[0] * shape[1])
         out[FRAME_TIMES] = feature(rows)
