@@ -92,12 +92,6 @@ def test_columns_in_any_order(kind, read):
         assert arrays(read(with_note)) == arrays(read(lines))
 
 
-def test_missing_files(kind, tmp_path):
-    for path in (tmp_path, tmp_path / "gone.csv"):
-        with pytest.raises(FileNotFoundError, match=rf"'{path}' does not exist; "):
-            kind.read(path)
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -64,11 +64,6 @@ def changed(path, drop=(), **fields):
     np.savez(path, **{**content, **fields})
 
 
-def test_npz_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone.npz' does not exist"):
-        read_npz(tmp_path / "gone.npz")
-
-
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
 def test_npz_cut(full, share, tmp_path):
     path = tmp_path / "a.npz"
