@@ -4,8 +4,11 @@ import hashlib
 import itertools
 import os
 import shutil
+import struct
 import tempfile
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,6 +24,39 @@ _LONGEST = 100  # bytes of the target's name in that of a temporary; eCryptfs al
 _SLOTS = 16  # writers of one target at once whose leftovers are found
 _SCRATCH = "torch_geometric_tactile_"
 _OWNER = ".owner"
+
+#: What the readers of numpy, zip files and images raise for damaged or strange files.
+UNREADABLE = (
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    OverflowError,
+    RecursionError,
+    RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+def existing_file(path: PathLike, advice: str) -> Path:
+    r"""Returns the path of a file that exists."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"'{path}' does not exist; {advice}")
+    return path
+
+
+def unreadable(path: Path, kind: str, error: Exception) -> ValueError:
+    r"""Returns the error of a file that is damaged."""
+    reason = str(error) or type(error).__name__
+    return ValueError(f"'{path}' cannot be read as {kind}: {reason}; copy or write it again")
 
 
 @contextmanager
@@ -242,15 +278,7 @@ def check_zip(path: PathLike) -> None:
                 problem = f"its part {damaged!r} differs from its checksum"
     except FileNotFoundError:
         raise
-    except (
-        zipfile.BadZipFile,
-        EOFError,
-        NotImplementedError,
-        OSError,
-        OverflowError,
-        RuntimeError,
-        ValueError,
-    ) as error:
+    except UNREADABLE as error:
         problem = str(error)
     if problem:
         raise ValueError(

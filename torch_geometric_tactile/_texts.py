@@ -105,13 +105,14 @@ def parse_json(text: str) -> Any:
     """
     try:
         return json.loads(
-            text, object_pairs_hook=_object, parse_constant=_constant, parse_float=_float
+            text, object_pairs_hook=each_key_once, parse_constant=_constant, parse_float=_float
         )
     except RecursionError:
         raise ValueError("it must not be nested this deeply") from None
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    r"""Returns a JSON object, and refuses a key that it has twice."""
     out = dict(pairs)
     if len(out) < len(pairs):
         seen: set[str] = set()

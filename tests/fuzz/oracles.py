@@ -263,7 +263,7 @@ def xela_messages(data: bytes) -> Any:
         if isinstance(message, dict) and isinstance(message.get("message"), str):
             skipped += any(key.isdecimal() for key in message)
             continue
-        frame = _xela_frame(message)
+        frame = xela_frame(message)
         if frames and frame["number"] == frames[-1]["number"]:
             repeated += 1
             continue
@@ -287,7 +287,7 @@ def xela_messages(data: bytes) -> Any:
     )
 
 
-def _xela_frame(message: Any) -> dict[str, Any]:
+def xela_frame(message: Any) -> dict[str, Any]:
     need(isinstance(message, dict) and type(message.get("message")) is int)
     time = message.get("time", message.get("sendtime"))
     need(type(time) in (int, float))
@@ -305,7 +305,8 @@ def _xela_frame(message: Any) -> dict[str, Any]:
         words = [word for word in re.split(r"[,\s]+", sensor["data"]) if word]
         need(bool(words) and all(re.fullmatch("[0-9A-Fa-f]{1,4}", word) for word in words))
         own = [int(word, 16) for word in words]
-        need(len(own) == 3 * sensor.get("taxels", len(own) // 3))
+        stated = sensor.get("taxels", len(own) // 3)
+        need(type(stated) is int and len(own) == 3 * stated)
         need(sensor.get("integer", own) == own)
         counts += own
         taxels.append(len(own) // 3)

@@ -95,12 +95,12 @@ def xela_live(path: Path) -> Any:
 
     data = path.read_bytes()
     fast = said(data)
-    kept = module._counts_at_once
-    module._counts_at_once = lambda sensors: None
+    kept = module._usual_counts
+    module._usual_counts = lambda data: None
     try:
         slow = said(data)
     finally:
-        module._counts_at_once = kept
+        module._usual_counts = kept
     if not equal(fast, slow):
         raise AssertionError(f"{fast!r:.200} is not {slow!r:.200}")
     if isinstance(fast, str):

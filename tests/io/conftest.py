@@ -56,3 +56,15 @@ def assert_same():
                 assert ((value != value) == (other[name] != other[name])).all()
 
     return check
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes lines, of cells or texts, as a file, and returns its path."""
+
+    def write(*lines, end="\n", mark=""):
+        texts = [line if isinstance(line, str) else ",".join(line) for line in lines]
+        (tmp_path / "hand.csv").write_bytes((mark + "".join(t + end for t in texts)).encode())
+        return tmp_path / "hand.csv"
+
+    return write

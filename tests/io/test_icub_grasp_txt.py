@@ -53,12 +53,6 @@ def test_read_single_frame_in_every_style(write, end):
     assert read_icub_grasp_txt(write(" -10000 ", *tabs, end=end)).reading[0, 59] == 181.0
 
 
-def test_read_missing_file(tmp_path):
-    for path in (tmp_path / "gone.txt", tmp_path):
-        with pytest.raises(FileNotFoundError, match="does not exist; put the file of the iCub Gr"):
-            read_icub_grasp_txt(path)
-
-
 @pytest.mark.parametrize("head", ["10000", "", "-1e4 0", "-10000x", "-10_000", "nan"])
 def test_read_other_first_line(write, head):
     with pytest.raises(ValueError, match=r"cup_1\.txt', line 1 must be -10000 \(got "):

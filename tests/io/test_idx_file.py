@@ -51,8 +51,3 @@ def test_bad_files(tmp_path, data, match):
     with pytest.raises(ValueError, match=match) as error:
         read_idx(path)
     assert str(path) in str(error.value)
-
-
-def test_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match="does not exist; give the path of an IDX file"):
-        read_idx(tmp_path)

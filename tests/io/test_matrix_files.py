@@ -3,7 +3,6 @@
 import struct
 import sys
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -340,12 +339,3 @@ def test_formats_by_suffix(tmp_path):
         read_matrices(tmp_path / "a.txt", SIZE)
     with pytest.raises(ValueError, match=r"a.CSV' must have one of the suffixes .npy$"):
         read_matrices(tmp_path / "a.CSV", (12,))
-
-
-@pytest.mark.parametrize(
-    "read", [read_matrix_csv, read_matrix_npy, read_matrix_png, read_matrix_mat]
-)
-def test_missing_files(tmp_path, read):
-    for path in (tmp_path, Path(tmp_path, "nothing")):
-        with pytest.raises(FileNotFoundError, match="does not exist; give the path of"):
-            read(path)

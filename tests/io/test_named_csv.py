@@ -6,17 +6,6 @@ from torch_geometric_tactile.io import read_named_csv, read_recording, recording
 HEADER = "Time,thumb,index,bend,grasp"
 
 
-@pytest.fixture
-def write(tmp_path):
-    """Writes lines as a file, and returns its path."""
-
-    def write(*lines):
-        (tmp_path / "glove.csv").write_text("".join(f"{line}\n" for line in lines))
-        return tmp_path / "glove.csv"
-
-    return write
-
-
 def test_read_by_hand(write):
     path = write(HEADER, "0,1,2,0.5,mug", "20,3,,0.25,mug")
     rec = read_named_csv(path, joint=["bend"], label="grasp", time_unit="ms", unit="count")
@@ -66,12 +55,18 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
 @pytest.mark.parametrize(
     ("lines", "options", "message"),
     [
-        ([HEADER], {}, r"at least one frame \(got a header only\)"),
-        ([HEADER, "0,1,2,3"], {}, r"line 2 must have 5 cells \(got 4\): is the file truncated"),
         ([HEADER, "0,1,2,3,mug"], {}, r"line 2, column 5: 'grasp' must be a number \(got 'mug'\)"),
         ([HEADER, "0,x,2,3,4"], {}, r"'thumb' must be a number \(got 'x'\)"),
-        ([HEADER, ",1,2,3,4"], {}, r"glove.csv': 'time' must be finite \(got nan in frame 0\)"),
-        ([HEADER, "1,1,2,3,4", "1,1,2,3,4"], {}, r"glove.csv': 'time' must increase"),
+        (
+            [HEADER, ",1,2,3,4"],
+            {},
+            r"line 2, column 1: 'Time' must be a number \(got ''\)$",
+        ),
+        (
+            [HEADER, "1,1,2,3,4", "1,1,2,3,4"],
+            {},
+            r"line 3: 'Time' must increase \(got 1.0",
+        ),
         ([HEADER, "1,1,2,3,"], {"label": "grasp"}, r"label in every frame in 'grasp' .* frame 0"),
         ([HEADER, "1,1,2,3,4"], {"label": "y"}, r"must have the column 'y' \(got Time, thumb,"),
         (
@@ -122,11 +117,6 @@ def test_numbers_as_names_are_columns_when_they_are_given(write):
     assert read_named_csv(path, tactile=["2", "0"], rate=10).tactile.tolist() == [[[9], [7]]]
     with pytest.raises(ValueError, match=r"line 1 must be names .* with tactile=\['0', ...\]"):
         read_named_csv(path)
-
-
-def test_control_characters_are_no_blanks(write):
-    with pytest.raises(ValueError, match=r"line 2, column 2: 'a' must be a number"):
-        read_named_csv(write("time,a", "0,\x1c.5"))
 
 
 def test_columns_without_meaning_may_be_ignored(write):
@@ -182,7 +172,6 @@ def test_a_frame_without_readings_is_missing(write):
         (["time,a", "1768398006957,2"], {}, r"line 2: 'time' must be in s \(got '1768398006957'"),
         (["pad_1,a", "1,2"], {"tactile": "pad_(.*"}, r"'tactile' must be .* regular expression"),
         (["pad_1,a", "1,2"], {"joint": "*"}, r"'joint' must be .* \(got '\*': nothing to repeat"),
-        (["\x1b[31m,a", "1,b"], {"rate": 1}, r"column 2: 'a' must be a number \(got 'b'\)"),
         (["\x1b[31m,a", "b,1"], {"rate": 1}, r"column 1: '\\x1b\[31m' must be a number"),
     ],
 )
@@ -194,15 +183,6 @@ def test_read_rejects_what_would_be_wrong_in_silence(write, lines, options, mess
 def test_many_columns_are_quick_to_name(write):
     names = [f"c{i}" for i in range(50_000)]
     assert read_named_csv(write(",".join(names), "," * 49_999), rate=1).num_taxels == 50_000
-
-
-def test_cut_file(write):
-    path = write(HEADER, "0,1,2,3,4")
-    path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(
-        ValueError, match=r"line 2 must end with a line break: is the file truncated"
-    ):
-        read_named_csv(path)
 
 
 def test_a_column_of_texts_that_nobody_named_comes_with_advice(write):
@@ -247,12 +227,6 @@ def test_a_column_that_counts_the_frames_is_no_reading(write, start):
         read_named_csv(write(*lines))
     assert read_named_csv(write(*lines[:-1])).num_taxels == 2
     assert read_named_csv(write(*lines), tactile=".*[mx]").num_taxels == 1
-
-
-def test_marks_of_the_byte_order_are_no_part_of_a_name(write):
-    path = write(HEADER, "0,1,2,0.5,4")
-    path.write_bytes(b"\xef\xbb\xbf\xef\xbb\xbf" + path.read_bytes())
-    assert read_named_csv(path).num_taxels == 4
 
 
 def test_an_expression_that_matches_no_joint_is_refused(write):

@@ -39,15 +39,29 @@ def test_npz_names_by_hand(tmp_path):
     }
 
 
+def small():
+    return Recording(
+        [0.0, 0.5],
+        [[[1.0, 2.0]], [[4.0, np.nan]]],
+        joint=[[0.5], [0.25]],
+        label="mug é",
+        meta={"unit": "count"},
+        privileged={"phase": [1, 2], "ü": ["a", "bé"]},
+        extra={"pac": [[3, 4], [5, 6]]},
+    )
+
+
+@pytest.fixture
+def path(tmp_path):
+    """A small recording that has everything."""
+    write_npz(small(), tmp_path / "a.npz")
+    return tmp_path / "a.npz"
+
+
 def changed(path, drop=(), **fields):
     with np.load(path) as file:
         content = {name: file[name] for name in file.files if name not in drop}
     np.savez(path, **{**content, **fields})
-
-
-def test_npz_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone.npz' does not exist"):
-        read_npz(tmp_path / "gone.npz")
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.99])
@@ -71,20 +85,11 @@ def test_npz_damaged(full, tmp_path):
         read_npz(path)
 
 
-def test_npz_with_pickled_objects_is_refused(full, tmp_path):
-    path = tmp_path / "a.npz"
-    write_npz(full, path)
-    changed(path, joint=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(ValueError, match=r"a.npz' cannot be read as npz: .*type object, and only"):
-        read_npz(path)
-
-
 @pytest.mark.parametrize("name", ["time", "tactile", "label", "meta"])
-def test_npz_missing_field(full, name, tmp_path):
-    write_npz(full, tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", drop=[name, "arrays"])
+def test_npz_missing_field(path, name):
+    changed(path, drop=[name, "arrays"])
     with pytest.raises(ValueError, match=rf"a.npz' must hold '{name}', as every recording"):
-        read_npz(tmp_path / "a.npz")
+        read_npz(path)
 
 
 def test_npz_of_something_else(tmp_path):
@@ -96,38 +101,31 @@ def test_npz_of_something_else(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"version": np.array(2)}, r"a.npz' must be of format version 1 \(got 2\)"),
-        ({"tactile": np.zeros((20, 5))}, r"no consistent recording: 'tactile' must have shape"),
-        ({"joint": np.zeros((3, 5))}, r"'joint' must have 20 frames, as 'time' has \(got 3\)"),
-        ({"meta": np.array("{")}, r"a.npz' must hold JSON in 'meta'"),
+        *(({"version": np.array(v)}, r"of format version 1 \(got ") for v in (2, True, 1.0, "1")),
+        ({"tactile": np.zeros((2, 5))}, r"no consistent recording: 'tactile' must have shape"),
+        ({"tactile": np.ones((2, 1, 2), bool)}, r"must hold numbers in 'tactile' \(got truth"),
+        ({"joint": np.zeros((3, 5))}, r"'joint' must have 2 frames, as 'time' has \(got 3\)"),
+        ({"joint": np.array([{"a": 1}])}, r"cannot be read as npz: .*type object, and only"),
+        ({"meta": np.array("{")}, r"must hold JSON in 'meta'"),
         ({"meta": np.array("[1]")}, r"'meta' must be a mapping \(got list\)"),
-        ({"label": np.array(3)}, r"a.npz' must hold JSON in 'label'"),
+        ({"label": np.array(3)}, r"must hold JSON in 'label'"),
+        ({"label": np.array("[" * 100_000)}, r"must hold JSON in 'label'"),
+        ({"label": np.array("9" * 5000)}, r"must hold JSON in 'label'"),
+        ({"label": np.array(["1"])}, r"'label' must be one text \(got shape \(1,\)\)"),
         ({"format": np.array("x")}, r"must be a recording, with 'format'"),
+        ({"time": np.array([1, 2])}, r"'time' must be an array of numbers \(floats in seconds"),
+        ({"extra": np.zeros(2)}, r"must hold .* 'privileged/...' and 'extra/...' only .*'extra'\)"),
+        ({"extra/pac": np.zeros((3, 2))}, r"'extra/pac' must have 2 frames, as 'time' has \(got 3"),
     ],
 )
-def test_npz_wrong_field(full, fields, message, tmp_path):
-    write_npz(full, tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", **fields)
-    with pytest.raises(ValueError, match=message):
-        read_npz(tmp_path / "a.npz")
+def test_npz_wrong_field(path, fields, message):
+    changed(path, **fields)
+    with pytest.raises(ValueError, match=rf"a.npz'.* {message}"):
+        read_npz(path)
 
 
-def small():
-    return Recording(
-        [0.0, 0.5],
-        [[[1.0, 2.0]], [[4.0, np.nan]]],
-        joint=[[0.5], [0.25]],
-        label="mug é",
-        meta={"unit": "count"},
-        privileged={"phase": [1, 2], "ü": ["a", "bé"]},
-        extra={"pac": [[3, 4], [5, 6]]},
-    )
-
-
-def test_npz_with_a_flipped_bit_is_the_same_or_refused(assert_same, tmp_path):
+def test_npz_with_a_flipped_bit_is_the_same_or_refused(assert_same, path):
     # Mostly in the table of contents, in which a wrong length hides the entries behind it.
-    path = tmp_path / "a.npz"
-    write_npz(small(), path)
     whole = path.read_bytes()
     table = whole.index(b"PK\x01\x02")
     read, errors = 0, []
@@ -147,19 +145,16 @@ def test_npz_with_a_flipped_bit_is_the_same_or_refused(assert_same, tmp_path):
     assert all("a.npz'" in error for error in errors)
 
 
-def test_npz_whose_table_hides_an_array(tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    damaged = bytearray((tmp_path / "a.npz").read_bytes())
+def test_npz_whose_table_hides_an_array(path):
+    damaged = bytearray(path.read_bytes())
     entry = damaged.rindex(b"PK\x01\x02", 0, damaged.rindex(b"tactile.npy"))
     damaged[entry + 32] = 46 + len("joint.npy")  # a comment as long as the next entry
-    (tmp_path / "a.npz").write_bytes(damaged)
+    path.write_bytes(damaged)
     with pytest.raises(ValueError, match=r"a.npz' cannot be read .* it holds 11 parts \(got 10"):
-        read_npz(tmp_path / "a.npz")
+        read_npz(path)
 
 
-def test_npz_that_would_fill_the_memory(tmp_path):
-    path = tmp_path / "a.npz"
-    write_npz(small(), path)
+def test_npz_that_would_fill_the_memory(path):
     bomb = bytearray(path.read_bytes())
     entry = bomb.rindex(b"PK\x01\x02", 0, bomb.rindex(b"tactile.npy"))
     bomb[entry + 24 : entry + 28] = (2**32 - 2).to_bytes(4, "little")
@@ -212,92 +207,56 @@ def npy(header):
         ({"joint": b"text"}, r"its part 'joint' is no array"),
     ],
 )
-def test_npz_with_strange_parts(parts, message, tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    rewritten(tmp_path / "a.npz", parts)
+def test_npz_with_strange_parts(parts, message, path):
+    rewritten(path, parts)
     with pytest.raises(ValueError, match=rf"a.npz' .*{message}"):
-        read_npz(tmp_path / "a.npz")
+        read_npz(path)
 
 
-def test_npz_with_a_part_twice(tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    with zipfile.ZipFile(tmp_path / "a.npz", "a") as file, pytest.warns(UserWarning, match="Dupl"):
+def test_npz_with_a_part_twice(path):
+    with zipfile.ZipFile(path, "a") as file, pytest.warns(UserWarning, match="Dupl"):
         file.writestr("joint.npy", file.read("joint.npy"))
     with pytest.raises(ValueError, match=r"its part 'joint.npy' is no array, or is there twice"):
-        read_npz(tmp_path / "a.npz")
+        read_npz(path)
 
 
-def test_npz_with_characters_that_do_not_exist(tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
+def test_npz_with_characters_that_do_not_exist(path):
     header = npy("{'descr':'<U1','fortran_order':False,'shape':()}")
-    rewritten(tmp_path / "a.npz", {"label.npy": header + b"\xff\xff\xff\x7f"})
+    rewritten(path, {"label.npy": header + b"\xff\xff\xff\x7f"})
     with pytest.raises(ValueError, match=r"its array 'label' holds no text"):
-        read_npz(tmp_path / "a.npz")
+        read_npz(path)
 
 
-def test_npz_in_other_orders_of_bytes_and_axes(assert_same, tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
+def test_npz_in_other_orders_of_bytes_and_axes(assert_same, path):
     order = np.asfortranarray(small().tactile).astype(">f4")
     changed(
-        tmp_path / "a.npz",
+        path,
         tactile=order,
         **{
             "privileged/ü": small().privileged["ü"].astype(">U2"),
             "time": np.array([0, 0.5], ">f8"),
         },
     )
-    assert_same(read_npz(tmp_path / "a.npz"), small())
-    assert read_npz(tmp_path / "a.npz").privileged["ü"].dtype.isnative
+    assert_same(read_npz(path), small())
+    assert read_npz(path).privileged["ü"].dtype.isnative
 
 
-def test_npz_arrays_may_be_written_to(tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    assert read_npz(tmp_path / "a.npz").tactile.flags.writeable
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"time": np.array([1, 2])}, r"'time' must be an array of numbers \(floats in seconds"),
-        (
-            {"extra": np.zeros(2)},
-            r"it must hold .* 'privileged/...' and 'extra/...' only \(got 'extra'\)",
-        ),
-        ({"extra/pac": np.zeros((3, 2))}, r"'extra/pac' must have 2 frames, as 'time' has \(got 3"),
-        ({"label": np.array(["1"])}, r"'label' must be one text \(got shape \(1,\)\)"),
-        ({"label": np.array("[" * 100_000)}, r"a.npz' must hold JSON in 'label'"),
-        ({"label": np.array("9" * 5000)}, r"a.npz' must hold JSON in 'label'"),
-    ],
-)
-def test_npz_with_other_content(fields, message, tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", **fields)
-    with pytest.raises(ValueError, match=message):
-        read_npz(tmp_path / "a.npz")
+def test_npz_arrays_may_be_written_to(path):
+    assert read_npz(path).tactile.flags.writeable
 
 
 @pytest.mark.parametrize("name", ["joint", "privileged/phase", "extra/pac"])
-def test_npz_that_lost_an_array(name, assert_same, tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", drop=[name])
+def test_npz_that_lost_an_array(name, assert_same, path):
+    changed(path, drop=[name])
     with pytest.raises(
         ValueError, match=r"a.npz' .* must hold the arrays '\[\"extra/pac\", \"joint\", \"priv"
     ):
-        read_npz(tmp_path / "a.npz")
+        read_npz(path)
 
 
-def test_npz_of_an_earlier_version_lists_no_arrays(assert_same, tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", drop=["arrays"])
-    assert_same(read_npz(tmp_path / "a.npz"), small())
-
-
-@pytest.mark.parametrize("version", [True, 1.0, "1"])
-def test_npz_whose_version_is_no_integer(version, tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", version=np.array(version))
-    with pytest.raises(ValueError, match=r"a.npz' must be of format version 1 \(got "):
-        read_npz(tmp_path / "a.npz")
+def test_npz_of_an_earlier_version_lists_no_arrays(assert_same, path):
+    changed(path, drop=["arrays"])
+    assert_same(read_npz(path), small())
 
 
 def test_npz_behind_another_one(tmp_path):
@@ -306,11 +265,4 @@ def test_npz_behind_another_one(tmp_path):
     joined = (tmp_path / "a.npz").read_bytes() + (tmp_path / "b.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(joined)
     with pytest.raises(ValueError, match=r"a.npz' .* something stands before its first part"):
-        read_npz(tmp_path / "a.npz")
-
-
-def test_npz_of_truth_values(tmp_path):
-    write_npz(small(), tmp_path / "a.npz")
-    changed(tmp_path / "a.npz", tactile=np.isnan(small().tactile))
-    with pytest.raises(ValueError, match=r"a.npz' must hold numbers in 'tactile' \(got truth"):
         read_npz(tmp_path / "a.npz")

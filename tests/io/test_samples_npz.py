@@ -54,8 +54,3 @@ def test_pickled_objects_are_refused(tmp_path):
     path = write(tmp_path / "a.npz", x=X, y=np.array(["a", 1, None, 2.0], dtype=object))
     with pytest.raises(ValueError, match="only numbers and texts are read"):
         read_samples_npz(path)
-
-
-def test_missing_file_is_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match="does not exist; give the path of an npz file"):
-        read_samples_npz(tmp_path / "a.npz")

@@ -74,16 +74,9 @@ def test_read_drops_and_counts_repeats(write, rows, times, stale):
     assert rec.meta["stale_rows"] == stale
 
 
-def test_read_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone.csv' does not exist"):
-        read_xela_log_csv(tmp_path / "gone.csv")
-
-
 @pytest.mark.parametrize(
     ("text", "forces", "message"),
     [
-        ("", False, r"log.csv' must hold at least one frame \(got an empty file\)"),
-        (f"{HEADER}\n", False, r"at least one frame \(got a header only\)"),
         ("time,taxel_0_x\n0,1\n", False, r"must have the column 'Send time', as a log of xela_log"),
         ("Send time,1X,1Y,1Z\n0,1,2,3\n", False, r"must have the column 'Message number'"),
         (HEADER[:-6] + "\n", False, r"must have the column '1Y', as it has taxel 1"),
@@ -92,19 +85,11 @@ def test_read_missing_file(tmp_path):
         (f"{HEADER}\n0,1,1,1,2,3\n", True, r"'Force 1X' for forces .* \(got counts only\)"),
         (f"{HEADER},Force 1X\n", False, r"must have the column 'Force 1Y'"),
         (
-            f"{HEADER}\n0,1,1,1,2\n",
+            f"{HEADER}\n0,,1,1,2,3\n",
             False,
-            r"line 2 must have 6 cells \(got 5\): is the file truncated",
+            r"line 2, column 2: 'Send time' must be a number",
         ),
-        (
-            f"{HEADER}\n0,1,1,1,2,3",
-            False,
-            r"line 2 must end with a line break: is the file truncated\?",
-        ),
-        (f"{HEADER}\n0,1,1,1,y,3\n", False, r"line 2, column 5: '1Y' must be a number \(got 'y'\)"),
-        (f"{HEADER}\n0,1,1,1,inf,3\n", False, r"column 5: '1Y' must be finite"),
-        (f"{HEADER}\n0,,1,1,2,3\n", False, r"line 2: 'Send time' must be a number \(got ''\)"),
-        (f"{HEADER}\n0,1,,1,2,3\n", False, r"line 2: 'Message number' must be a number"),
+        (f"{HEADER}\n0,1,,1,2,3\n", False, r"line 2, column 3: 'Message number' must be a number"),
         (
             f"{HEADER}\n0,2,1,1,2,3\n0,1,2,2,2,3\n",
             False,
@@ -117,12 +102,6 @@ def test_read_refuses(write, text, forces, message):
         read_xela_log_csv(write(text), forces=forces)
 
 
-@pytest.mark.parametrize("cut", [1, 5, 40, 85])
-def test_read_real_log_cut_in_the_last_line(write, cut):
-    with pytest.raises(ValueError, match=r"log.csv', line 4 must .*is the file truncated"):
-        read_xela_log_csv(write(REAL[:-cut]))
-
-
 def test_read_columns_that_count_from_zero(write):
     header = "Receive time,Send time,Message number,0X,0Y,0Z,1X,1Y,1Z,Force 0X,Force 0Y,Force 0Z"
     path = write(f"{header}\n0,1,1,7,8,9,10,11,12,0.5,0.25,0\n")
@@ -133,8 +112,7 @@ def test_read_columns_that_count_from_zero(write):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (f"{HEADER},1X\n0,1,1,1,2,3,4\n", r"line 1 must name each column once \(got '1X' twice\)"),
-        (f"{HEADER},01x\n0,1,1,1,2,3,4\n", r"name each column once \(got '01x' twice\)"),
+        (f"{HEADER},01x\n0,1,1,1,2,3,4\n", r"name each column once \(got '1X' and '01x'\)"),
         (f"{HEADER},Send time\n0,1,1,1,2,3,4\n", r"each column once \(got 'Send time' twice\)"),
         (
             f"{HEADER},99999999X\n0,1,1,1,2,3,4\n",
@@ -142,7 +120,6 @@ def test_read_columns_that_count_from_zero(write):
         ),
         (f"{HEADER.replace('1X', '0X')}\n0,1,1,1,2,3\n", r"must have the column '0Y'"),
         (f"{HEADER},\u0662X,2Y,2Z\n0,1,1,1,2,3,4,5,6\n", r"must have the column '2X'"),
-        (f"{HEADER}\n0,1,1,1,2,3\n\n0,2,2,2,2,3\n", r"log.csv', line 3 must not be empty"),
         (f"{HEADER}\n0,1e39,1,1,2,3\n", r"column 2: 'Send time' must be finite"),
     ],
 )

@@ -128,7 +128,7 @@ def test_read_forces(write):
         ),
         (
             ['{"message": 1, "time": 0, "1": {"data": "1,2,3", "data": "4,5,6"}}'],
-            r"line 1: the message .* JSON \(the key 'data' is there twice\)",
+            r"line 1: the message .* JSON \(an object .* once \(got 'data' twice",
         ),
         (['{"message": 1, "time": %s}' % ("9" * 5000)], r"line 1: the message that begins here"),
         (['{"message": 1, "time": %s}' % ("9" * 400)], r"'time' of XELA message 1 must be a numb"),
@@ -162,9 +162,7 @@ def test_read_file_cut_in_the_middle(write, share, indent):
         read_xela_messages(path)
 
 
-def test_read_missing_file_and_no_text(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone.json' does not exist"):
-        read_xela_messages(tmp_path / "gone.json")
+def test_read_no_text(tmp_path):
     (tmp_path / "a.json").write_bytes(b"\xff\xfe{")
     with pytest.raises(ValueError, match=r"a.json' cannot be read as text"):
         read_xela_messages(tmp_path / "a.json")

@@ -1,7 +1,6 @@
 from .bigs_format import BiGSFormat
 from .bigs_grasp import read_bigs
-from .biotac_sp_csv import GraspTable, read_biotac_sp_csv
-from .biotac_sp_dos_csv import read_biotac_sp_dos_csv
+from .biotac_sp_csv import GraspTable, read_biotac_sp_csv, read_biotac_sp_dos_csv
 from .decoders.anyskin import AnySkinDecoder
 from .decoders.decoder import Decoder, DecoderCounts
 from .decoders.flexitac import FlexiTacDecoder
@@ -17,11 +16,8 @@ from .idx_file import read_idx
 from .lerobot_dataset import write_lerobot
 from .lerobot_reader import read_lerobot
 from .lerobot_touch import add_to_lerobot
-from .matrix_csv import read_matrix_csv
-from .matrix_files import read_matrices
+from .matrix_files import read_matrices, read_matrix_csv, read_matrix_npy, read_matrix_png
 from .matrix_mat import read_matrix_mat
-from .matrix_npy import read_matrix_npy
-from .matrix_png import read_matrix_png
 from .mcap_reader import read_mcap
 from .mcap_recovery import RepairReport, repair_mcap
 from .named_csv import read_named_csv
@@ -31,9 +27,13 @@ from .recording_mcap import McapWriter, write_mcap
 from .recording_npz import read_npz, write_npz
 from .samples_npz import read_samples_npz
 from .wide_csv import read_wide_csv, write_wide_csv
-from .xela_live import parse_xela_text
 from .xela_log_csv import read_xela_log_csv
-from .xela_message import XelaFrame, format_xela_message, parse_xela_message
+from .xela_message import (
+    XelaFrame,
+    format_xela_message,
+    parse_xela_message,
+    parse_xela_text,
+)
 from .xela_messages import read_xela_messages, write_xela_messages
 
 __all__ = [

@@ -3,9 +3,10 @@ r"""Tables of numbers in CSV files: a quick reader whose errors name line and co
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Hashable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from torch_geometric_tactile._texts import quoted
 
 # With these a spreadsheet program takes a cell for a formula, and runs it; also as wide characters.
 _FORMULA = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+_Key = TypeVar("_Key", bound=Hashable)
 _SEPARATOR = re.compile(r"[;\t|]")
 
 
@@ -73,13 +75,37 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         )
 
 
-def check_width(path: Path, line: int, row: Sequence[str], width: int) -> None:
-    r"""Checks that a line has a number of cells."""
-    if len(row) != width:
-        raise ValueError(
-            f"'{path}', line {line} must have {width} cells (got {len(row)}): is the file "
-            "truncated, or are the cells not separated by commas?"
-        )
+def csv_names(lines: Iterator[tuple[int, list[str]]]) -> list[str]:
+    r"""Returns the names of the columns, which are the first of the lines."""
+    return [cell.strip() for cell in next(lines)[1]]
+
+
+def csv_table(
+    path: Path,
+    lines: Iterator[tuple[int, list[str]]],
+    names: Sequence[str],
+    columns: Sequence[int] | None = None,
+    *,
+    texts: Sequence[int] = (),
+    required: Sequence[int] = (),
+    what: str = "frame",
+) -> tuple[np.ndarray, list[list[str]]]:
+    r"""Returns the numbers of some columns, or of all, and the cells of others as texts. In those
+    that are required, no number may be missing.
+    """
+    places = [*range(len(names))] if columns is None else [*columns]
+    needed = [i for i, place in enumerate(places) if place in required]
+    rows, cells = [], []
+    for line, row in lines:
+        numbers = csv_numbers(path, line, row, names, columns, required)
+        if needed and np.isnan(numbers[needed]).any():
+            place = next(places[i] for i in needed if np.isnan(numbers[i]))
+            raise _no_number(path, line, place, row[place], names[place])
+        rows.append(numbers)
+        cells.append([row[i] for i in texts])
+    if not rows:
+        raise ValueError(f"'{path}' must hold at least one {what} (got a header only)")
+    return np.stack(rows), cells
 
 
 def csv_numbers(
@@ -88,9 +114,14 @@ def csv_numbers(
     row: Sequence[str],
     names: Sequence[str],
     columns: Sequence[int] | None = None,
+    required: Sequence[int] = (),
 ) -> np.ndarray:
     r"""Returns the numbers of a line, NaN for empty cells."""
-    check_width(path, line, row, len(names))
+    if len(row) != len(names):
+        raise ValueError(
+            f"'{path}', line {line} must have {len(names)} cells (got {len(row)}): is the file "
+            "truncated, or are the cells not separated by commas?"
+        )
     places = range(len(row)) if columns is None else columns
     cells = row if columns is None else [row[i] for i in columns]
     text = "".join(cells)
@@ -105,9 +136,10 @@ def csv_numbers(
         infinite = np.flatnonzero(np.isinf(numbers.astype(np.float32)))
     if len(infinite):
         column = places[int(infinite[0])]
+        hint = "" if column in required else ", or empty where it is missing"
         raise ValueError(
-            f"'{path}', line {line}, column {column + 1}: {quoted(names[column])} must be finite, "
-            f"or empty where it is missing (got {quoted(row[column])})"
+            f"'{path}', line {line}, column {column + 1}: {quoted(names[column])} must be finite"
+            f"{hint} (got {quoted(row[column])})"
         )
     return numbers
 
@@ -128,7 +160,71 @@ def _number(path: Path, line: int, column: int, cell: str, name: str) -> float:
         return math.nan
     if is_number(cell):
         return float(cell)
-    raise ValueError(
+    raise _no_number(path, line, column, cell, name)
+
+
+def _no_number(path: Path, line: int, column: int, cell: str, name: str) -> ValueError:
+    return ValueError(
         f"'{path}', line {line}, column {column + 1}: {quoted(name)} must be a number "
         f"(got {quoted(cell)})"
     )
+
+
+def has_names(row: Sequence[str]) -> bool:
+    r"""Tells whether a line is a header: if most of its cells are no numbers. One wrong cell does
+    not make a line of numbers a header.
+    """
+    return sum(not is_number(cell) for cell in row) > len(row) / 2
+
+
+def is_counted(row: Sequence[str]) -> bool:
+    r"""Tells whether a line is ``0,1,2,...``, as the header that pandas writes without names; also
+    after the empty cell above its index.
+    """
+    names = [cell.strip() for cell in row]
+    if len(names) > 1 and not names[0]:
+        names = names[1:]
+    return names == [str(i) for i in range(len(names))]
+
+
+def refuse_counted(path: Path, row: Sequence[str], options: str) -> None:
+    r"""Checks that a first line is no header of numbers."""
+    if is_counted(row):
+        raise ValueError(
+            f"'{path}', line 1 must be names of columns or a frame (got 0, 1, 2, ..., which pandas "
+            f"writes for columns without names): name them, or write the file with "
+            f"to_csv(header=False, index=False); {options}"
+        )
+
+
+def refuse_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ()) -> None:
+    r"""Checks that no column is the index that pandas writes in front of the columns."""
+    for column, name in enumerate(names, 1):
+        unnamed = (column == 1 and not name) or re.fullmatch(r"Unnamed: [0-9]+", name)
+        if unnamed and len(names) > 1 and name not in ignore:
+            raise ValueError(
+                f"'{path}', line 1 must name column {column} (got {quoted(name)}, as above the "
+                "index of pandas): write the file with to_csv(index=False), or name the column"
+            )
+
+
+def placed(path: Path, names: Sequence[str], keys: Mapping[int, _Key]) -> dict[_Key, int]:
+    r"""Returns the columns by what they are, and checks that each is something of its own."""
+    place: dict[_Key, int] = {}
+    for column, key in keys.items():
+        if key in place:
+            before, name = quoted(names[place[key]]), quoted(names[column])
+            got = f"{name} twice" if name == before else f"{before} and {name}"
+            raise ValueError(f"'{path}', line 1 must name each column once (got {got})")
+        place[key] = column
+    return place
+
+
+def refuse_missing(path: Path, names: Container[str], wanted: Sequence[str]) -> None:
+    r"""Checks that there are all columns that a file must have."""
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        raise ValueError(
+            f"'{path}' must have the column '{missing[0]}' ({len(missing)} of {len(wanted)} "
+            "columns are missing)"
+        )

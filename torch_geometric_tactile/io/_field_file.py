@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION, TEXT_BYTES
 from torch_geometric_tactile.io._hdf5_arrays import read_rows
 from torch_geometric_tactile.io._hdf5_checks import check_hard_link, check_storage, hdf5_file
@@ -32,8 +33,7 @@ def read_fields(path: Path, wanted: Iterable[str]) -> Fields:
     r"""Reads arrays by their names. A name with an :obj:`"@"` is an attribute of an HDF5 file:
     :obj:`"grasp@success"` of the group or array :obj:`grasp`, :obj:`"@success"` of the file.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of an HDF5 or npz file")
+    existing_file(path, "give the path of an HDF5 or npz file")
     with path.open("rb") as file:
         head = file.read(8)
     kinds = [kind for start, kind in _SIGNATURES.items() if head.startswith(start)]

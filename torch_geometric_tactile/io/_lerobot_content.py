@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._files import atomic_path, existing_file
 from torch_geometric_tactile._limits import LEROBOT_TASKS
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Recording
@@ -189,9 +189,7 @@ def read_object(path: Path) -> dict[str, Any]:
 
 def read_info(root: Path) -> dict[str, Any]:
     r"""Reads :obj:`meta/info.json` of a data set."""
-    path = root / "meta" / "info.json"
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the folder of a LeRobot data set")
+    path = existing_file(root / "meta" / "info.json", "give the folder of a LeRobot data set")
     info = read_object(path)
     version = info.get("codebase_version")
     if not isinstance(version, str) or not version.startswith("v3."):
@@ -314,9 +312,7 @@ def row_values(path: Path, table: Any, name: str, shape: tuple[int, ...]) -> np.
 
 def read_tasks(root: Path) -> dict[int, str]:
     r"""Reads the tasks of a data set."""
-    path = root / "meta" / "tasks.parquet"
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; a LeRobot data set must have its tasks")
+    path = existing_file(root / "meta" / "tasks.parquet", "a LeRobot data set must have its tasks")
     if num_rows(path) > LEROBOT_TASKS:
         raise ValueError(f"'{path}' must hold at most {LEROBOT_TASKS} tasks (got {num_rows(path)})")
     table = read_texts(path, "task_index", ("task", "__index_level_0__"))

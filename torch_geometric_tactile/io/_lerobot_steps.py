@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._wide_csv_header import wide_csv_header
+from torch_geometric_tactile.io._csv_frames import signal_names
 
 TACTILE, STATE = "observation.tactile", "observation.state"
 TACTILE_FRAMES, STATE_FRAMES = f"{TACTILE}_frames", f"{STATE}_frames"
@@ -24,22 +24,8 @@ QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 Stats = dict[str, np.ndarray]
 
 
-def taxel_names(num_taxels: int, num_channels: int) -> list[str]:
-    r"""Returns the names of the readings of one frame, as in wide CSV.
-
-    Examples:
-        >>> taxel_names(2, 1)
-        ['taxel_0_x', 'taxel_1_x']
-
-    Shapes:
-        - **num_taxels:** Number of taxels :math:`N`.
-        - **num_channels:** Number of channels of a taxel :math:`C`.
-    """
-    return wide_csv_header(num_taxels, num_channels, 0)[1:]
-
-
 def shape_of_names(names: Any) -> tuple[int, int] | None:
-    r"""Returns the numbers of taxels and channels if the names are those of :func:`taxel_names`.
+    r"""Returns the numbers of taxels and channels if the names are those of wide CSV.
 
     Examples:
         >>> shape_of_names(["taxel_0_x", "taxel_0_y", "taxel_1_x", "taxel_1_y"])
@@ -51,7 +37,7 @@ def shape_of_names(names: Any) -> tuple[int, int] | None:
     if not num_channels or len(names) % num_channels:
         return None
     shape = (len(names) // num_channels, num_channels)
-    return shape if names == taxel_names(*shape) else None
+    return shape if names == [*signal_names(*shape)] else None
 
 
 def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -> dict[str, Any]:
@@ -62,7 +48,7 @@ def feature(size: int, names: list[str] | None = None, dtype: str = "float32") -
 def touch_features(recording: Recording, rows: int) -> dict[str, Any]:
     r"""Returns the features of the readings."""
     shape = (recording.num_taxels, recording.num_channels)
-    out = {TACTILE: feature(shape[0] * shape[1], taxel_names(*shape))}
+    out = {TACTILE: feature(shape[0] * shape[1], [*signal_names(*shape)])}
     if rows:
         out[TACTILE_FRAMES] = feature(rows * shape[0] * shape[1])
         out[FRAME_TIMES] = feature(rows)

@@ -3,10 +3,7 @@ compared for every byte.
 """
 
 import math
-import struct
-import tokenize
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,34 +11,14 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import UNREADABLE, unreadable
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 
 _MOST_CHARACTER = 0x10FFFF
-_BLOCK = 2**24
 _SUFFIX = ".npy"
 _UTF8_NAME = 0x800
 _END = b"PK\x05\x06"
 _LONGEST_END = 22 + 2**16  # with a comment
-
-
-# What numpy's header parser and zipfile raise for damaged or strange files.
-UNREADABLE = (
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    OverflowError,
-    RecursionError,
-    RuntimeError,  # encrypted; NotImplementedError: another version or compression of zip
-    SyntaxError,
-    TypeError,
-    ValueError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 class ArrayHeader(NamedTuple):
@@ -98,23 +75,14 @@ class NpzArrays:
 
     def read(self, name: str) -> np.ndarray:
         r"""Returns an array. All of its bytes are compared with its checksum."""
-        header = self._headers[name]
-        numbers = np.empty(math.prod(header.shape), dtype=header.dtype)
-        memory = numbers.view(np.uint8)
-        done = 0
         with self._archive.open(self._entries[name]) as file:
-            read_array_header(file, name)
-            while block := file.read(_BLOCK):  # to the end, where the checksum is compared
-                memory[done : done + len(block)] = np.frombuffer(block, dtype=np.uint8)
-                done += len(block)
-        if done != numbers.nbytes:
-            raise ValueError(f"its array '{name}' is not whole")
-        if header.dtype.kind == "U" and numbers.size and header.dtype.itemsize:
-            codes = numbers.view(header.dtype.str[0] + "u4")
+            numbers = np.lib.format.read_array(file, allow_pickle=False)
+            file.read(1)  # to the end, where the checksum is compared
+        if numbers.dtype.kind == "U" and numbers.size:
+            codes = np.ascontiguousarray(numbers).reshape(-1).view(numbers.dtype.str[0] + "u4")
             if codes.max() > _MOST_CHARACTER:
                 raise ValueError(f"its array '{name}' holds no text")
-        numbers = numbers.astype(header.dtype.newbyteorder("="), copy=False)
-        return numbers.reshape(header.shape, order="F" if header.fortran_order else "C")
+        return numbers.astype(numbers.dtype.newbyteorder("="), copy=False)
 
 
 def _num_entries(path: Path) -> int:
@@ -156,7 +124,4 @@ def opened_npz(path: Path, allow_large: bool) -> Iterator[NpzArrays]:
     except PermissionError:
         raise
     except UNREADABLE as error:
-        reason = str(error) or type(error).__name__
-        raise ValueError(
-            f"'{path}' cannot be read as npz: {reason}; copy or write it again"
-        ) from error
+        raise unreadable(path, "npz", error) from error

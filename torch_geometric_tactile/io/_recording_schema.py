@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 
@@ -32,10 +33,15 @@ GROUPS = (PRIVILEGED, EXTRA)
 
 def checked_file(path: PathLike) -> Path:
     r"""Returns the path of a file that exists."""
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of a recording")
-    return path
+    return existing_file(path, "give the path of a recording")
+
+
+def new_recording(path: Path, **content: Any) -> Recording:
+    r"""Returns the recording in a file, which errors name."""
+    try:
+        return Recording(**content)
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from error
 
 
 def recording_to_arrays(recording: Recording) -> dict[str, np.ndarray]:

@@ -144,13 +144,8 @@ class BiGSFormat:
         for key, rate in (("rate", self.rate), *self.rates.items()):
             if not _is_number(rate) or not 0 < rate < 1e6:
                 raise ValueError(f"'{key}' must be a rate above 0, per second (got {rate!r})")
-        for key in _RATES:
-            steps = self.rate_of(key) / self.rate
-            if key in self.rates and (round(steps) < 1 or abs(steps - round(steps)) > 1e-6):
-                raise ValueError(
-                    f"the rate of '{key}' must be a multiple of 'rate', {self.rate:g} (got "
-                    f"{self.rate_of(key):g})"
-                )
+        for key in self.rates:
+            self.steps(key)
         end = self.ends_after_pickup
         if end is not None and (not _is_number(end) or end < 0):
             raise ValueError(f"'ends_after_pickup' must be seconds, at least 0 (got {end!r})")
@@ -192,9 +187,10 @@ class BiGSFormat:
         """
         steps = self.rate_of(key) / self.rate
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+            hint = "" if key in self.rates else ": state it in 'rates'"
             raise ValueError(
                 f"the rate of '{key}' must be a multiple of 'rate', {self.rate:g} (got "
-                f"{self.rate_of(key):g}): state it in 'rates'"
+                f"{self.rate_of(key):g}){hint}"
             )
         return round(steps)
 

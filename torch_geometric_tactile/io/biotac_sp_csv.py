@@ -1,22 +1,30 @@
-r"""The CSV files of the BioTac SP stability set: one grasp a row."""
+r"""The CSV files of the BioTac SP stability set, with one grasp a row, and of BioTac SP DoS,
+directions of slip, with one sequence a file.
+"""
 
-from itertools import islice
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._biotac_sp import FINGERS, NUM_ELECTRODES
-from torch_geometric_tactile.io._csv_header import refuse_twice
-from torch_geometric_tactile.io._csv_table import check_width, csv_rows, is_number
-
-_READING_COLUMNS = tuple(
-    f"{finger}_biotac_{i}" for finger in FINGERS for i in range(1, NUM_ELECTRODES + 1)
+from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.io._csv_table import (
+    csv_names,
+    csv_rows,
+    csv_table,
+    placed,
+    refuse_missing,
 )
-_HIGHEST = float(np.finfo(np.float32).max)
-_COLUMNS = ("object", "slipped", *_READING_COLUMNS)
+
+_FINGERS = ("ff", "mf", "th")
+_NUM_ELECTRODES = 24
+_ELECTRODES = [(finger, i) for finger in _FINGERS for i in range(1, _NUM_ELECTRODES + 1)]
+_GRASP_COLUMNS = ["object", "slipped", *(f"{finger}_biotac_{i}" for finger, i in _ELECTRODES)]
+_SLIP_READINGS = [f"{finger}_e{i}" for finger, i in _ELECTRODES]
+_SLIP_OWN = _SLIP_READINGS[:_NUM_ELECTRODES]
+_SLIP_RATE = 100.0  # frames per second
 
 
 class GraspTable(NamedTuple):
@@ -61,48 +69,74 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         >>> table.reading.shape, table.slipped.tolist(), table.object_names
         ((1, 24, 3), [1], ['cup'])
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"'{path}' does not exist; put the file of the BioTac SP stability set there"
-        )
-    reading, slipped, object_names = [], [], []
+    path = existing_file(path, "put the file of the BioTac SP stability set there")
     lines = csv_rows(path)
-    header = [name.strip() for _, row in islice(lines, 1) for name in row]
-    missing = [name for name in _COLUMNS if name not in header]
-    if missing:
+    header = csv_names(lines)
+    refuse_missing(path, {*header}, _GRASP_COLUMNS)
+    place = placed(path, header, dict(enumerate(header)))
+    objects, *numeric = (place[name] for name in _GRASP_COLUMNS)
+    texts = [objects, numeric[0]]
+    numbers, cells = csv_table(
+        path, lines, header, numeric, texts=texts, required=numeric, what="grasp"
+    )
+    wrong = np.flatnonzero(~np.isin(numbers[:, 0], (0.0, 1.0)))
+    if len(wrong):
         raise ValueError(
-            f"'{path}' must have the column '{missing[0]}' ({len(missing)} of "
-            f"{len(_COLUMNS)} columns are missing)"
+            f"'{path}', line {wrong[0] + 2}: 'slipped' must be 0 or 1 (got "
+            f"{quoted(cells[wrong[0]][1])})"
         )
-    refuse_twice(path, header)
-    place = [header.index(name) for name in _COLUMNS]
-    for line, row in lines:
-        where = f"'{path}', line {line}"
-        check_width(path, line, row, len(header))
-        cells = [row[i] for i in place]
-        object_names.append(cells[0].strip())
-        numbers = [
-            _number(cell, where, name) for cell, name in zip(cells[1:], _COLUMNS[1:], strict=True)
-        ]
-        if numbers[0] not in (0.0, 1.0):
-            raise ValueError(f"{where}: 'slipped' must be 0 or 1 (got {quoted(cells[1])})")
-        slipped.append(int(numbers[0]))
-        reading.append(numbers[1:])
-    if not reading:
-        raise ValueError(f"'{path}' must hold at least one grasp (got a header only)")
-    by_finger = np.asarray(reading, dtype=np.float32).reshape(-1, len(FINGERS), NUM_ELECTRODES)
+    by_finger = numbers[:, 1:].astype(np.float32).reshape(-1, len(_FINGERS), _NUM_ELECTRODES)
     return GraspTable(
         reading=np.ascontiguousarray(by_finger.transpose(0, 2, 1)),
-        slipped=np.asarray(slipped, dtype=np.int64),
-        object_names=object_names,
+        slipped=numbers[:, 0].astype(np.int64),
+        object_names=[row[0].strip() for row in cells],
     )
 
 
-def _number(cell: str, where: str, column: str) -> float:
-    if not cell.strip() or not is_number(cell):
-        raise ValueError(f"{where}: '{column}' must be a number (got {quoted(cell)})")
-    value = float(cell)
-    if not abs(value) <= _HIGHEST:
-        raise ValueError(f"{where}: '{column}' must be finite (got {quoted(cell)})")
-    return value
+def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
+    r"""Reads one file of `BioTac SP DoS <https://github.com/yayaneath/BioTacSP-DoS>`_: a header
+    ``ff_e1,...,ff_e24``, in any order, and a line of counts for each frame. The files hold no
+    times; frames are 1 / 100 s apart, which is the peak rate of the sensor.
+
+    Files as they were first published have the columns of two more fingers, ``mf_e1`` to
+    ``th_e24``, which were not recorded for the task; they are left out.
+
+    Args:
+        path (str or PathLike): The file.
+
+    Returns:
+        Recording: Of 24 taxels with one channel.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If a column is missing, unknown or named twice, a line is empty or has no end (a
+            file that was cut), or a cell is missing, not a number or not finite. The message names
+            file, line and column. Also if the file is no text.
+
+    Examples:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> head = ",".join(f"ff_e{i}" for i in range(1, 25))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "task.csv"
+        ...     _ = path.write_text(f"{head}\n" + 2 * f"3000{',3001' * 23}\n")
+        ...     read_biotac_sp_dos_csv(path)
+        Recording(num_frames=2, num_taxels=24, num_channels=1, rate=100)
+    """
+    path = existing_file(path, "put the file of BioTac SP DoS there")
+    lines = csv_rows(path)
+    header = csv_names(lines)
+    place = placed(path, header, dict(enumerate(header)))
+    unknown = [name for name in header if name not in _SLIP_READINGS]
+    if unknown:
+        raise ValueError(
+            f"'{path}' must have the columns '{_SLIP_OWN[0]}' to '{_SLIP_OWN[-1]}' only (got "
+            f"{quoted(unknown[0])}): is it a file of another data set, or written with an index?"
+        )
+    refuse_missing(path, place, _SLIP_OWN if {*header} <= {*_SLIP_OWN} else _SLIP_READINGS)
+    table, _ = csv_table(path, lines, header, required=range(len(header)))
+    return Recording(
+        time=np.arange(len(table)) / _SLIP_RATE,
+        tactile=table[:, [place[name] for name in _SLIP_OWN], None],
+        meta={"sensor": "biotac_sp", "unit": "count", "rate": _SLIP_RATE},
+    )

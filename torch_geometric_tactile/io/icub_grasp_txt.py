@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._csv_table import is_number
@@ -73,11 +74,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
         >>> frames.reading.shape, round(frames.encoder[0, 0].item(), 4)
         ((2, 60), 1.5708)
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"'{path}' does not exist; put the file of the iCub Grasp data set there"
-        )
+    path = existing_file(path, "put the file of the iCub Grasp data set there")
     lines = _lines(path)
     _, first = next(lines, (0, ""))
     if not is_number(first) or not first.strip() or float(first) != _HEAD:

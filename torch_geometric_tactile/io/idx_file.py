@@ -6,10 +6,10 @@ import struct
 import zlib
 from collections.abc import Callable
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import IDX_BYTES, is_absurd
 from torch_geometric_tactile._typing import PathLike
 
@@ -42,9 +42,7 @@ def read_idx(path: PathLike) -> np.ndarray:
         ...     read_idx(path)
         array([5, 0, 4], dtype=uint8)
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of an IDX file")
+    path = existing_file(path, "give the path of an IDX file")
     data = path.read_bytes()
     try:
         if data[:2] == _GZIP:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._texts import printable
+from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._lerobot_content import (
@@ -175,8 +175,8 @@ def _shape(
 def _sizes(root: Path, features: dict[str, Any], name: str, most: int) -> tuple[int, ...]:
     feature = features.get(name)
     if not isinstance(feature, dict):
-        names = ", ".join(printable(name) for name in list(features)[:20])
-        raise ValueError(f"'{root}' must have the feature '{name}' (got {names or 'none'})")
+        names = short_list([*features], 20, printable, rest="")
+        raise ValueError(f"'{root}' must have the feature '{name}' (got {names})")
     shape = feature.get("shape")
     whole = isinstance(shape, list) and all(type(n) is int and 0 < n < 2**31 for n in shape)
     if not whole or not 1 <= len(shape or ()) <= most:

@@ -1,15 +1,199 @@
-r"""Files of matrices: the formats by suffix."""
+r"""Matrices of readings in CSV, npy and PNG files, and in files of any of these formats or MAT."""
 
+import struct
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
+from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io.matrix_csv import read_matrix_csv
+from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
+from torch_geometric_tactile.io._npz_arrays import read_array_header
 from torch_geometric_tactile.io.matrix_mat import read_matrix_mat
-from torch_geometric_tactile.io.matrix_npy import read_matrix_npy
-from torch_geometric_tactile.io.matrix_png import read_matrix_png
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY = 0
+_COLORS = {2: "RGB", 3: "a palette", 4: "grey with transparency", 6: "RGB with transparency"}
+_DEPTHS = (8, 16)
+_MODES = ("L", "I;16", "I")  # the last one is what older versions of Pillow take 16 bits for
+
+
+def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
+    r"""Reads a matrix from a CSV file without a header: a line for each row, with commas between
+    the numbers, as ``numpy.savetxt(path, matrix, delimiter=",")`` writes it. Empty cells are NaN.
+
+    Args:
+        path (str or PathLike): The file.
+        size (sequence of int): Number of rows and of columns.
+
+    Returns:
+        numpy.ndarray: The numbers :math:`(1, rows, columns)`, in double precision.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file has another number of lines or of cells in a line, a cell is no
+            finite number, or the last line has no end, as in a file that was cut. The message names
+            file, line and column.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.savetxt(f"{folder}/press.csv", [[1, 2], [3, 4]], delimiter=",")
+        ...     read_matrix_csv(f"{folder}/press.csv", size=(2, 2))
+        array([[[1., 2.],
+                [3., 4.]]])
+    """
+    path = existing_file(path, "give the path of a CSV file")
+    rows, columns = size
+    names = [f"column {i + 1}" for i in range(columns)]
+    found: list[np.ndarray] = []
+    for line, row in csv_rows(path):
+        if len(found) == rows:
+            raise ValueError(f"'{path}' must have {rows} lines (got more)")
+        found.append(csv_numbers(path, line, row, names))
+    if len(found) < rows:
+        raise ValueError(
+            f"'{path}' must have {rows} lines (got {len(found)}): is the file truncated?"
+        )
+    return np.stack(found)[None]
+
+
+def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
+    r"""Reads a matrix, or a stack of matrices of one size. The size is checked before memory is
+    taken, and nothing is unpickled.
+
+    The format has no checksum: a number that was changed on the way is not noticed.
+
+    Args:
+        path (str or PathLike): The file.
+        size (sequence of int): The size of a matrix, such as rows and columns; one number for rows
+            of readings.
+
+    Returns:
+        numpy.ndarray: The numbers as they are stored :math:`(n, \ldots)`, with :math:`n = 1` for a
+        single matrix.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If the file is no npy file, cut or damaged, holds anything else than real
+            numbers, or an array of another size. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     np.save(f"{folder}/press.npy", np.ones((2, 3)))
+        ...     read_matrix_npy(f"{folder}/press.npy", size=(2, 3)).shape
+        (1, 2, 3)
+    """
+    path, size = existing_file(path, "give the path of an npy file"), tuple(size)
+    with path.open("rb") as file:
+        try:
+            header, start = read_array_header(file, path.stem)
+        except UNREADABLE as error:
+            raise unreadable(path, "npy", error) from error
+        if header.dtype.kind not in "iuf":
+            raise ValueError(f"'{path}' must hold numbers (got type {header.dtype})")
+        shape = header.shape
+        if shape != size and (shape[1:] != size or shape[0] == 0):
+            wanted = " x ".join(map(str, size))
+            raise ValueError(
+                f"'{path}' must hold a matrix of {wanted} numbers or a stack of them (got shape "
+                f"{shape})"
+            )
+        if start + header.num_bytes != path.stat().st_size:
+            raise ValueError(
+                f"'{path}' must have {start + header.num_bytes} bytes for the shape {shape} (got "
+                f"{path.stat().st_size}): is it truncated? Copy or write it again"
+            )
+        numbers = np.fromfile(file, dtype=header.dtype)
+    numbers = numbers.astype(header.dtype.newbyteorder("="), copy=False)
+    return numbers.reshape(shape, order="F" if header.fortran_order else "C").reshape(-1, *size)
+
+
+def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
+    r"""Reads a grey image of 8 or 16 bits. Its size is checked before it is unpacked, and every
+    part is compared with its checksum. Colour images are refused, since nothing says how to convert
+    them to grey.
+
+    Args:
+        path (str or PathLike): The file.
+        size (sequence of int): Number of rows and of columns.
+
+    Returns:
+        numpy.ndarray: The grey values :math:`(1, rows, columns)`, of type uint8 or uint16.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ImportError: If Pillow is missing.
+        ValueError: If the file is no PNG image, cut or damaged, too large, of another size or
+            depth, coloured, or an animation. The message names the file.
+
+    Examples:
+        >>> import tempfile
+        >>> from PIL import Image
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     Image.fromarray(np.uint8([[0, 128, 255]])).save(f"{folder}/press.png")
+        ...     read_matrix_png(f"{folder}/press.png", size=(1, 3))
+        array([[[  0, 128, 255]]], dtype=uint8)
+    """
+    path = existing_file(path, "give the path of a PNG file")
+    if path.stat().st_size > PNG_BYTES:
+        raise ValueError(
+            f"'{path}' must have {PNG_BYTES} bytes at most, as a small image has (got "
+            f"{path.stat().st_size})"
+        )
+    data = path.read_bytes()
+    depth = _checked_depth(path, data, tuple(size))
+    try:
+        pixels = _pixels(data, tuple(size))
+    except UNREADABLE as error:
+        raise unreadable(path, "PNG", error) from error
+    return pixels.astype(np.uint8 if depth == 8 else np.uint16)[None]
+
+
+def _checked_depth(path: Path, data: bytes, size: tuple[int, ...]) -> int:
+    # The header is the first part of a PNG file, and has one form.
+    if data[:8] != _PNG_SIGNATURE or data[8:16] != b"\x00\x00\x00\rIHDR" or len(data) < 33:
+        raise ValueError(f"'{path}' must be a PNG image (got another format, or a part of one)")
+    columns, rows, depth, color = struct.unpack(">IIBB", data[16:26])
+    if (rows, columns) != size:
+        wanted = " x ".join(map(str, size))
+        raise ValueError(f"'{path}' must have {wanted} pixels (got {rows} x {columns})")
+    if color != _GREY:
+        raise ValueError(
+            f"'{path}' must be a grey image (got {_COLORS.get(color, f'colours of type {color}')}):"
+            " save it in grey"
+        )
+    if depth not in _DEPTHS:
+        raise ValueError(f"'{path}' must have 8 or 16 bits a pixel (got {depth})")
+    return int(depth)
+
+
+def _pixels(data: bytes, size: tuple[int, ...]) -> np.ndarray:
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError(
+            'PNG images need Pillow: pip install "torch-geometric-tactile[io]"'
+        ) from error
+
+    try:
+        with Image.open(BytesIO(data), formats=["PNG"]) as image:
+            image.verify()  # decoding alone does not compare the checksums of the pixels
+        with Image.open(BytesIO(data), formats=["PNG"]) as image:
+            if image.size != size[::-1]:  # of a second header
+                raise ValueError(f"it must hold one size (got {image.size[::-1]}, too)")
+            if getattr(image, "n_frames", 1) > 1:
+                raise ValueError("it must hold one image (got an animation)")
+            if image.mode not in _MODES:
+                raise ValueError(f"it must be a grey image (got mode {image.mode})")
+            return np.asarray(image)
+    except Image.DecompressionBombError as error:
+        raise ValueError(str(error)) from error
+
 
 _READERS: dict[str, Callable[..., np.ndarray]] = {
     ".csv": read_matrix_csv,

@@ -1,18 +1,19 @@
 r"""Matrices of readings in MAT files, as ``save -v7`` and :func:`scipy.io.savemat` write them.
 
-The reader is our own, since :func:`scipy.io.loadmat` takes memory as a damaged or hostile file says
-it needs, and follows it however deep. It reads numbers only.
+The reader is our own: :func:`scipy.io.loadmat` ends the process on a type of numbers that it does
+not know, and takes memory as a damaged or hostile file says it needs, as :func:`scipy.io.whosmat`
+does for the name of a variable. It reads numbers only.
 """
 
 import math
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import MAT_BYTES, is_absurd
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
@@ -76,9 +77,7 @@ def read_matrix_mat(
         ...     read_matrix_mat(f"{folder}/presses.mat", size=(2, 3)).shape
         (5, 2, 3)
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of a MAT file")
+    path = existing_file(path, "give the path of a MAT file")
     data = path.read_bytes()
     try:
         order = _byte_order(data)

@@ -3,41 +3,37 @@ r"""Recordings as CSV files with column names of their own, as the logger of a g
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_header import (
+from torch_geometric_tactile.io._csv_frames import (
     TIME_UNITS,
-    cell_to_seconds,
+    FrameColumns,
     is_clock,
-    is_counted,
-    refuse_counted,
-    refuse_index,
-    refuse_twice,
+    read_frames,
+    recording_of,
+    time_unit_of,
     warn_of_unit,
 )
-from torch_geometric_tactile.io._csv_header import time_unit as time_unit_of
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows, is_number
+from torch_geometric_tactile.io._csv_table import (
+    csv_names,
+    csv_rows,
+    is_counted,
+    is_number,
+    placed,
+    refuse_counted,
+    refuse_index,
+)
 from torch_geometric_tactile.io._recording_schema import checked_file
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _MISSING = ("na", "n/a", "<na>", "null", "none")
 _LONGEST_LABEL = 1000
 _SURELY_COUNTS = 10  # frames in which a reading does not rise by one each
-
-
-class _Columns(NamedTuple):
-    time: int | None
-    time_unit: str
-    tactile: list[int]
-    joint: list[int]
-    degrees: list[int]
-    label: int | None
-    names: list[str]
 
 
 def read_named_csv(
@@ -109,91 +105,65 @@ def read_named_csv(
     if num_channels < 1:
         raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
     lines = csv_rows(path)
-    header = next((row for _, row in lines), [])
-    columns = _columns(path, header, tactile, joint, (time, time_unit), label, ignore)
+    columns = _columns(
+        path, csv_names(lines), tactile, joint, (time, time_unit), label, ignore, num_channels
+    )
+    names = columns.names
     if columns.time is None and rate is None:
         raise ValueError(
-            f"'{path}' must have a column of the time (got {_listed(columns.names)}): give its "
+            f"'{path}' must have a column of the time (got {_listed(names)}): give its "
             "name as 'time', or if there is none 'rate', the frames per second"
         )
     if not columns.tactile or len(columns.tactile) % num_channels:
         raise ValueError(
             f"'{path}' must have columns of readings for taxels of {num_channels} channels (got "
-            f"{len(columns.tactile)}: {_listed([columns.names[i] for i in columns.tactile])})"
+            f"{len(columns.tactile)}: {_listed([names[i] for i in columns.tactile])})"
         )
-    numeric = [*columns.tactile, *columns.joint]
-    numeric += [] if columns.time is None else [columns.time]
-    rows, times, labels = [], [], []
-    for line, row in lines:
-        try:
-            numbers = csv_numbers(path, line, row, columns.names, numeric)
-        except ValueError as error:
-            raise _with_advice(error, tactile is None) from None
-        rows.append(numbers)
-        if columns.time is not None:
-            cell = row[columns.time]
-            is_time = np.isfinite(numbers[-1])
-            times.append(
-                cell_to_seconds(path, line, cell, columns.time_unit) if is_time else np.nan
-            )
-        if columns.label is not None:
-            labels.append(_label(path, line, row[columns.label]))
-    if not rows:
-        raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
-    table = np.stack(rows)
-    stop = len(columns.tactile)
+    try:
+        frames = read_frames(path, lines, columns)
+    except ValueError as error:
+        raise _with_advice(error, tactile is None) from None
     if tactile is None:
-        _refuse_count(path, table[:, :stop], [columns.names[i] for i in columns.tactile])
-    seconds = np.array(times) if columns.time is not None else np.arange(len(table)) / (rate or 1)
-    if columns.time is not None and time_unit is None and columns.time_unit == "s":
-        warn_of_unit(path, seconds, "give time_unit='ms'")
-    joint_angles = table[:, stop : stop + len(columns.joint)]
-    joint_angles[:, columns.degrees] = np.deg2rad(joint_angles[:, columns.degrees])
-    content: dict[str, Any] = {} if label is None else _labels(path, label, labels)
+        _refuse_count(path, frames.tactile, [names[i] for i in columns.tactile])
+    if time_unit is None and columns.time_unit == "s":
+        warn_of_unit(path, frames.time, "give time_unit='ms'")
+    content: dict[str, Any] = {} if label is None else _labels(path, label, frames.labels)
     # What was given as a list is in the order of the list.
     chosen = {"tactile": (tactile, columns.tactile), "joint": (joint, columns.joint)}
     found = {
-        key: [columns.names[i] for i in places]
+        key: [names[i] for i in places]
         for key, (given, places) in chosen.items()
         if given is None or isinstance(given, str)
     }
     meta: dict[str, Any] = {"column_names": found} if found else {}
-    try:
-        return Recording(
-            time=seconds,
-            tactile=table[:, :stop].reshape(len(table), -1, num_channels),
-            joint=joint_angles if columns.joint else None,
-            meta=meta if unit is None else {**meta, "unit": unit},
-            **content,
-        )
-    except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
+    content["meta"] = meta if unit is None else {**meta, "unit": unit}
+    return recording_of(path, frames, columns, rate or 1, **content)
 
 
 def _with_advice(error: ValueError, is_guess: bool) -> ValueError:
     # Columns of readings that nobody named are often the label.
-    if not is_guess or "must be a number" not in str(error):
+    text = str(error)
+    if not is_guess or "must be a number" not in text or text.endswith("(got '')"):
         return error
     return ValueError(f"{error}; if the column is no reading, give it as 'label' or 'ignore'")
 
 
 def _columns(
     path: Path,
-    header: Sequence[str],
+    names: list[str],
     tactile: Sequence[str] | str | None,
     joint: Sequence[str] | str,
     time_and_unit: tuple[str | None, str | None],
     label: str | None,
     ignore: Sequence[str],
-) -> _Columns:
-    names = [cell.strip() for cell in header]
+    num_channels: int,
+) -> FrameColumns:
     refuse_index(path, names, ignore)
     if tactile is None:
         refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
     if all(map(is_number, names)) and not is_counted(names):
         raise _no_name(path, 0, names[0])
-    refuse_twice(path, names)
-    place = {name: i for i, name in enumerate(names)}
+    place = placed(path, names, dict(enumerate(names)))
 
     def find(name: str) -> int:
         if name not in place:
@@ -226,14 +196,15 @@ def _columns(
     both = [names[i] for i in readings if i in used]
     if both:
         raise ValueError(f"column '{both[0]}' of '{path}' must be one thing only (got it for two)")
-    return _Columns(
-        time=time_column,
-        time_unit=_unit("" if time_column is None else names[time_column], unit),
+    return FrameColumns(
+        names=names,
         tactile=readings,
+        num_channels=num_channels,
         joint=joints,
         degrees=[i for i, column in enumerate(joints) if names[column].lower().endswith("_deg")],
+        time=time_column,
+        time_unit=_unit("" if time_column is None else names[time_column], unit),
         label=label_column,
-        names=names,
     )
 
 
@@ -268,14 +239,11 @@ def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
         if is_number(name) or name.lower() in _MISSING:
             raise _no_name(path, column, name)
         if time_unit_of(name) or is_clock(name):
-            raise _no_time(path, column, name)
-
-
-def _no_time(path: Path, column: int, name: str) -> ValueError:
-    return ValueError(
-        f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the time, "
-        f"one of {list(TIME_UNITS)} (got {quoted(name)}): give it as 'time' or 'ignore'"
-    )
+            raise ValueError(
+                f"'{path}', line 1, column {column + 1} must be a reading or end in a unit of the "
+                f"time, one of {list(TIME_UNITS)} (got {quoted(name)}): give it as 'time' or "
+                "'ignore'"
+            )
 
 
 def _refuse_count(path: Path, table: np.ndarray, names: Sequence[str]) -> None:
@@ -297,17 +265,14 @@ def _no_name(path: Path, column: int, name: str) -> ValueError:
     )
 
 
-def _label(path: Path, line: int, cell: str) -> str:
-    label = cell.strip()
-    if len(label) > _LONGEST_LABEL:
-        raise ValueError(
-            f"'{path}', line {line} must have a label of up to {_LONGEST_LABEL} characters (got "
-            f"{len(label)})"
-        )
-    return label
-
-
-def _labels(path: Path, name: str, labels: Sequence[str]) -> dict[str, Any]:
+def _labels(path: Path, name: str, cells: Sequence[str]) -> dict[str, Any]:
+    labels = [cell.strip() for cell in cells]
+    for line, label in enumerate(labels, 2):
+        if len(label) > _LONGEST_LABEL:
+            raise ValueError(
+                f"'{path}', line {line} must have a label of up to {_LONGEST_LABEL} characters "
+                f"(got {len(label)})"
+            )
     if "" in labels:
         raise ValueError(
             f"'{path}' must have a label in every frame in '{name}' (got none in frame "

@@ -4,7 +4,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -20,35 +20,27 @@ from torch_geometric_tactile.io.wide_csv import has_own_names, read_wide_csv, wr
 from torch_geometric_tactile.io.xela_log_csv import is_xela_log, read_xela_log_csv
 from torch_geometric_tactile.io.xela_messages import read_xela_messages, write_xela_messages
 
-_READERS: dict[str, Callable[..., Recording]] = {
-    "HDF5": read_hdf5,
-    "npz": read_npz,
-    "MCAP": read_mcap,
-    "wide CSV": read_wide_csv,
-    "named CSV": read_named_csv,
-    "XELA log CSV": read_xela_log_csv,
-    "XELA messages": read_xela_messages,
+
+class _Format(NamedTuple):
+    read: Callable[..., Recording]
+    write: Callable[[Recording, PathLike], None] | None = None
+    suffixes: tuple[str, ...] = ()
+    only_read: tuple[str, ...] = ()  # further suffixes
+
+
+_FORMATS = {
+    "HDF5": _Format(read_hdf5, write_hdf5, (".h5", ".hdf5")),
+    "npz": _Format(read_npz, write_npz, (".npz",)),
+    "MCAP": _Format(read_mcap, write_mcap, (".mcap",)),
+    "wide CSV": _Format(read_wide_csv, write_wide_csv, (".csv",)),
+    "named CSV": _Format(read_named_csv),
+    "XELA log CSV": _Format(read_xela_log_csv),
+    "XELA messages": _Format(
+        read_xela_messages, write_xela_messages, (".jsonl", ".ndjson"), (".json", ".txt")
+    ),
 }
-_SUFFIXES = {
-    ".h5": "HDF5",
-    ".hdf5": "HDF5",
-    ".npz": "npz",
-    ".mcap": "MCAP",
-    ".csv": "wide CSV",
-    ".json": "XELA messages",
-    ".jsonl": "XELA messages",
-    ".ndjson": "XELA messages",
-    ".txt": "XELA messages",
-}
-_WRITERS: dict[str, Callable[[Recording, PathLike], None]] = {
-    ".h5": write_hdf5,
-    ".hdf5": write_hdf5,
-    ".npz": write_npz,
-    ".mcap": write_mcap,
-    ".csv": write_wide_csv,
-    ".jsonl": write_xela_messages,
-    ".ndjson": write_xela_messages,
-}
+_WRITERS = {suffix: form.write for form in _FORMATS.values() for suffix in form.suffixes}
+_SUFFIXES = {s: name for name, f in _FORMATS.items() for s in (*f.suffixes, *f.only_read)}
 _SIGNATURES = {b"\x89HDF\r\n\x1a\n": "HDF5", b"PK\x03\x04": "npz", MAGIC: "MCAP"}
 _MESSAGES = re.compile(rb"(\xef\xbb\xbf)*\s*[\[{]")
 
@@ -127,13 +119,12 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100)
     """
     name = chosen_format(path, kwargs)
-    reader = _READERS[name]
     options = format_options(name)
     for key in kwargs:
         if key not in options:
             known = ", ".join(options) or "none"
             raise ValueError(f"'{key}' must be an option of the format {name}: {known} ('{path}')")
-    return reader(path, **kwargs)
+    return _FORMATS[name].read(path, **kwargs)
 
 
 def chosen_format(path: PathLike, options: Iterable[str]) -> str:
@@ -156,7 +147,7 @@ def format_options(name: str) -> list[str]:
         >>> format_options("XELA messages")
         ['forces']
     """
-    return [*inspect.signature(_READERS[name]).parameters][1:]
+    return [*inspect.signature(_FORMATS[name].read).parameters][1:]
 
 
 def write_recording(recording: Recording, path: PathLike) -> None:
@@ -182,6 +173,7 @@ def write_recording(recording: Recording, path: PathLike) -> None:
         Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100)
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in _WRITERS:
+    write = _WRITERS.get(suffix)
+    if write is None:
         raise ValueError(f"'{path}' must end in one of {', '.join(_WRITERS)} (got '{suffix}')")
-    _WRITERS[suffix](recording, path)
+    write(recording, path)

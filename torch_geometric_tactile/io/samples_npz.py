@@ -1,11 +1,11 @@
 r"""Labelled samples as npz files of plain arrays, as :func:`numpy.savez` writes them."""
 
 import logging
-from pathlib import Path
 
 import numpy as np
 
-from torch_geometric_tactile._texts import quoted
+from torch_geometric_tactile._files import existing_file
+from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 
@@ -64,9 +64,7 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         >>> {name: array.shape for name, array in arrays.items()}
         {'x': (6, 16, 3), 'y': (6,)}
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"'{path}' does not exist; give the path of an npz file")
+    path = existing_file(path, "give the path of an npz file")
     with opened_npz(path, allow_large) as arrays:
         shapes = arrays.shapes
         found: dict[str, list[str]] = {}
@@ -82,16 +80,16 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         raise ValueError(f"'{path}' must hold labelled samples: {problem}")
     unknown = sorted(set(shapes) - set(_BY_NAME))
     if unknown:
-        _logger.warning("'%s': not used: %s", path, ", ".join(map(quoted, unknown[:10])))
+        _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, rest=""))
     return content
 
 
 def _problem(found: dict[str, list[str]], shapes: dict[str, tuple[int, ...]]) -> str:
     for key in ("x", "y"):
         if key not in found:
-            names = ", ".join(map(quoted, sorted(shapes)[:10]))
+            names = short_list(sorted(shapes), 10, quoted, rest="") if shapes else "no arrays"
             hint = " (a recording is not a data set: give its folder)" if "format" in shapes else ""
-            return f"an array '{key}' is missing (got {names or 'no arrays'}){hint}"
+            return f"an array '{key}' is missing (got {names}){hint}"
     for key, same in found.items():
         if len(same) > 1:
             return f"only one of {same} may be there, since each is '{key}'"

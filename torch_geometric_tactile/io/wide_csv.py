@@ -3,34 +3,48 @@ hand data of the papers (384 taxels of 3 axes and 16 joints: 1168 columns).
 """
 
 import logging
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
+from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_header import (
-    cell_to_seconds,
-    has_names,
-    refuse_counted,
-    refuse_index,
+from torch_geometric_tactile.io._csv_frames import (
+    FrameColumns,
+    axes_of,
+    read_frames,
+    recording_of,
+    signal_names,
+    time_unit_of,
     warn_of_unit,
 )
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
-from torch_geometric_tactile.io._recording_schema import checked_file
-from torch_geometric_tactile.io._wide_csv_header import (
-    WideColumns,
-    columns_by_name,
-    columns_by_place,
-    is_wide_name,
-    wide_csv_header,
+from torch_geometric_tactile.io._csv_table import (
+    csv_rows,
+    has_names,
+    placed,
+    refuse_counted,
+    refuse_index,
 )
+from torch_geometric_tactile.io._recording_schema import checked_file
 
 _log = logging.getLogger(__name__)
-
-_NUM_TAXELS, _NUM_CHANNELS, _NUM_JOINTS = 384, 3, 16
+_HAND = {"num_taxels": 384, "num_channels": 3, "num_joints": 16}
+_HAND_COLUMNS = 384 * 3 + 16
+_TAXEL = re.compile(r"taxel_([0-9]{1,9})_([xyz]|[0-9]{1,9})(?:_([a-z]+))?")
+_JOINT = re.compile(r"joint_([0-9]{1,9})(?:_(rad|deg))?")
+# The unit of the metadata, and how many of the column's unit make one of it.
+_UNITS = {
+    "n": ("newton", 1.0),
+    "newton": ("newton", 1.0),
+    "mn": ("newton", 1000.0),
+    "count": ("count", 1.0),
+    "counts": ("count", 1.0),
+}
 
 
 def write_wide_csv(recording: Recording, path: PathLike) -> None:
@@ -68,14 +82,14 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
     if recording.joint is not None:
         parts.append(recording.joint)
     table = np.concatenate(parts, axis=1)
-    header = wide_csv_header(recording.num_taxels, recording.num_channels, recording.num_joints)
+    names = signal_names(recording.num_taxels, recording.num_channels, recording.num_joints)
     # Nine digits tell any two float32 apart.
     line = ",".join(["%.9g"] * table.shape[1])
     with (
         atomic_path(path) as temporary,
         temporary.open("w", newline="", encoding="ascii") as file,
     ):
-        file.write(",".join(header) + "\n")
+        file.write(",".join(["time", *names]) + "\n")
         for time, row in zip(recording.time.tolist(), table, strict=True):
             file.write(f"{time!r}," + line % tuple(row.tolist()) + "\n")
 
@@ -132,99 +146,134 @@ def read_wide_csv(
         if size is not None and size < (name != "num_joints"):
             raise ValueError(f"'{name}' must be at least {int(name != 'num_joints')} (got {size})")
     lines = csv_rows(path)
-    line, row = next(lines, (1, []))
-    named = header or (header is None and has_names(row))
-    if not named and header is None:
-        refuse_counted(path, row, "pass header=False if this is a frame")
-    columns = _named(path, row, sizes) if named else _unnamed(path, line, row, sizes)
-    times: list[float] = []
-    rows: list[np.ndarray] = []
-    is_counted = columns.time is not None and not named
-    while row:
-        if not (named and line == 1):
-            numbers = csv_numbers(path, line, row, columns.names)
-            if columns.time is not None:
-                cell = row[columns.time]
-                times.append(_seconds(path, line, cell, numbers[columns.time], times, columns))
-                is_counted = is_counted and cell.strip() == str(len(rows))
-            rows.append(numbers)
-        line, row = next(lines, (line, []))
-    if not rows:
-        raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
+    line, row = next(lines)
+    if header or (header is None and has_names(row)):
+        names = [cell.strip() for cell in row]
+        refuse_index(path, names)
+        columns = _columns_by_name(path, names, sizes)
+        frames = read_frames(path, lines, columns)
+    else:
+        if header is None:
+            refuse_counted(path, row, "pass header=False if this is a frame")
+        columns = _columns_by_place(path, len(row), sizes)
+        frames = read_frames(path, chain([(line, row)], lines), columns, first_line=1)
+        counted = [str(i) for i in range(len(frames.tactile))]
+        if len(counted) > 1 and frames.time_cells == counted:
+            raise ValueError(
+                f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as "
+                "the index of pandas): write the file with to_csv(index=False), or name the columns"
+            )
     if columns.time_unit == "s":
-        warn_of_unit(path, np.array(times), "name the column time_ms")
-    if is_counted and len(rows) > 1:
-        raise ValueError(
-            f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as the "
-            "index of pandas): write the file with to_csv(index=False), or name the columns"
-        )
-    return _recording(path, np.array(times) if times else None, np.stack(rows), columns, rate)
+        warn_of_unit(path, frames.time, "name the column time_ms")
+    meta = {} if columns.unit is None else {"unit": columns.unit}
+    return recording_of(path, frames, columns, rate, meta=meta)
 
 
-def _recording(
-    path: Path, time: np.ndarray | None, table: np.ndarray, columns: WideColumns, rate: float
-) -> Recording:
-    joint = table[:, columns.joint]
-    joint[:, columns.degrees] = np.deg2rad(joint[:, columns.degrees])
-    tactile = table[:, columns.tactile].reshape(len(table), *columns.sizes[:2])
-    if columns.per_unit != 1:
-        tactile /= columns.per_unit
-    try:
-        return Recording(
-            time=np.arange(len(table)) / rate if time is None else time,
-            tactile=tactile,
-            joint=joint if columns.joint else None,
-            meta={} if columns.unit is None else {"unit": columns.unit},
-        )
-    except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
-
-
-def _named(path: Path, row: Sequence[str], sizes: dict[str, int | None]) -> WideColumns:
-    refuse_index(path, [cell.strip() for cell in row])
-    columns = columns_by_name(path, row)
-    for (name, size), own in zip(sizes.items(), columns.sizes, strict=True):
-        if size not in (None, own):
-            raise ValueError(f"'{name}' must be {own}, as '{path}' has (got {size})")
-    return columns
-
-
-def _unnamed(
-    path: Path, line: int, row: Sequence[str], sizes: dict[str, int | None]
-) -> WideColumns:
-    defaults = (_NUM_TAXELS, _NUM_CHANNELS, _NUM_JOINTS)
+def _columns_by_place(path: Path, width: int, sizes: Mapping[str, int | None]) -> FrameColumns:
+    r"""Returns the columns of a file without names: those of :func:`write_wide_csv`."""
     taxels, channels, joints = (
-        default if size is None else size
-        for size, default in zip(sizes.values(), defaults, strict=True)
+        _HAND[name] if size is None else size for name, size in sizes.items()
     )
-    width = taxels * channels + joints
-    if len(row) - width not in (0, 1):
+    num_readings = taxels * channels
+    first = width - num_readings - joints
+    if first not in (0, 1):
         raise ValueError(
-            f"'{path}', line {line} must have {width} cells for {taxels} taxels of {channels} "
-            f"channels and {joints} joints, or {width + 1} with the time (got {len(row)}): name "
-            "the columns as write_wide_csv does, or give num_taxels, num_channels and num_joints "
-            "(tactile convert: --num-taxels, --num-channels, --num-joints)"
+            f"'{path}', line 1 must have {num_readings + joints} cells for {taxels} taxels of "
+            f"{channels} channels and {joints} joints, or {num_readings + joints + 1} with the "
+            f"time (got {width}): name the columns as write_wide_csv does, or give num_taxels, "
+            "num_channels and num_joints (tactile convert: --num-taxels, --num-channels, "
+            "--num-joints)"
         )
-    return columns_by_place((taxels, channels, joints), time=len(row) > width)
+    return FrameColumns(
+        names=["time"] * first + [*signal_names(taxels, channels, joints)],
+        tactile=[*range(first, first + num_readings)],
+        num_channels=channels,
+        joint=[*range(first + num_readings, width)],
+        degrees=[],
+        time=0 if first else None,
+        time_unit="s",
+    )
 
 
-def _seconds(
-    path: Path, line: int, cell: str, number: float, before: list[float], columns: WideColumns
-) -> float:
-    if np.isnan(number):
-        raise ValueError(f"'{path}', line {line}: 'time' must be a number (got '{cell.strip()}')")
-    time = cell_to_seconds(path, line, cell, columns.time_unit)
-    if before and time <= before[-1]:
+def _columns_by_name(path: Path, names: list[str], sizes: Mapping[str, int | None]) -> FrameColumns:
+    r"""Returns the columns that a header names, which may be in any order; :obj:`sizes` are those
+    that are given, and must be its own.
+    """
+    keys = [name.lower() for name in names]
+    times = [i for i, key in enumerate(keys) if time_unit_of(key)]
+    taxels = {i: match for i, key in enumerate(keys) if (match := _TAXEL.fullmatch(key))}
+    joints = {i: match for i, key in enumerate(keys) if (match := _JOINT.fullmatch(key))}
+    known = {*times, *taxels, *joints}
+    unknown = [name for i, name in enumerate(names) if i not in known]
+    units = {match[3] for match in taxels.values()}
+    if unknown or not taxels or not units <= {None, *_UNITS}:
+        wrong = next((names[i] for i, m in taxels.items() if m[3] not in (None, *_UNITS)), names[0])
+        raise _not_understood(path, unknown[0] if unknown else wrong)
+    if len(units) > 1:
         raise ValueError(
-            f"'{path}', line {line}: 'time' must increase (got {time} s after {before[-1]} s)"
+            f"'{path}', line 1 must have all readings in one unit (got "
+            f"{sorted(str(unit) for unit in units)})"
         )
-    return time
+    if len(times) > 1:
+        raise ValueError(
+            f"'{path}', line 1 must have one column of the time (got "
+            f"{', '.join(names[i] for i in times)})"
+        )
+    meant = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
+    place = placed(path, names, meant | {i: f"joint_{int(m[1])}" for i, m in joints.items()})
+    found_axes = {match[2] for match in taxels.values()}
+    axes = axes_of(len(found_axes))
+    if found_axes != set(axes):
+        raise ValueError(
+            f"'{path}', line 1 must have the axes {', '.join(axes)} for taxels of {len(axes)} "
+            f"channels (got {', '.join(sorted(found_axes)[:6])})"
+        )
+    own = (len({int(match[1]) for match in taxels.values()}), len(axes), len(joints))
+    # Not as a list, which a header of wrong numbers would make too large.
+    missing = next((name for name in signal_names(*own) if name not in place), None)
+    if missing is not None:
+        raise ValueError(
+            f"'{path}', line 1 must have the column '{missing}': taxels and joints count from 0, "
+            "without gaps, and each taxel has all axes"
+        )
+    for (name, size), found in zip(sizes.items(), own, strict=True):
+        if size not in (None, found):
+            raise ValueError(f"'{name}' must be {found}, as '{path}' has (got {size})")
+    columns = [place[name] for name in signal_names(*own)]
+    joint = columns[len(taxels) :]
+    unit, per_unit = _UNITS.get(units.pop(), (None, 1.0))
+    return FrameColumns(
+        names=names,
+        tactile=columns[: len(taxels)],
+        num_channels=len(axes),
+        joint=joint,
+        degrees=[i for i, column in enumerate(joint) if joints[column][2] == "deg"],
+        time=times[0] if times else None,
+        time_unit=(time_unit_of(keys[times[0]]) if times else None) or "s",
+        unit=unit,
+        per_unit=per_unit,
+    )
+
+
+def _not_understood(path: Path, name: str) -> ValueError:
+    return ValueError(
+        f"'{path}', line 1 must name the columns 'time', 'taxel_0_x', 'taxel_0_y', 'taxel_0_z', "
+        "'taxel_1_x', ..., 'joint_0', ... in any order, with units 'time_ms', 'time_us', "
+        "'time_ns', 'joint_0_deg', 'taxel_0_x_n', 'taxel_0_x_mn' or 'taxel_0_x_count' if they are "
+        f"not s, rad and as the sensor gives them (got {quoted(name)}): rename the columns, or say "
+        "what they are with read_named_csv(path, tactile=..., num_channels=..., joint=..., "
+        "time=...) or the same options of tactile convert"
+    )
 
 
 def has_own_names(row: Sequence[str]) -> bool:
     r"""Tells whether a first line is a header whose names and number are not those of a recording
     that :func:`read_wide_csv` reads without arguments, or refuses since they are meant so.
     """
-    if not row or not has_names(row) or any(map(is_wide_name, row)):
+    if (
+        not row
+        or not has_names(row)
+        or any(re.match(r"taxel_[0-9]", name.strip().lower()) for name in row)
+    ):
         return False
-    return len(row) - _NUM_TAXELS * _NUM_CHANNELS - _NUM_JOINTS not in (0, 1)
+    return len(row) - _HAND_COLUMNS not in (0, 1)

@@ -2,19 +2,23 @@ r"""The CSV files of ``xela_log``, the logger of XELA's server: one message of o
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._texts import quoted
+from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._csv_table import csv_numbers, csv_rows
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._csv_frames import refuse_backwards
+from torch_geometric_tactile.io._csv_table import csv_names, csv_rows, csv_table, placed
+from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
 
 _SEND_TIME, _NUMBER = "send time", "message number"
-_CLOCKS = {"receive time", _SEND_TIME, _NUMBER}
+_NEEDED = (_SEND_TIME, _NUMBER)
+_CLOCKS = {"receive time", *_NEEDED}
 _logger = logging.getLogger(__name__)
 _COLUMN = re.compile(r"(force )?([0-9]{1,9})([xyz])")
 
@@ -57,78 +61,57 @@ def read_xela_log_csv(path: PathLike, forces: bool = False) -> Recording:
     """
     path = checked_file(path)
     lines = csv_rows(path)
-    _, header = next(lines)
+    header = csv_names(lines)
     names = _names(header)
-    _refuse_twice(path, names, header)
-    for name in (_SEND_TIME, _NUMBER):
-        if name not in names:
+    matches = {i: match for i, name in enumerate(names) if (match := _COLUMN.fullmatch(name))}
+    readings = {i: (match[1], int(match[2]), match[3]) for i, match in matches.items()}
+    place = placed(path, header, {i: readings.get(i, name) for i, name in enumerate(names)})
+    for name in _NEEDED:
+        if name not in place:
             raise ValueError(
                 f"'{path}' must have the column '{name.capitalize()}', as a log of xela_log (got "
-                f"{', '.join(map(quoted, header[:3]))})"
+                f"{short_list(header, 3, quoted, rest='')})"
             )
-    time_column, number_column = names.index(_SEND_TIME), names.index(_NUMBER)
-    reading_columns = _reading_columns(path, names, force=False)
-    force_columns = _reading_columns(path, names, force=True)
-    if forces and not force_columns:
+    counts, newtons = (_reading_columns(path, place, start) for start in (None, "force "))
+    if forces and not newtons:
         raise ValueError(
             f"'{path}' must have the column 'Force 1X' for forces in newtons (got counts only): "
             "read counts with forces=False"
         )
-    if not reading_columns and not force_columns:
-        raise ValueError(
-            f"'{path}' must have the column '1X' (got {', '.join(map(quoted, header[:6]))})"
-        )
-    clocks = [i for i, name in enumerate(names) if name in _CLOCKS]
-    read = [*clocks, *reading_columns, *force_columns]
+    if not forces and not counts:
+        some = short_list(header, 6, quoted, rest="")
+        got = "forces only): use forces=True" if newtons else f"{some})"
+        raise ValueError(f"'{path}' must have the column '1X' (got {got}")
+    clocks = [place[name] for name in _NEEDED]
+    compared = [*clocks, *counts, *newtons]
+    read = [*compared, *(place[name] for name in names if name in _CLOCKS and name not in _NEEDED)]
     unread = sorted({*range(len(header))} - {*read})
     if unread:
-        some = ", ".join(quoted(header[i]) for i in unread[:6])
+        some = short_list([header[i] for i in unread], 6, quoted, rest="")
         _logger.warning("'%s' has columns that are not read: %s", path, some)
-    measured = [*reading_columns, *force_columns]
-    columns = force_columns if forces else reading_columns
-    if not columns:
-        raise ValueError(f"'{path}' must have the column '1X' (got forces only): use forces=True")
-    rows: list[np.ndarray] = []
-    stale, before = 0, None
-    for line, row in lines:
-        numbers = np.full(len(header), np.nan)
-        numbers[read] = csv_numbers(path, line, row, header, read)
-        time, number = numbers[time_column], numbers[number_column]
-        for name, value in ((_SEND_TIME, time), (_NUMBER, number)):
-            if np.isnan(value):
-                raise ValueError(
-                    f"'{path}', line {line}: '{name.capitalize()}' must be a number (got '')"
-                )
-        if before is not None:
-            if (
-                number == before[number_column]
-                or time == before[time_column]
-                or np.array_equal(numbers[measured], before[measured], equal_nan=True)
-            ):
-                stale += 1
-                continue
-            if time < before[time_column]:
-                raise ValueError(
-                    f"'{path}', line {line}: 'Send time' must increase (got {float(time)} s after "
-                    f"{float(before[time_column])} s)"
-                )
-        before = numbers
-        rows.append(numbers)
-    if not rows:
-        raise ValueError(f"'{path}' must hold at least one frame (got a header only)")
-    table = np.stack(rows)
-    try:
-        return Recording(
-            time=table[:, time_column],
-            tactile=table[:, columns].reshape(len(table), -1, 3),
-            meta={
-                "sensor": "XELA uSkin",
-                "unit": "newton" if forces else "count",
-                "stale_rows": stale,
-            },
-        )
-    except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
+    table, _ = csv_table(path, lines, header, read, required=clocks)
+    kept: list[int] = []
+    for i, row in enumerate(table[:, : len(compared)]):
+        if not kept or not _is_stale(row, table[kept[-1], : len(compared)]):
+            kept.append(i)
+    time = table[kept, 0]
+    refuse_backwards(path, time, [i + 2 for i in kept], "Send time")
+    columns = [read.index(column) for column in (newtons if forces else counts)]
+    return new_recording(
+        path,
+        time=time,
+        tactile=table[kept][:, columns].reshape(len(kept), -1, 3),
+        meta={
+            "sensor": "XELA uSkin",
+            "unit": "newton" if forces else "count",
+            "stale_rows": len(table) - len(kept),
+        },
+    )
+
+
+def _is_stale(row: np.ndarray, before: np.ndarray) -> bool:
+    # Rows of the send time, the number and the readings.
+    return bool((row[:2] == before[:2]).any()) or np.array_equal(row[2:], before[2:], True)
 
 
 def is_xela_log(header: Sequence[str]) -> bool:
@@ -145,32 +128,16 @@ def _names(header: Sequence[str]) -> list[str]:
     return [" ".join(name.lower().replace("_", " ").split()) for name in header]
 
 
-def _refuse_twice(path: Path, names: list[str], header: list[str]) -> None:
-    keys: set[object] = set()
-    for name, cell in zip(names, header, strict=True):
-        match = _COLUMN.fullmatch(name)
-        key = name if match is None else (match[1], int(match[2]), match[3])
-        if key in keys:
-            raise ValueError(
-                f"'{path}', line 1 must name each column once (got {quoted(cell)} twice)"
-            )
-        keys.add(key)
-
-
-def _reading_columns(path: Path, names: list[str], force: bool) -> list[int]:
-    place = {}
-    for column, name in enumerate(names):
-        match = _COLUMN.fullmatch(name)
-        if match and bool(match[1]) == force:
-            place[int(match[2]), match[3]] = column
-    taxels = {taxel for taxel, _ in place}
+def _reading_columns(path: Path, place: Mapping[Any, int], start: str | None) -> list[int]:
+    found = {key[1:] for key in place if isinstance(key, tuple) and key[0] == start}
+    taxels = {taxel for taxel, _ in found}
     first = 0 if 0 in taxels else 1
-    for taxel in range(first, first + len(taxels)):
-        for axis in "xyz":
-            if (taxel, axis) not in place:
-                raise ValueError(
-                    f"'{path}' must have the column '{'Force ' if force else ''}{taxel}"
-                    f"{axis.upper()}', as it has taxel {max(taxels)} (got {len(place)} of "
-                    f"{3 * (max(taxels) + 1 - first)} columns)"
-                )
-    return [place[taxel, axis] for taxel in sorted(taxels) for axis in "xyz"]
+    wanted = [*product(range(first, first + len(taxels)), "xyz")]
+    missing = next((key for key in wanted if key not in found), None)
+    if missing is not None:
+        raise ValueError(
+            f"'{path}' must have the column '{'Force ' if start else ''}{missing[0]}"
+            f"{missing[1].upper()}', as it has taxel {max(taxels)} (got {len(found)} of "
+            f"{3 * (max(taxels) + 1 - first)} columns)"
+        )
+    return [place[start, *key] for key in wanted]

@@ -1,4 +1,4 @@
-r"""A single JSON message of XELA's server.
+r"""A single JSON message of XELA's server, read as fast as a live hand sends them.
 
 A message is ``{"message": 2987, "time": ..., "sensors": 1, "type": "routine", "version": ..., "1":
 {...}, "sendtime": ...}`` with one key for each sensor, and in it ``data`` (three hexadecimal words
@@ -7,14 +7,11 @@ for each taxel: x, y, z), ``integer`` (the same as numbers), on some models ``ca
 ``handedness``, which says "right" in captures of left hands too.
 """
 
+import json
 import math
 import re
-import struct
-import sys
 from array import array
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,13 +19,19 @@ import numpy as np
 from torch_geometric_tactile._texts import quoted as shown
 from torch_geometric_tactile._texts import short_repr
 
+_orjson: Any
+try:
+    import orjson as _orjson
+except ImportError:  # the extra `live` has it; without it messages take twice as long
+    _orjson = None
+
+# Some servers send line breaks inside of texts, which strict JSON forbids.
+_JSON = json.JSONDecoder(strict=False)
 _WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
 _HIGHEST = 0xFFFF
 _SENSOR = re.compile(r"[0-9]{1,9}")
 _HIGHEST_NUMBER = 2**63 - 1
 _LATEST = 1e11  # seconds: the year 5138
-
-_USUAL_KEYS = 256
 XELA_VERSION = "1.8.0"
 
 
@@ -95,51 +98,75 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
             f"{where} must hold {short_repr(count or 1)} sensors (got {keys or 'none'})"
         )
     sensors = [message[key] for key in keys]
-    found = None if forces else _counts_at_once(sensors)
-    if found is None:
-        readings = [
-            _sensor_reading(f"sensor '{key}' of {where}", message[key], forces) for key in keys
-        ]
-        found = np.concatenate(readings), tuple(len(reading) for reading in readings)
-    reading, taxels = found
-    for key, sensor in zip(keys, sensors, strict=True):
-        said = sensor.get("sensor", key)
-        is_number = said == key or _SENSOR.fullmatch(short_repr(said).strip("'"))
-        if not is_number or int(said) != int(key):
-            raise ValueError(
-                f"'sensor' of sensor '{key}' of {where} must be its key (got {short_repr(said)})"
-            )
+    readings = [
+        _sensor_reading(f"sensor '{key}' of {where}", key, sensor, forces)
+        for key, sensor in zip(keys, sensors, strict=True)
+    ]
+    taxels = tuple([len(reading) // 3 for reading in readings])
     return XelaFrame(
         number=number,
         time=float(time),
-        reading=reading,
+        reading=np.concatenate(readings).astype(np.float32, copy=False).reshape(-1, 3),
         taxels=taxels,
-        models=_texts(where, sensors, "model"),
-        handedness=_texts(where, sensors, "handedness"),
+        models=tuple([_text(where, sensor, "model") for sensor in sensors]),
+        handedness=tuple([_text(where, sensor, "handedness") for sensor in sensors]),
         version=_text(where, message, "version"),
         temp=_of_each_taxel(sensors, taxels, "temp"),
         ups=_of_each_taxel(sensors, taxels, "ups"),
     )
 
 
+def parse_xela_text(text: str | bytes, forces: bool = False) -> XelaFrame | None:
+    r"""Parses the JSON text of one message of XELA's server.
+
+    Args:
+        text (str or bytes): The text, as it comes from the WebSocket.
+        forces (bool): Whether to read the forces in newtons instead of the counts.
+
+    Returns:
+        XelaFrame: What :meth:`parse_xela_message` returns, or :obj:`None` if the message is a
+        greeting (:obj:`{"message": "Welcome"}`), which has no sensors.
+
+    Raises:
+        ValueError: If the text is no JSON, or :meth:`parse_xela_message` refuses it.
+
+    Examples:
+        >>> parse_xela_text('{"message": "Welcome"}') is None
+        True
+        >>> text = '{"message": 7, "time": 0.5, "1": {"data": "0001,0002,00FF", "temp": [25.5]}}'
+        >>> frame = parse_xela_text(text)
+        >>> frame.reading.tolist(), frame.temp.tolist()
+        ([[1.0, 2.0, 255.0]], [25.5])
+    """
+    if _orjson is not None:
+        given = text.encode("utf-8", "replace") if isinstance(text, str) else text
+        for content in (given, given.replace(b",\n", b",")):
+            try:
+                return _read(_orjson.loads(content), forces)
+            except ValueError:  # also what only Python's reader takes, who tells what is wrong
+                continue
+    try:
+        message = _JSON.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # also of a number with thousands of digits
+        raise ValueError(
+            f"a XELA message must be JSON (got {short_repr(text)}: {error})"
+        ) from error
+    return _read(message, forces)
+
+
+def _read(message: Any, forces: bool) -> XelaFrame | None:
+    if (
+        isinstance(message, dict)
+        and isinstance(message.get("message"), str)
+        and not sensor_keys(message)
+    ):
+        return None
+    return parse_xela_message(message, forces)
+
+
 def sensor_keys(message: Mapping[str, Any]) -> list[str]:
     r"""Returns the keys of the sensors of a message, by their numbers."""
-    names = tuple(message)
-    return list(_usual_keys(names) if len(names) <= _USUAL_KEYS else _keys(names))
-
-
-def _keys(names: tuple[Any, ...]) -> list[str]:
-    return sorted([n for n in names if isinstance(n, str) and _SENSOR.fullmatch(n)], key=int)
-
-
-_usual_keys = lru_cache(maxsize=16)(_keys)  # a server sends the same ones every time
-
-
-def _texts(where: str, sensors: Sequence[Mapping[str, Any]], key: str) -> tuple[str, ...]:
-    texts = tuple([sensor.get(key, "") for sensor in sensors])
-    if all(type(text) is str for text in texts):
-        return texts
-    return tuple(_text(where, sensor, key) for sensor in sensors)
+    return sorted([n for n in message if isinstance(n, str) and _SENSOR.fullmatch(n)], key=int)
 
 
 def _text(where: str, content: Mapping[str, Any], key: str) -> str:
@@ -153,96 +180,56 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _counts_at_once(sensors: Sequence[Any]) -> tuple[np.ndarray, tuple[int, ...]] | None:
-    """The counts of sensors as servers send them, ten times as fast as one word after another;
-    :obj:`None` if anything is unusual, for :meth:`_sensor_reading` to say what."""
-    if any(type(sensor) is not dict for sensor in sensors):
-        return None
-    texts = [sensor.get("data") for sensor in sensors]
-    if any(type(text) is not str for text in texts):
-        return None
-    comma = ",\n" if texts[0][4:6] == ",\n" else ","
-    step = 4 + len(comma)
-    taxels = [(len(text) + len(comma)) // (3 * step) for text in texts]
-    said = [sensor.get("taxels", count) for sensor, count in zip(sensors, taxels, strict=True)]
-    if said != taxels or 0 in taxels or any(type(count) is not int for count in said):
-        return None
-    joined, words = comma.join(texts) + comma, 3 * sum(taxels)
-    if len(joined) != words * step or any(
-        joined[4 + i :: step] != sign * words for i, sign in enumerate(comma)
-    ):
-        return None
-    try:
-        data = bytes.fromhex(joined.replace(comma, ""))
-    except ValueError:
-        return None
-    integers = [sensor["integer"] for sensor in sensors if "integer" in sensor]
-    if len(data) != 2 * words or (integers and not _is_said(integers, taxels, data)):
-        return None
-    return np.frombuffer(data, dtype=">u2").astype(np.float32).reshape(-1, 3), tuple(taxels)
-
-
-def _is_said(integers: Sequence[Any], taxels: Sequence[int], data: bytes) -> bool:
-    if len(integers) != len(taxels):
-        return False
-    found = array("H")
-    try:
-        for values, count in zip(integers, taxels, strict=True):
-            if type(values) is not list or len(values) != 3 * count:
-                return False
-            found.fromlist(values)
-    except (TypeError, OverflowError):
-        return False
-    if sys.byteorder == "little":
-        found.byteswap()
-    return found.tobytes() == data
-
-
 def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> np.ndarray | None:
-    parts = [sensor.get(key) for sensor in sensors]
-    if not any(parts) and not any(key in sensor for sensor in sensors):
+    if not any(key in sensor for sensor in sensors):
         return None
-    for part, count in zip(parts, taxels, strict=True):
-        if type(part) is not list or len(part) != count:
-            break
-    else:
-        found = _float_numbers([*chain.from_iterable(parts)])
-        if found is not None:
-            return found
-    values = [_float_numbers(part) if type(part) is list else None for part in parts]
-    return np.concatenate(
-        [
-            part if part is not None and len(part) == count else np.full(count, np.nan, np.float32)
-            for part, count in zip(values, taxels, strict=True)
-        ]
-    )
-
-
-def _float_numbers(values: list[Any]) -> np.ndarray | None:
-    r"""Returns numbers as float32, NaN for :obj:`None` and infinity, or :obj:`None` if some are no
-    numbers.
-    """
-    try:  # numbers only, and faster than an array of a list
-        data = struct.pack(f"{len(values)}d", *values)
-    except OverflowError:
-        return None
-    except struct.error:
-        some = [math.nan if value is None else value for value in values]
-        return _float_numbers(some) if None in values else None
+    found = array("d")
+    for sensor, count in zip(sensors, taxels, strict=True):
+        part = sensor.get(key)
+        values: list[Any] = part if type(part) is list and len(part) == count else [None] * count
+        if None in values:
+            values = [math.nan if value is None else value for value in values]
+        try:  # numbers only, and faster than numpy
+            found.fromlist(values)
+        except (TypeError, OverflowError):
+            found.fromlist([math.nan] * count)
     with np.errstate(over="ignore"):
-        found = np.frombuffer(data).astype(np.float32)
-    found[np.isinf(found)] = np.nan
-    return found
+        numbers = np.frombuffer(found).astype(np.float32)
+    numbers[np.isinf(numbers)] = np.nan
+    return numbers
 
 
-def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
+def _sensor_reading(where: str, key: str, sensor: Any, forces: bool) -> np.ndarray:
     if not isinstance(sensor, Mapping):
         raise ValueError(f"{where} must be a JSON object (got {short_repr(sensor)})")
-    data = sensor.get("data")
+    counts = _counts(where, sensor.get("data"))
+    taxels = sensor.get("taxels", max(1, len(counts) // 3))
+    if isinstance(taxels, bool) or not isinstance(taxels, int) or taxels < 1:
+        raise ValueError(
+            f"'taxels' of {where} must be a positive integer (got {short_repr(taxels)})"
+        )
+    if taxels * 3 != len(counts):
+        raise ValueError(
+            f"'data' of {where} must hold 3 words for each of {short_repr(taxels)} taxels (got "
+            f"{len(counts)})"
+        )
+    if "integer" in sensor and sensor["integer"] != counts.tolist():
+        raise ValueError(f"'integer' of {where} must say the same as 'data' (got other numbers)")
+    said = sensor.get("sensor", key)
+    is_number = said == key or _SENSOR.fullmatch(short_repr(said).strip("'"))
+    if not is_number or int(said) != int(key):
+        raise ValueError(f"'sensor' of {where} must be its key (got {short_repr(said)})")
+    return _forces(where, sensor, len(counts)) if forces else counts
+
+
+def _counts(where: str, data: Any) -> np.ndarray:
     if not isinstance(data, str):
         raise ValueError(
             f"'data' of {where} must be a text of hexadecimal words (got {short_repr(data)})"
         )
+    usual = _usual_counts(data.replace(",\n", ","))
+    if usual is not None:
+        return usual
     words = [word for word in re.split(r"[,\s]+", data) if word]
     for word in words:
         if not _WORD.fullmatch(word):
@@ -250,22 +237,22 @@ def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
                 f"'data' of {where} must hold hexadecimal words of up to four digits (got "
                 f"{shown(word)})"
             )
-    taxels = sensor.get("taxels", max(1, len(words) // 3))
-    if isinstance(taxels, bool) or not isinstance(taxels, int) or taxels < 1:
-        raise ValueError(
-            f"'taxels' of {where} must be a positive integer (got {short_repr(taxels)})"
-        )
-    if taxels * 3 != len(words):
-        raise ValueError(
-            f"'data' of {where} must hold 3 words for each of {short_repr(taxels)} taxels (got "
-            f"{len(words)})"
-        )
-    counts = [int(word, 16) for word in words]
-    integer = sensor.get("integer", counts)
-    if integer != counts:
-        raise ValueError(f"'integer' of {where} must say the same as 'data' (got other numbers)")
-    if not forces:
-        return np.asarray(counts, dtype=np.float32).reshape(-1, 3)
+    return np.array([int(word, 16) for word in words], dtype=np.uint16)
+
+
+def _usual_counts(data: str) -> np.ndarray | None:
+    # Words of four digits, as servers send them: ten times as fast as one word after another.
+    number = (len(data) + 1) // 5
+    if data[4::5] != "," * (number - 1):
+        return None
+    try:
+        found = np.frombuffer(bytes.fromhex(data.replace(",", " ")), dtype=">u2")
+    except ValueError:
+        return None
+    return found.astype(np.uint16) if len(found) == number else None
+
+
+def _forces(where: str, sensor: Mapping[str, Any], count: int) -> np.ndarray:
     if "calibrated" not in sensor:
         model = shown(str(sensor.get("model", "")))
         raise ValueError(
@@ -284,11 +271,11 @@ def _sensor_reading(where: str, sensor: Any, forces: bool) -> np.ndarray:
         raise ValueError(f"'calibrated' of {where} must hold numbers ({error})") from error
     if np.isinf(calibrated).any():
         raise ValueError(f"'calibrated' of {where} must hold finite numbers or null (got infinity)")
-    if calibrated.shape != (len(words),):
+    if calibrated.shape != (count,):
         raise ValueError(
-            f"'calibrated' of {where} must have shape ({len(words)},) (got {calibrated.shape})"
+            f"'calibrated' of {where} must have shape ({count},) (got {calibrated.shape})"
         )
-    return calibrated.reshape(-1, 3)
+    return calibrated
 
 
 def format_xela_message(

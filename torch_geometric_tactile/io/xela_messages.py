@@ -4,7 +4,6 @@ import json
 import logging
 import re
 from bisect import bisect_right
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile._texts import quoted as shown
-from torch_geometric_tactile._texts import short_repr
+from torch_geometric_tactile._texts import each_key_once, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._recording_schema import checked_file
+from torch_geometric_tactile.io._recording_schema import checked_file, new_recording
 from torch_geometric_tactile.io.xela_message import (
     XELA_VERSION,
     XelaFrame,
@@ -112,14 +110,12 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
         "repeated_messages": repeated,
         "skipped_messages": skipped,
     }
-    try:
-        return Recording(
-            time=np.array([frame.time for frame in frames]),
-            tactile=np.stack([frame.reading for frame in frames]),
-            meta=meta,
-        )
-    except ValueError as error:
-        raise ValueError(f"'{path}': {error}") from error
+    return new_recording(
+        path,
+        time=np.array([frame.time for frame in frames]),
+        tactile=np.stack([frame.reading for frame in frames]),
+        meta=meta,
+    )
 
 
 _PART = re.compile(r'}|"\s*:')
@@ -131,7 +127,7 @@ def _messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     except UnicodeDecodeError as error:
         raise ValueError(f"'{path}' cannot be read as text: {error}") from error
     # Some servers send line breaks inside of texts, which strict JSON forbids.
-    decoder = json.JSONDecoder(strict=False, object_pairs_hook=_no_key_twice)
+    decoder = json.JSONDecoder(strict=False, object_pairs_hook=each_key_once)
     ends = [match.start() for match in re.finditer("\n", text)]
     start, passed = text.find("{"), 0
     while start >= 0:
@@ -157,14 +153,6 @@ def _check_passed(path: Path, text: str, start: int, stop: int) -> None:
             f"'{path}', line {text.count(chr(10), 0, part.start()) + 1}: the end of a message "
             "must have its beginning (got none): is the file truncated? Delete what is left of it"
         )
-
-
-def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
-        raise ValueError(f"the key {shown(twice)} is there twice")
-    return content
 
 
 def write_xela_messages(

@@ -3,8 +3,7 @@ r"""Frames from XELA's server."""
 import time
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.io.xela_live import parse_xela_text
-from torch_geometric_tactile.io.xela_message import XelaFrame
+from torch_geometric_tactile.io.xela_message import XelaFrame, parse_xela_text
 from torch_geometric_tactile.live._web_socket import WebSocket
 from torch_geometric_tactile.live.source import Source
 

@@ -34,9 +34,6 @@ class M1616Decoder(HeaderDecoder):
     baudrate: ClassVar[int] = 115_200
     header: ClassVar[bytes] = b"\xaa\xab\xac"
 
-    def __init__(self) -> None:
-        super().__init__()
-
     def _size(self, buffer: bytes, start: int) -> int:
         # A header inside, or over the end, belongs to the next packet: this one lost bytes.
         inside = buffer.find(self.header, start + 1, start + _SIZE + 2)
