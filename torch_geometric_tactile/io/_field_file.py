@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION, TEXT_BYTES
-from torch_geometric_tactile.io._hdf5_arrays import read_rows
 from torch_geometric_tactile.io._hdf5_checks import check_hard_link, check_storage, hdf5_file
-from torch_geometric_tactile.io._hdf5_file import opened, require_h5py
+from torch_geometric_tactile.io._hdf5_file import opened, read_rows, require_h5py
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 
 _MOST_LISTED = 12
@@ -52,7 +51,7 @@ def _hdf5_fields(path: Path, wanted: Iterable[str]) -> Fields:
     require_h5py()
     found: dict[str, np.ndarray] = {}
     left = max(ARRAY_BYTES, HDF5_EXPANSION * path.stat().st_size)
-    with opened(hdf5_file(path), "r") as file:
+    with opened(hdf5_file(path)) as file:
         for name in dict.fromkeys(wanted):
             place, is_attribute, attribute = name.partition("@")
             owner = _object(path, file, place)

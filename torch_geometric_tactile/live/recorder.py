@@ -13,7 +13,12 @@ import numpy as np
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.live._recorder_files import RecordingFile, new_file, require_format
+from torch_geometric_tactile.live._recorder_files import (
+    McapFile,
+    check_new,
+    new_file,
+    require_format,
+)
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
@@ -31,8 +36,12 @@ class Recorder:
     r"""Writes all frames of a stream to a file, in a separate thread.
 
     The file has its final name from the first frame on. After a crash it holds all but the last
-    quarter of a second (HDF5: the last second), and can be read as it is by
+    quarter of a second, and can be read as it is by
     :func:`~torch_geometric_tactile.io.read_recording`. An existing file is not replaced unasked.
+
+    An HDF5 file is written once: :obj:`grasp.h5` is recorded as :obj:`grasp.mcap`, which
+    :meth:`close` converts and removes. After a crash, or if the conversion fails, the MCAP file
+    stays, and :obj:`tactile convert grasp.mcap grasp.h5` makes the other one.
 
     Start it before the stream is opened, so that no frame is missed. Nothing is dropped in silence:
     what goes wrong, such as a full disk, a stream that died or one that was too fast for the disk,
@@ -42,7 +51,7 @@ class Recorder:
 
     Args:
         path (str or PathLike): The file, :obj:`.mcap`, or :obj:`.h5` or :obj:`.hdf5`, which holds
-            frames only.
+            frames and events only.
         stream (Stream): The stream.
         layout (TaxelLayout, str or PathLike, optional): The layout: for the taxels in space that
             viewers show, ten times a second. Needs :obj:`torch`.
@@ -57,7 +66,8 @@ class Recorder:
             frame if left out.
 
     Raises:
-        FileExistsError: If the file exists, and :obj:`overwrite` is false.
+        FileExistsError: If the file exists, and :obj:`overwrite` is false, or if there is an MCAP
+            file beside an HDF5 file.
         FileNotFoundError: If its folder does not exist.
         ValueError: If the suffix is unknown.
 
@@ -95,7 +105,7 @@ class Recorder:
         self.error: BaseException | None = None
         self.rest: np.ndarray | None = None
         self._size = size
-        self._file: RecordingFile | None = None
+        self._file: McapFile | None = None
         self._lock = threading.Lock()
         self._early: list[tuple[str, tuple[Any, ...]]] = []
         self._first: np.ndarray | None = None
@@ -293,7 +303,6 @@ def _check_target(path: Path, overwrite: bool) -> None:
     require_format(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"'{path.parent}' does not exist: make the folder first")
-    if path.exists() and not overwrite:
-        raise FileExistsError(f"'{path}' exists: give another name, or overwrite it (--overwrite)")
+    check_new(path, overwrite)
     if not os.access(path.parent, os.W_OK):
         raise PermissionError(f"'{path.parent}' cannot be written to")
