@@ -199,10 +199,12 @@ def hdf5(folder: Path) -> None:
 
 
 def hdf5_appended(folder: Path) -> None:
-    """Files that version 0.2 appended to, one with the journal of an append that was killed."""
-    old = Path(__file__).parents[1] / "io" / "files"
-    for name, file in (("a.h5", "killed_append_0_2.h5"), ("b.h5", "appended_0_2.h5")):
-        (folder / name).write_bytes((old / file).read_bytes())
+    """A file that version 0.2 appended to, and a file of today."""
+    from torch_geometric_tactile.io import write_hdf5
+
+    old = Path(__file__).parents[1] / "io" / "files" / "appended_0_2.h5"
+    (folder / "a.h5").write_bytes(old.read_bytes())
+    write_hdf5(small_recording(joints=0), folder / "b.h5")
 
 
 def mcap(folder: Path) -> None:

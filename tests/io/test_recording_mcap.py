@@ -370,7 +370,8 @@ def chunk(inside, size=None, packed=None, crc=None):
 def test_hostile_sizes_take_no_memory(tmp_path, caplog, bad):
     path = write_frames(tmp_path / "a.mcap", [a_frame(i) for i in range(4)])
     data = path.read_bytes()
-    place = data.index(b"\x04\x00\x00\x00zstd") - 37
+    start = data.index(b"\x04\x00\x00\x00zstd") - 37
+    place = start + 9 + struct.unpack_from("<Q", data, start + 1)[0]  # behind the frames
     path.write_bytes(data[:place] + bad + data[place:])
     tracemalloc.start()
     assert read_mcap(path).num_frames == 4

@@ -23,6 +23,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io._mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile.io._mcap_records import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._mcap_schemas import (
     EVENT,
     FLOAT32,
@@ -34,7 +35,6 @@ from torch_geometric_tactile.io._mcap_schemas import (
     encode,
     schema_of,
 )
-from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 
 VERSION = 1
 _FLUSH_SECONDS = 0.25
