@@ -1,15 +1,12 @@
 r"""Arrays of a recording, from messages of its frames."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from torch_geometric_tactile._limits import ARRAY_BYTES, EXPANSION, FRAME_BYTES
 from torch_geometric_tactile.io._mcap_schemas import FRAME, decode
-
-_FIELDS = ("extra", "privileged")
 
 
 class _Column:
@@ -88,44 +85,43 @@ class FrameRows:
         return {name: column.array() for name, column in whole.items()}, lost
 
 
-def _values(frame: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    shape, tactile = tuple(frame["shape"]), frame["tactile"]
+def _values(frame: Any) -> dict[str, np.ndarray]:
+    shape, tactile = tuple(frame.shape), np.array(frame.tactile, np.float32)
+    joint = np.array(frame.joint, np.float32)
     if len(shape) != 2 or 0 in shape or math.prod(shape) != len(tactile):
         raise ValueError(
             f"'tactile' must have the shape that its frame says (got {len(tactile)} numbers and "
             f"{shape[:4]})"
         )
-    if not math.isfinite(frame.get("time", 0.0)):
-        raise ValueError(f"'time' must be finite (got {frame['time']})")
-    for name in ("tactile", "joint"):
-        if np.isinf(frame[name]).any():
+    if not math.isfinite(frame.time):
+        raise ValueError(f"'time' must be finite (got {frame.time})")
+    for name, readings in (("tactile", tactile), ("joint", joint)):
+        if np.isinf(readings).any():
             raise ValueError(f"'{name}' must hold finite readings, or NaN where one is missing")
     out = {
-        "time": np.array(frame.get("time", 0.0)),
-        "sequence": np.array(frame.get("sequence", 0)),
-        "received": np.array(frame.get("received", 0)),
-        "device_time": np.array(frame.get("device_time", math.nan)),
+        "time": np.array(frame.time),
+        "sequence": np.array(frame.sequence),
+        "received": np.array(frame.received),
+        "device_time": np.array(frame.device_time if frame.HasField("device_time") else math.nan),
         "tactile": tactile.reshape(shape),
     }
-    if len(frame["joint"]):
-        out["joint"] = frame["joint"]
-    for kind in _FIELDS:
-        for signal in frame[kind]:
-            out[f"{kind}/{signal.get('name', '')}"] = _signal(signal)
+    if len(joint):
+        out["joint"] = joint
+    out |= {f"extra/{signal.name}": _signal(signal) for signal in frame.extra}
+    out |= {f"privileged/{signal.name}": _signal(signal) for signal in frame.privileged}
     if sum(value.nbytes for value in out.values()) > FRAME_BYTES:
         raise ValueError(f"a frame must take at most {FRAME_BYTES} bytes (got more)")
     return out
 
 
-def _signal(signal: Mapping[str, Any]) -> np.ndarray:
-    name, text, shape = signal.get("name", ""), signal.get("dtype", ""), tuple(signal["shape"])
+def _signal(signal: Any) -> np.ndarray:
+    name, text, shape, data = signal.name, signal.dtype, tuple(signal.shape), signal.data
     if not name or "/" in name:
         raise ValueError(f"a signal must have a name without '/' (got {name[:40]!r})")
     try:
         dtype = np.dtype(text[:20])
     except (TypeError, ValueError, SyntaxError) as error:
         raise ValueError(f"'{name}' must be of a known type (got {text[:20]!r})") from error
-    data = signal.get("data", b"")
     if dtype.kind not in "biufU" or len(shape) > 8:
         raise ValueError(f"'{name}' must hold numbers or texts (got {text[:20]!r})")
     if math.prod(shape) * dtype.itemsize != len(data):

@@ -154,10 +154,8 @@ class _Content:
             event = decode(EVENT, data)
         except ValueError:  # of another program, that calls a topic so
             return
-        texts = {name: event.get(name, "") for name in ("kind", "text")}
-        time = event.get("time", 0.0)
-        if math.isfinite(time):
-            self.events.append({"time": time, **texts})
+        if math.isfinite(event.time):
+            self.events.append({"time": event.time, "kind": event.kind, "text": event.text})
 
     def _topic(self, number: int) -> str:
         channel = self.channels.get(number)
