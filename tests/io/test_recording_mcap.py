@@ -415,7 +415,7 @@ def test_log_is_silent_about_whole_files(tmp_path, caplog):
 
 
 def test_text_of_a_message_that_is_no_utf_8_is_refused():
-    with pytest.raises(ValueError, match="must be a tactile.Event of protobuf"):
+    with pytest.raises(ValueError, match=r"must be a tactile\.Event of protobuf"):
         mcap_schemas.decode("tactile.Event", b"\x12\x02\xff\xfe")  # the kind of an event
 
 
