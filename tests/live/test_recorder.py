@@ -155,10 +155,10 @@ def test_infinite_readings_are_missing(path, caplog):
     assert caplog.text.count("infinite readings are written as missing") == 1
 
 
-def test_full_disk_is_raised_and_what_was_written_is_kept(tmp_path, monkeypatch):
+def test_full_disk_is_raised_and_what_was_written_is_kept(path, monkeypatch, caplog):
     from torch_geometric_tactile.io import McapWriter
 
-    path = tmp_path / "a.mcap"
+    target, path = path, path.with_suffix(".mcap")
     real = McapWriter.flush
 
     def flush(self):
@@ -169,13 +169,14 @@ def test_full_disk_is_raised_and_what_was_written_is_kept(tmp_path, monkeypatch)
 
     monkeypatch.setattr(McapWriter, "flush", flush)
     stream = Stream(NumberedSource(500))
-    recorder = Recorder(path, stream)
+    recorder = Recorder(target, stream)
     recorder.start()
     with stream:
         recorder._thread.join(20)
         assert isinstance(recorder.error, OSError)
     with pytest.raises(OSError, match=r"No space left on device.*a.mcap"):
         recorder.close()
+    assert ("tactile convert" in caplog.text) == (target != path)
     numbers = no_wrong_frame(read_recording(path))
     assert numbers == list(range(len(numbers)))
 

@@ -73,8 +73,8 @@ class Hdf5File(McapFile):
     def close(self) -> None:
         from torch_geometric_tactile.io import read_mcap, write_hdf5
 
-        super().close()
         try:
+            super().close()
             write_hdf5(read_mcap(self._growing, recover=False, allow_large=True), self._path)
         except BaseException:
             _log.error(
