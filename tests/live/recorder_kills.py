@@ -18,7 +18,6 @@ if __name__ == "__main__":
 from live.numbered import contents
 
 from torch_geometric_tactile.io import read_recording
-from torch_geometric_tactile.live._recorder_files import growing_path
 
 CHILD = Path(__file__).with_name("record_in_child.py")
 
@@ -42,7 +41,7 @@ def kill_once(path: Path, rate: float, frames: int) -> Kill:
         lines += child.stdout.readlines()
     words = [line.split() for line in lines if line.endswith("\n")]
     received = {int(number): int(when) for number, when in words}
-    found = read_recording(growing_path(path))
+    found = read_recording(path.with_suffix(".mcap"))
     numbers = found.extra["sequence"].tolist()
     wrong = sum(
         number != place or not (found.tactile[place] == contents(number)).all()
