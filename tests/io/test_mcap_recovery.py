@@ -96,6 +96,8 @@ def test_stock_reader_reads_no_cut_file_but_each_repaired_one(stream, tmp_path):
     assert report.messages == {"tactile.Event": frames, "tactile.Frame": frames}
     assert report.seconds == pytest.approx((frames - 1) / RATE)
     assert "it is truncated" in str(report)
+    assert report.chunks == len(chunks) - 2
+    assert report.skipped_bytes == path.stat().st_size - chunks[-2][0]
     with out.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages(topics="tactile.Frame")) == frames
@@ -170,6 +172,8 @@ def test_beginning_that_is_damaged(stream, tmp_path, caplog):
     path.write_bytes(content)
     assert read_mcap(path).num_frames > 0
     assert "its beginning is damaged" in caplog.text
+    report = repair_mcap(path, tmp_path / "out.mcap")
+    assert report.skipped_bytes == stream[1][1][0]  # the first chunk begins in what is lost
     path.write_bytes(content[:-40])  # and no index, which says where chunks are
     with pytest.raises(ValueError, match=r"damaged.mcap' is no MCAP file \(it begins with"):
         read_mcap(path)
