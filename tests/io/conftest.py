@@ -51,6 +51,7 @@ def assert_same():
             assert one.keys() == other.keys()
             for name, value in one.items():
                 assert value.shape == other[name].shape
+                assert value.dtype == other[name].dtype or value.dtype.kind == "U"
                 assert value.dtype.kind == other[name].dtype.kind
                 assert ((value == other[name]) | (value != value)).all()
                 assert ((value != value) == (other[name] != other[name])).all()

@@ -11,6 +11,7 @@ import h5py
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import append_hdf5, read_hdf5, read_hdf5_head, write_hdf5
 
+pytestmark = pytest.mark.filterwarnings("ignore:append_hdf5 is deprecated")
 TEN = 10 * np.ones((1, 4, 3))
 
 

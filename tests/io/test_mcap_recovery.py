@@ -96,6 +96,8 @@ def test_stock_reader_reads_no_cut_file_but_each_repaired_one(stream, tmp_path):
     assert report.messages == {"tactile.Event": frames, "tactile.Frame": frames}
     assert report.seconds == pytest.approx((frames - 1) / RATE)
     assert "it is truncated" in str(report)
+    assert report.chunks == len(chunks) - 2
+    assert report.skipped_bytes == path.stat().st_size - chunks[-2][0]
     with out.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages(topics="tactile.Frame")) == frames
@@ -124,16 +126,18 @@ def test_damaged_chunks_are_left_out_and_told(stream, tmp_path, caplog):
             assert f"{RATE * SECONDS - len(numbers)} between them are missing" in caplog.text
 
 
-def test_length_of_a_chunk_that_is_damaged_costs_that_chunk_only(stream, tmp_path):
+def test_length_of_a_chunk_that_is_damaged_costs_that_chunk_or_what_follows(stream, tmp_path):
     _, chunks, data = stream
     path = tmp_path / "damaged.mcap"
-    for start, _ in chunks[1:-1]:
+    for start, before in chunks[1:-1]:
         place = data.index(b"\x06", start)
         for byte in (1, 2, 5):
             changed = bytearray(data)
             changed[place + byte] ^= 0x11
-            path.write_bytes(changed)
+            path.write_bytes(changed)  # with the index, which says where the next chunk is
             assert len(no_wrong_frame(read_mcap(path))) >= RATE * (SECONDS - 0.3)
+            path.write_bytes(changed[:-40])
+            assert no_wrong_frame(read_mcap(path))[:before] == list(range(before))
 
 
 def test_topics_are_known_without_the_first_chunk(stream, tmp_path, caplog):
@@ -164,9 +168,31 @@ def test_damaged_metadata_are_not_believed(stream, tmp_path, caplog):
 
 def test_beginning_that_is_damaged(stream, tmp_path, caplog):
     path = tmp_path / "damaged.mcap"
-    path.write_bytes(bytes(500) + stream[2][500:])
+    content = bytes(500) + stream[2][500:]
+    path.write_bytes(content)
     assert read_mcap(path).num_frames > 0
     assert "its beginning is damaged" in caplog.text
+    report = repair_mcap(path, tmp_path / "out.mcap")
+    assert report.skipped_bytes == stream[1][1][0]  # the first chunk begins in what is lost
+    path.write_bytes(content[:-40])  # and no index, which says where chunks are
+    with pytest.raises(ValueError, match=r"damaged.mcap' is no MCAP file \(it begins with"):
+        read_mcap(path)
+
+
+@pytest.mark.parametrize(
+    ("start", "new", "told"),
+    [
+        (-1, b"", "its end is damaged, or something else is behind it"),
+        (-1, b"\n\0", "its end is damaged, or something else is behind it"),
+        (-50, b"damaged", "its index differs from its checksum"),
+        (-28, b"\xff" * 8, "its index cannot be read"),
+    ],
+)
+def test_end_that_is_damaged_is_told(stream, tmp_path, caplog, start, new, told):
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(stream[2][:start] + new + stream[2][start:][len(new) or 1 :])
+    assert len(no_wrong_frame(read_mcap(path))) == RATE * SECONDS
+    assert told in caplog.text
 
 
 def test_nothing_to_save(tmp_path, stream):

@@ -52,21 +52,6 @@ def write_frames(path, frames, **more):
     return path
 
 
-def equal(a, b):
-    assert (a.time == b.time).all()
-    assert np.array_equal(a.tactile, b.tactile, equal_nan=True)
-    assert (a.joint is None) == (b.joint is None)
-    assert a.joint is None or np.array_equal(a.joint, b.joint, equal_nan=True)
-    assert (a.label, a.meta) == (b.label, b.meta)
-    for kind in ("extra", "privileged"):
-        ours, theirs = getattr(a, kind), getattr(b, kind)
-        assert list(ours) == list(theirs)
-        for name, value in ours.items():
-            assert value.dtype == theirs[name].dtype
-            assert np.array_equal(value, theirs[name])
-    return True
-
-
 @pytest.mark.parametrize(
     "more",
     [
@@ -84,19 +69,19 @@ def equal(a, b):
     ],
     ids=["plain", "joint", "all"],
 )
-def test_recording_comes_back_as_it_was(tmp_path, more):
+def test_recording_comes_back_as_it_was(tmp_path, more, assert_same):
     recording = a_recording(**more)
     write_recording(recording, tmp_path / "a.mcap")
     assert recording_format(tmp_path / "a.mcap") == "MCAP"
-    assert equal(read_recording(tmp_path / "a.mcap", recover=False), recording)
+    assert_same(read_recording(tmp_path / "a.mcap", recover=False), recording)
 
 
 @pytest.mark.parametrize("start", [-5.0, 1.7e9, 1e12, 1e300])
-def test_times_of_any_size_come_back(tmp_path, start):
+def test_times_of_any_size_come_back(tmp_path, start, assert_same):
     time = start + np.arange(2) * max(1.0, abs(start) / 1e6)
     recording = Recording(time, np.zeros((2, 1, 1)), meta={"recorded_at": -1.0})
     write_mcap(recording, tmp_path / "a.mcap")
-    assert equal(read_mcap(tmp_path / "a.mcap", recover=False), recording)
+    assert_same(read_mcap(tmp_path / "a.mcap", recover=False), recording)
 
 
 def test_format_is_known_by_its_beginning(tmp_path):
@@ -370,7 +355,8 @@ def chunk(inside, size=None, packed=None, crc=None):
 def test_hostile_sizes_take_no_memory(tmp_path, caplog, bad):
     path = write_frames(tmp_path / "a.mcap", [a_frame(i) for i in range(4)])
     data = path.read_bytes()
-    place = data.index(b"\x04\x00\x00\x00zstd") - 37
+    start = data.index(b"\x04\x00\x00\x00zstd") - 37
+    place = start + 9 + struct.unpack_from("<Q", data, start + 1)[0]  # behind the frames
     path.write_bytes(data[:place] + bad + data[place:])
     tracemalloc.start()
     assert read_mcap(path).num_frames == 4
@@ -414,9 +400,10 @@ def test_log_is_silent_about_whole_files(tmp_path, caplog):
 
 
 def test_text_of_a_message_that_is_no_utf_8_is_refused():
-    with pytest.raises(ValueError, match="can't decode"):
+    with pytest.raises(ValueError, match=r"must be a tactile\.Event of protobuf"):
         mcap_schemas.decode("tactile.Event", b"\x12\x02\xff\xfe")  # the kind of an event
 
 
 def test_number_with_the_bytes_of_a_text_is_passed_over():
-    assert mcap_schemas.decode("tactile.Event", b"\x0a\x01x\x12\x01y") == {"kind": "y"}
+    event = mcap_schemas.decode("tactile.Event", b"\x0a\x01x\x12\x01y")
+    assert (event.kind, event.HasField("time")) == ("y", False)

@@ -10,20 +10,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from live.numbered import NumberedSource
 
+from torch_geometric_tactile.io import McapWriter
 from torch_geometric_tactile.live import Recorder, Stream
-from torch_geometric_tactile.live._recorder_files import McapFile
 
 
 def main():
     path, rate = sys.argv[1], float(sys.argv[2])
-    write = McapFile.frame
+    write = McapWriter.write_frame
 
     def told(self, frame):
         write(self, frame)
         sys.stdout.write(f"{frame.sequence} {frame.received}\n")
         sys.stdout.flush()
 
-    McapFile.frame = told
+    McapWriter.write_frame = told
     stream = Stream(NumberedSource(rate))
     with Recorder(path, stream, label="mug"), stream:
         for _ in stream.subscribe("newest"):

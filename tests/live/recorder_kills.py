@@ -41,7 +41,7 @@ def kill_once(path: Path, rate: float, frames: int) -> Kill:
         lines += child.stdout.readlines()
     words = [line.split() for line in lines if line.endswith("\n")]
     received = {int(number): int(when) for number, when in words}
-    found = read_recording(path)
+    found = read_recording(path.with_suffix(".mcap"))
     numbers = found.extra["sequence"].tolist()
     wrong = sum(
         number != place or not (found.tactile[place] == contents(number)).all()
@@ -52,12 +52,12 @@ def kill_once(path: Path, rate: float, frames: int) -> Kill:
     return Kill(len(received), len(numbers), seconds, wrong)
 
 
-def kills(number: int, rate: float, seed: int = 0) -> list[Kill]:
+def kills(number: int, rate: float, suffix: str = ".mcap", seed: int = 0) -> list[Kill]:
     """Kills recorders of a stream after one to two seconds of it."""
     draw = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
         return [
-            kill_once(Path(folder) / f"{i}.mcap", rate, int(rate * draw.uniform(0.4, 2)))
+            kill_once(Path(folder) / f"{i}{suffix}", rate, int(rate * draw.uniform(0.4, 2)))
             for i in range(number)
         ]
 

@@ -1,4 +1,5 @@
 # ruff: noqa: E402
+import re
 import threading
 import time
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ for module in ("mcap", "google.protobuf", "zstandard"):
 from live.numbered import NumberedSource, contents
 from live.recorder_kills import kills
 
+from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.live import Recorder, Stream, StreamOverflow
@@ -107,19 +109,37 @@ def test_a_stream_that_is_too_fast_is_an_error_at_the_end(path, monkeypatch):
     assert 8 <= len(numbers) < 300
 
 
-def test_a_frame_that_a_file_cannot_hold_is_an_error_at_the_end(tmp_path):
+def test_hdf5_that_cannot_be_made_leaves_the_mcap_file_and_says_what_to_do(tmp_path, caplog):
     def change(frame):
         shape = (24, 3) if frame.sequence < 5 else (25, 3)
         return LiveFrame(frame.sequence, frame.time, frame.received, None, np.zeros(shape, "f4"))
 
     pytest.importorskip("h5py", reason="needs the extra 'io'")
-    stream = Stream(NumberedSource(1000, count=20, change=change))
-    recorder = Recorder(tmp_path / "a.h5", stream)
-    recorder.start()
-    with stream:
-        recorder._thread.join(10)
-    with pytest.raises(ValueError, match="same shape"):
-        recorder.close()
+    with pytest.raises(ValueError, match=r"a.mcap' is not whole: .* must have shape \(24, 3\)"):
+        record(tmp_path / "a.h5", NumberedSource(1000, count=20, change=change))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
+    command = f"tactile convert {tmp_path}/a.mcap {tmp_path}/a.h5"
+    assert command in caplog.text
+    with pytest.raises(FileExistsError, match=re.escape(command)):
+        Recorder(tmp_path / "a.h5", Stream(NumberedSource()), overwrite=True)
+    assert main(command.split()[1:]) == 0
+    assert read_recording(tmp_path / "a.h5").num_frames == 5
+
+
+def test_hdf5_is_an_mcap_file_until_the_end_and_holds_the_events(tmp_path):
+    pytest.importorskip("h5py", reason="needs the extra 'io'")
+    stream = Stream(NumberedSource(500))
+    frames = stream.subscribe("all")
+    with Recorder(tmp_path / "a.h5", stream) as recorder, stream:
+        while frames.get(5).sequence < 200:
+            pass
+        recorder.event("mark")
+        assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
+        assert no_wrong_frame(read_recording(tmp_path / "a.mcap"))[:50] == list(range(50))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+    found = read_recording(tmp_path / "a.h5")
+    assert no_wrong_frame(found)[:200] == list(range(200))
+    assert [event["kind"] for event in found.meta["events"]] == ["mark"]
 
 
 def test_infinite_readings_are_missing(path, caplog):
@@ -135,10 +155,10 @@ def test_infinite_readings_are_missing(path, caplog):
     assert caplog.text.count("infinite readings are written as missing") == 1
 
 
-def test_full_disk_is_raised_and_what_was_written_is_kept(tmp_path, monkeypatch):
+def test_full_disk_is_raised_and_what_was_written_is_kept(path, monkeypatch, caplog):
     from torch_geometric_tactile.io import McapWriter
 
-    path = tmp_path / "a.mcap"
+    target, path = path, path.with_suffix(".mcap")
     real = McapWriter.flush
 
     def flush(self):
@@ -149,13 +169,14 @@ def test_full_disk_is_raised_and_what_was_written_is_kept(tmp_path, monkeypatch)
 
     monkeypatch.setattr(McapWriter, "flush", flush)
     stream = Stream(NumberedSource(500))
-    recorder = Recorder(path, stream)
+    recorder = Recorder(target, stream)
     recorder.start()
     with stream:
         recorder._thread.join(20)
         assert isinstance(recorder.error, OSError)
     with pytest.raises(OSError, match=r"No space left on device.*a.mcap"):
         recorder.close()
+    assert ("tactile convert" in caplog.text) == (target != path)
     numbers = no_wrong_frame(read_recording(path))
     assert numbers == list(range(len(numbers)))
 
@@ -261,8 +282,9 @@ def test_flat_layout_and_one_channel():
 
 
 @pytest.mark.slow
-def test_killed_recorder_loses_a_quarter_of_a_second():
-    for kill in kills(2, rate=500):
+@pytest.mark.parametrize("suffix", [".mcap", ".h5"])
+def test_killed_recorder_loses_a_quarter_of_a_second(suffix):
+    for kill in kills(2, rate=500, suffix=suffix):
         assert kill.wrong == 0
         assert kill.kept > 0
         assert kill.seconds <= 0.3

@@ -2,8 +2,9 @@
 
 import argparse
 import json
-import time
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,25 +17,23 @@ FRAMES = 300
 class Job(NamedTuple):
     """What is run in a folder, and what it made; :obj:`made` must not change, whatever is killed.
 
-    ``prepare`` fills the folder, ``run`` gets the folder and a function to tell how far it got, and
-    ``read`` returns what is finished by name; all that it returns must be whole. ``weight`` is its
-    share of the kills.
+    ``prepare`` fills the folder, ``run`` writes in it, and ``read`` returns what is finished by
+    name; all that it returns must be whole. ``weight`` is its share of the kills.
     """
 
     name: str
     prepare: Callable[[Path], None]
-    run: Callable[[Path, Callable[[int], None]], None]
+    run: Callable[[Path], None]
     read: Callable[[Path], dict[str, Any]]
     weight: int
-    grows: bool = False
 
 
 def jobs() -> list[Job]:
     """Returns all jobs whose extras are installed."""
-    found = [processing(), convert(), grasps(), simulated_letters()]
+    found = [processing(), convert("convert", ".npz", 4), grasps(), simulated_letters()]
     for make in (
-        append,
-        convert_mcap,
+        partial(convert, "convert-hdf5", ".h5", 5, "h5py"),
+        partial(convert, "convert-mcap", ".mcap", 2, "google.protobuf", "mcap"),
         export,
         store,
         fit,
@@ -81,7 +80,7 @@ def processing() -> Job:
         for i in range(8):
             write_npz(a_recording(0, FRAMES), folder / f"{('cup', 'box')[i % 2]}_{i}.npz")
 
-    def run(folder, tell):
+    def run(folder):
         assert len(RecordingFrames(folder, layout=layout)) == 8 * FRAMES
 
     def read(folder):
@@ -91,42 +90,26 @@ def processing() -> Job:
     return Job("processing", prepare, run, read, 4)
 
 
-def convert() -> Job:
-    """Converts a CSV file to npz by the command line."""
+def convert(name: str, suffix: str, weight: int, *needed: str) -> Job:
+    """Converts a CSV file by the command line."""
     from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.io import read_npz, write_wide_csv
+    from torch_geometric_tactile.io import read_recording, write_wide_csv
+
+    for package in needed:
+        import_module(package)
 
     def prepare(folder):
         write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
 
-    def run(folder, tell):
-        assert main(["convert", str(folder / "a.csv"), str(folder / "b.npz")]) == 0
+    def run(folder):
+        assert main(["convert", str(folder / "a.csv"), str(folder / f"b{suffix}")]) == 0
 
     def read(folder):
-        return {path.name: numbers(read_npz(path)) for path in folder.glob("*.npz")}
+        whole = {"recover": False} if suffix == ".mcap" else {}
+        paths = folder.glob(f"*{suffix}")
+        return {path.name: numbers(read_recording(path, **whole)) for path in paths}
 
-    return Job("convert", prepare, run, read, 4)
-
-
-def convert_mcap() -> Job:
-    """Converts a CSV file to MCAP by the command line."""
-    import google.protobuf  # noqa: F401
-    import mcap  # noqa: F401
-
-    from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.io import read_mcap, write_wide_csv
-
-    def prepare(folder):
-        write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
-
-    def run(folder, tell):
-        assert main(["convert", str(folder / "a.csv"), str(folder / "b.mcap")]) == 0
-
-    def read(folder):
-        paths = folder.glob("*.mcap")
-        return {path.name: numbers(read_mcap(path, recover=False)) for path in paths}
-
-    return Job("convert-mcap", prepare, run, read, 2)
+    return Job(name, prepare, run, read, weight)
 
 
 def grasps() -> Job:
@@ -144,7 +127,7 @@ def grasps() -> Job:
             pac = np.ones((FRAMES, 3, 22), dtype=np.int16) * i
             np.savez(folder / "in" / f"cup_{i}.npz", electrodes=electrodes, pac=pac, success=i % 2)
 
-    def run(folder, tell):
+    def run(folder):
         assert main(["convert", "bigs", str(folder / "in"), str(folder / "out"), "--npz"]) == 0
         assert len(BiGS(folder / "out", until=None)) == 4 * FRAMES
 
@@ -156,36 +139,6 @@ def grasps() -> Job:
         return found
 
     return Job("grasps", prepare, run, read, 4)
-
-
-def append() -> Job:
-    """Appends frame after frame, and tells of each that is safe."""
-    import h5py  # noqa: F401
-
-    from torch_geometric_tactile.io import append_hdf5, read_hdf5
-
-    def run(folder, tell):
-        path = folder / "a.h5"
-        start = None
-        while start != FRAMES:
-            try:
-                if start is None:
-                    start = read_hdf5(path).num_frames if path.exists() else 0
-                stop = min(start + 6, FRAMES)
-                append_hdf5(a_recording(start, stop), path)
-                start = stop
-                tell(stop)
-            except BlockingIOError:  # the second one writes
-                time.sleep(0.001)
-            except ValueError as error:
-                if "must go on after" not in str(error):  # the second one has written them
-                    raise
-                start = None
-
-    def read(folder):
-        return {path.name: numbers(read_hdf5(path)) for path in folder.glob("*.h5")}
-
-    return Job("append", nothing, run, read, 5, grows=True)
 
 
 def store() -> Job:
@@ -209,7 +162,7 @@ def store() -> Job:
         for seed in range(60)
     ]
 
-    def run(folder, tell):
+    def run(folder):
         kept = RunStore(folder)
         try:
             for experiment in runs:
@@ -243,7 +196,7 @@ def fit() -> Job:
     test = FakeTactileDataset(64, "test", pre_transform=KNNGraph(2))
     L.Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)  # imports the rest
 
-    def run(folder, tell):
+    def run(folder):
         L.seed_everything(0, verbose=False)
         saved = ModelCheckpoint(folder, "{epoch}", save_top_k=-1, enable_version_counter=False)
         L.Trainer(
@@ -284,7 +237,7 @@ def report() -> Job:
     model = TactileFNN(4, 2, widths=(64,), pools=(1,))
     predictor = Predictor(model, grid(2, 2, pitch=0.01), None, ("a", "b"), num_channels=3)
 
-    def run(folder, tell):
+    def run(folder):
         for i in range(4):
             figure = new_figure(2.0, 2.0)
             figure.add_subplot().plot(range(i + 3))
@@ -323,7 +276,7 @@ def export() -> Job:
         predictor = Predictor(model, grid(2, 2, pitch=0.01), None, ("a", "b"), num_channels=3)
         predictor.save(folder / "a.predictor")
 
-    def run(folder, tell):
+    def run(folder):
         assert main(["export", str(folder / "a.predictor"), str(folder / "b.onnx")]) == 0
 
     def read(folder):
@@ -342,7 +295,7 @@ def demo() -> Job:
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)
 
-    def run(folder, tell):
+    def run(folder):
         assert verb.run(parser.parse_args([*given, "--out", str(folder / "report")])) == 0
 
     def read(folder):
@@ -371,7 +324,7 @@ def simulation() -> Job:
 
     OBJECT_SETS["two"] = lambda: paper8()[:2]
 
-    def run(folder, tell):
+    def run(folder):
         assert len([*simulate(folder, "two", 1, preset="ci")]) == 2
 
     def read(folder):
@@ -388,7 +341,7 @@ def simulated_bigs() -> Job:
     from torch_geometric_tactile.io import read_hdf5
     from torch_geometric_tactile.sim import simulate_bigs
 
-    def run(folder, tell):
+    def run(folder):
         assert len([*simulate_bigs(folder, 3)]) == 3
 
     def read(folder):
@@ -410,7 +363,7 @@ def simulated_letters() -> Job:
 
     layout = TaxelLayout("plain", letter_array().pos)
 
-    def run(folder, tell):
+    def run(folder):
         assert len([*simulate_letters(folder, 250, letters="ABC", layout=layout)]) == 9
 
     def read(folder):

@@ -27,7 +27,7 @@ def kill(kills, *jobs):
 
 def test_killed_jobs_lose_nothing_and_leave_nothing_after_the_next_run():
     pytest.importorskip("h5py", reason="needs the extra 'io'")
-    said = kill("12", "processing", "convert", "grasps", "append")
+    said = kill("12", "processing", "convert", "grasps", "convert-hdf5")
     assert said.endswith("13 kills, 0 wrong\n"), said
 
 

@@ -45,9 +45,9 @@ def keys_heeded(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable[
 
 
 def mark(recorder: "Recorder | None", line: "StatusLine") -> None:
-    r"""Writes an event :obj:`"mark"` of this moment into a recording that can hold it."""
-    if recorder is None or recorder.path.suffix.lower() != ".mcap":
-        line.tell("nothing was marked: it needs a recording to an .mcap file")
+    r"""Writes an event :obj:`"mark"` of this moment into a recording."""
+    if recorder is None:
+        line.tell("nothing was marked: it needs a recording")
         return
     recorder.event("mark")
     line.tell(f"marked at {recorder.seconds:.2f} s")

@@ -20,7 +20,7 @@ waits until the sensor has been still for a second (--rest). A lost port or conn
 reopened. What was recorded is kept, however the command ends.
 
 Keys: t measures the reading at rest again, r starts and stops recording, m marks this moment
-in an .mcap recording, q or Ctrl-C quits.
+in the recording, q or Ctrl-C quits.
 """
 EXAMPLES = f"""\
 {SOURCE}

@@ -14,10 +14,11 @@ DESCRIPTION = """\
 Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap file is handed
 to the operating system every quarter of a second: a crash of the program loses at most that
 much, a power cut also what the system had not yet written, a few seconds. Such a file can be
-read, and repaired with 'tactile replay FILE --repair OUT'. An .h5 file is saved every second
-and holds frames only.
+read, and repaired with 'tactile replay FILE --repair OUT'. An .h5 file is written at the end,
+and holds frames and events only: until then grasp.h5 is grasp.mcap, which stays after a crash
+for 'tactile convert grasp.mcap grasp.h5'.
 
-Keys: m marks this moment in an .mcap file, q or Ctrl-C ends the recording.
+Keys: m marks this moment in the file, q or Ctrl-C ends the recording.
 """
 EXAMPLES = f"""\
 {SOURCE}

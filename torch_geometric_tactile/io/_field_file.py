@@ -13,9 +13,14 @@ import numpy as np
 
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION, TEXT_BYTES
-from torch_geometric_tactile.io._hdf5_arrays import read_rows
-from torch_geometric_tactile.io._hdf5_checks import check_hard_link, check_storage, hdf5_file
-from torch_geometric_tactile.io._hdf5_file import opened, require_h5py
+from torch_geometric_tactile.io._hdf5_checks import (
+    check_hard_link,
+    check_storage,
+    check_type,
+    hdf5_file,
+    is_written,
+)
+from torch_geometric_tactile.io._hdf5_file import opened, read_rows, require_h5py
 from torch_geometric_tactile.io._npz_arrays import opened_npz
 
 _MOST_LISTED = 12
@@ -52,7 +57,7 @@ def _hdf5_fields(path: Path, wanted: Iterable[str]) -> Fields:
     require_h5py()
     found: dict[str, np.ndarray] = {}
     left = max(ARRAY_BYTES, HDF5_EXPANSION * path.stat().st_size)
-    with opened(hdf5_file(path), "r") as file:
+    with opened(hdf5_file(path)) as file:
         for name in dict.fromkeys(wanted):
             place, is_attribute, attribute = name.partition("@")
             owner = _object(path, file, place)
@@ -79,7 +84,7 @@ def _object(path: Path, file: Any, place: str) -> Any | None:
 
 def _attribute(path: Path, attrs: Any, name: str, attribute: str) -> np.ndarray:
     stored = attrs.get_id(attribute)
-    _check_type(path, name, stored.get_type())
+    check_type(path, name, stored.get_type())
     size = stored.get_type().get_size() * math.prod(stored.shape or ())
     if stored.shape is None or size > TEXT_BYTES:
         raise ValueError(f"'{path}' must hold one value in '{name}' (got {size} bytes)")
@@ -90,7 +95,7 @@ def _dataset(path: Path, dataset: Any, name: str, left: int) -> np.ndarray:
     if getattr(dataset, "shape", None) is None:
         raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
     check_storage(path, dataset, name)
-    _check_type(path, name, dataset.id.get_type())
+    check_type(path, name, dataset.id.get_type())
     is_text = dataset.dtype.kind == "O"
     width = 8 if is_text else dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)
     size = math.prod(dataset.shape) * width
@@ -98,14 +103,7 @@ def _dataset(path: Path, dataset: Any, name: str, left: int) -> np.ndarray:
         raise ValueError(
             f"'{path}' must hold arrays of at most {left} bytes in memory (got {size} in '{name}')"
         )
-    if dataset.chunks is None:
-        written = dataset.id.get_storage_size() >= math.prod(dataset.shape) * (
-            1 if is_text else dataset.dtype.itemsize
-        )
-    else:
-        pairs = zip(dataset.shape, dataset.chunks, strict=True)
-        written = dataset.id.get_num_chunks() >= math.prod(-(-n // c) for n, c in pairs)
-    if not written and math.prod(dataset.shape):
+    if not is_written(dataset, dataset.shape):
         raise ValueError(
             f"'{path}' must hold all of '{name}', of shape {dataset.shape} (got "
             f"{dataset.id.get_storage_size()} bytes): is the file truncated? Copy or record it "
@@ -114,16 +112,6 @@ def _dataset(path: Path, dataset: Any, name: str, left: int) -> np.ndarray:
     if is_text and dataset.ndim:
         return read_rows(dataset, len(dataset), left)
     return _plain(path, name, dataset[()])
-
-
-def _check_type(path: Path, name: str, found: Any) -> None:
-    h5t = require_h5py().h5t
-    plain = found.get_class() in (h5t.INTEGER, h5t.FLOAT) and found.get_size() <= 8
-    truth = found.get_class() == h5t.ENUM and found.dtype == np.dtype(bool)
-    if found.committed() or not (plain or truth or found.get_class() == h5t.STRING):
-        raise ValueError(
-            f"'{path}' must hold numbers, truth values or texts in '{name}' (got {found.dtype})"
-        )
 
 
 def _plain(path: Path, name: str, value: Any) -> np.ndarray:

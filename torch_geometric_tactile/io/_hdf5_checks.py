@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._limits import ARRAY_BYTES, HDF5_EXPANSION
+from torch_geometric_tactile.io._hdf5_file import require_h5py
 from torch_geometric_tactile.io._recording_schema import FORMAT, GROUPS, checked_file, missing_field
 
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
@@ -35,28 +36,32 @@ def checked_dataset(path: Path, file: Any, name: str) -> Any:
     r"""Returns a data set after a look at what it is."""
     if name not in file:
         raise missing_field(path, name)
-    h5py = _h5py()
     check_hard_link(path, file, name)
     dataset = file[name]
-    if not isinstance(dataset, h5py.Dataset) or dataset.ndim == 0 or dataset.shape is None:
+    if not isinstance(dataset, require_h5py().Dataset) or not dataset.shape:
         raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
     check_storage(path, dataset, name)
-    found = dataset.id.get_type()
-    plain = found.get_class() in (h5py.h5t.INTEGER, h5py.h5t.FLOAT) and found.get_size() <= 8
-    text = found.get_class() == h5py.h5t.STRING
-    truth = found.get_class() == h5py.h5t.ENUM and dataset.dtype == np.dtype(bool)
+    check_type(path, name, dataset.id.get_type())
+    return dataset
+
+
+def check_type(path: Path, name: str, found: Any) -> None:
+    r"""Checks that a type is of numbers of at most 8 bytes, truth values or texts."""
+    h5t = require_h5py().h5t
+    plain = found.get_class() in (h5t.INTEGER, h5t.FLOAT) and found.get_size() <= 8
+    text = found.get_class() == h5t.STRING
+    truth = found.get_class() == h5t.ENUM and found.dtype == np.dtype(bool)
     if found.committed() or not (plain or text or truth):
         raise ValueError(
             f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
-            f"{'a named type' if found.committed() else dataset.dtype})"
+            f"{'a named type' if found.committed() else found.dtype})"
         )
-    return dataset
 
 
 def check_storage(path: Path, dataset: Any, name: str) -> None:
     r"""Checks that a data set holds its numbers itself, compressed as HDF5 can without more."""
     created = dataset.id.get_create_plist()
-    if created.get_layout() == _h5py().h5d.VIRTUAL or created.get_external_count():
+    if created.get_layout() == require_h5py().h5d.VIRTUAL or created.get_external_count():
         raise ValueError(
             f"'{path}' must hold '{name}' itself (got a virtual or external array, whose numbers "
             "are in other files): copy the data into the file"
@@ -91,16 +96,8 @@ def check_sizes(
             )
         shape = (num_frames, *dataset.shape[1:])
         width = dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)  # UTF-32 as well
-        if 0 in shape:
-            continue
-        if dataset.chunks is None:
-            written = dataset.id.get_storage_size() >= math.prod(shape) * dataset.dtype.itemsize
-            total += math.prod(shape) * width
-        else:
-            chunks = math.prod(-(-n // c) for n, c in zip(shape, dataset.chunks, strict=True))
-            written = dataset.id.get_num_chunks() >= chunks
-            total += chunks * math.prod(dataset.chunks) * width
-        if not written:
+        total += _in_whole_blocks(dataset, shape) * width
+        if not is_written(dataset, shape):
             raise ValueError(
                 f"'{path}' must hold {num_frames} frames in '{name}', as 'num_frames' says (got "
                 f"{dataset.id.get_storage_size()} bytes): copy or record it again"
@@ -113,12 +110,27 @@ def check_sizes(
     return limit
 
 
+def is_written(dataset: Any, shape: tuple[int, ...]) -> bool:
+    r"""Whether the first rows of a data set, of some shape, are in the file, not only claimed."""
+    if 0 in shape:
+        return True
+    if dataset.chunks is None:
+        return bool(dataset.id.get_storage_size() >= math.prod(shape) * dataset.dtype.itemsize)
+    blocks = _in_whole_blocks(dataset, shape) // math.prod(dataset.chunks)
+    return bool(dataset.id.get_num_chunks() >= blocks)
+
+
+def _in_whole_blocks(dataset: Any, shape: tuple[int, ...]) -> int:
+    # The number of values in all blocks that some rows touch.
+    blocks = dataset.chunks or (1,) * len(shape)
+    return math.prod(-(-n // block) * block for n, block in zip(shape, blocks, strict=True))
+
+
 def text_attribute(path: Path, attrs: Any, name: str) -> str:
     r"""Returns an attribute that is one text."""
     attribute = _attribute(path, attrs, name)
-    h5py = _h5py()
     found = attribute.get_type()
-    if attribute.shape != () or found.get_class() != h5py.h5t.STRING:
+    if attribute.shape != () or found.get_class() != require_h5py().h5t.STRING:
         raise ValueError(
             f"'{path}' must hold one text in '{name}' (got {attribute.dtype} of shape "
             f"{attribute.shape})"
@@ -132,7 +144,7 @@ def text_attribute(path: Path, attrs: Any, name: str) -> str:
 def integer_attribute(path: Path, attrs: Any, name: str) -> int:
     r"""Returns an attribute that is one integer, not negative."""
     attribute = _attribute(path, attrs, name)
-    if attribute.shape == () and attribute.get_type().get_class() == _h5py().h5t.INTEGER:
+    if attribute.shape == () and attribute.get_type().get_class() == require_h5py().h5t.INTEGER:
         value = attrs[name]
     else:
         value = f"{attribute.dtype} of shape {attribute.shape}"
@@ -157,7 +169,7 @@ def check_format(path: Path, file: Any) -> None:
 def hdf5_file(path: Any) -> Path:
     r"""Returns the path of an HDF5 file that exists."""
     path = checked_file(path)
-    if not _h5py().is_hdf5(path):
+    if not require_h5py().is_hdf5(path):
         raise ValueError(
             f"'{path}' is no HDF5 file (or its beginning is lost): copy it again, or give a file "
             "that torch_geometric_tactile.io.write_hdf5 wrote"
@@ -169,17 +181,11 @@ def check_hard_link(path: Path, file: Any, name: str) -> None:
     r"""Checks that a name is of something in the file itself."""
     # A link of another kind leads to another place or file.
     link = file.get(name, getlink=True)
-    if not isinstance(link, _h5py().HardLink):
+    if not isinstance(link, require_h5py().HardLink):
         raise ValueError(
             f"'{path}' must hold '{name}' itself (got a {type(link).__name__}, which may lead to "
             "another file): copy the data into the file"
         )
-
-
-def _h5py() -> Any:
-    import h5py
-
-    return h5py
 
 
 def _attribute(path: Path, attrs: Any, name: str) -> Any:

@@ -1,16 +1,27 @@
-r"""An HDF5 file that is opened: locked, and changed as a whole or not at all."""
+r"""An HDF5 file that is opened, and arrays as it keeps them."""
 
+import io
 import os
-from collections.abc import Callable, Iterator
+import struct
+import zlib
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile._files import hold_file, is_held
-from torch_geometric_tactile.io._hdf5_journal import PatchedFile, ends_in_journal
+import numpy as np
 
-_INSTALL = 'pip install "torch-geometric-tactile[io]"'
+from torch_geometric_tactile._files import hold_file, is_held
+
 CHECKSUMMED = ("v110", "v110")  # the oldest HDF5 with checksums in all structures
+_INSTALL = 'pip install "torch-geometric-tactile[io]"'
+_VALUES_PER_CHUNK = 2**15
+_MOST_FRAMES_PER_CHUNK = 512
+_GZIP_LEVEL = 1  # counts shrink about as much as at 9, several times faster
+_ELEMENTS = 64  # texts of version 1 that are read at once: each may be as long as the file
+_MAGIC = b"tactile journal\n"
+_FOOTER = struct.Struct("<16sQQII")  # magic, bytes before it, size of the new file, two checksums
+_ENTRY = struct.Struct("<QI")  # where, how many bytes
 
 
 def require_h5py() -> Any:
@@ -23,32 +34,14 @@ def require_h5py() -> Any:
 
 
 @contextmanager
-def opened(path: Path, mode: str) -> Iterator[Any]:
-    r"""Opens a file, locked against other processes; what is changed in it is written as a
-    whole.
-    """
+def opened(path: Path, in_memory: bool = False) -> Iterator[Any]:
+    r"""Opens a file to be read, in memory if this process has locked it."""
     h5py = require_h5py()
-    handle, release = _locked(path, exclusive=mode == "r+")
+    journal = _journal(path)
     try:
-        with _errors_of_reading(path):
-            in_memory = mode == "r+" or ends_in_journal(path)
-            patched = PatchedFile(handle) if in_memory else None
-            with h5py.File(patched or path, mode, libver=CHECKSUMMED) as file:
-                yield file
-        if patched is not None and mode == "r+":
-            try:
-                patched.commit()
-            except OSError as error:
-                raise OSError(error.errno, os.strerror(error.errno or 0), str(path)) from error
-    finally:
-        os.close(handle)
-        release()
-
-
-@contextmanager
-def _errors_of_reading(path: Path) -> Iterator[None]:
-    try:
-        yield
+        image = _image(path, journal) if in_memory or journal is not None else None
+        with h5py.File(image or path, "r", libver=CHECKSUMMED) as file:
+            yield file
     except BlockingIOError as error:
         raise is_held(path) from error
     except Exception as error:  # h5py raises ten kinds for a damaged file
@@ -61,15 +54,100 @@ def _errors_of_reading(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _locked(path: Path, exclusive: bool) -> tuple[int, Callable[[], None]]:
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    r"""Locks a file that is read and then replaced, against others that do the same."""
     while True:
-        flags = (os.O_RDWR if exclusive else os.O_RDONLY) | getattr(os, "O_BINARY", 0)
-        handle = os.open(path, flags)
+        handle = os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
         try:
-            release = hold_file(handle, path, exclusive=exclusive)
-        except BlockingIOError:
+            release = hold_file(handle, path)
+            try:
+                if os.path.samestat(os.fstat(handle), path.stat()):
+                    yield
+                    return
+            finally:
+                release()  # also where it was replaced by a new file meanwhile
+        finally:
             os.close(handle)
-            raise
-        if os.path.samestat(os.fstat(handle), path.stat()):
-            return handle, release
-        os.close(handle)  # replaced by a new file meanwhile
+
+
+def _journal(path: Path) -> tuple[bytes, int] | None:
+    # Versions up to 0.2 appended in place: behind their end, a file may have a journal of bytes
+    # that were still to be changed when the process was killed. Its footer has the new size.
+    with path.open("rb") as file:
+        start = file.seek(0, os.SEEK_END) - _FOOTER.size
+        file.seek(max(start, 0))
+        footer = file.read() if start > 0 else b""
+        if not footer.startswith(_MAGIC):
+            return None
+        magic, length, size, journal_sum, footer_sum = _FOOTER.unpack(footer)
+        if zlib.crc32(_FOOTER.pack(magic, length, size, journal_sum, 0)) != footer_sum:
+            return None
+        if length + size > start:
+            return None
+        file.seek(start - length)
+        journal = file.read(length)
+    return (journal, size) if zlib.crc32(journal) == journal_sum else None
+
+
+def _image(path: Path, journal: tuple[bytes, int] | None) -> io.BytesIO:
+    content = bytearray(path.read_bytes())
+    changes, size = journal or (b"", len(content))
+    position = 0
+    while position < len(changes):
+        where, count = _ENTRY.unpack_from(changes, position)
+        position += _ENTRY.size + count
+        content[where : where + count] = changes[position - count : position]
+    return io.BytesIO(content[:size])
+
+
+def as_stored(array: np.ndarray) -> np.ndarray:
+    r"""Returns an array of a recording as a file keeps it: texts as UTF-8 of a fixed length."""
+    if array.dtype.kind != "U":
+        return array
+    texts: np.ndarray = np.char.encode(array, "utf-8")
+    return texts.astype(f"S{max(texts.dtype.itemsize, 1)}")
+
+
+def as_texts(array: np.ndarray) -> np.ndarray:
+    r"""Returns texts for UTF-8 of a fixed length, and other arrays as they are."""
+    return np.char.decode(array, "utf-8") if array.dtype.kind == "S" else array
+
+
+def create_dataset(file: Any, name: str, array: np.ndarray) -> Any:
+    r"""Writes an array as a data set of compressed blocks with checksums."""
+    texts = array.dtype.kind == "S"
+    frames = max(1, _VALUES_PER_CHUNK // max(1, int(np.prod(array.shape[1:]))))
+    return file.create_dataset(
+        name,
+        data=array.astype(require_h5py().string_dtype("utf-8", array.itemsize)) if texts else array,
+        maxshape=(None, *array.shape[1:]),
+        chunks=(min(frames, _MOST_FRAMES_PER_CHUNK), *(max(1, n) for n in array.shape[1:])),
+        fillvalue=np.nan if array.dtype.kind == "f" else None,
+        fletcher32=True,
+        shuffle=True,
+        compression="gzip",
+        compression_opts=_GZIP_LEVEL,
+    )
+
+
+def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
+    r"""Reads the first rows of a data set. Texts of a fixed length stay as they are stored."""
+    if dataset.dtype.kind == "O":
+        return _long_texts(dataset, num_frames, max_bytes)
+    array: np.ndarray = dataset[:num_frames]
+    return array
+
+
+def _long_texts(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
+    row = int(np.prod(dataset.shape[1:]))
+    step = max(1, _ELEMENTS // max(row, 1))
+    texts: list[str] = []
+    longest = 0
+    for start in range(0, num_frames, step):
+        part = dataset.asstr()[start : min(start + step, num_frames)].ravel().tolist()
+        texts += part
+        longest = max(longest, *map(len, part), 0)
+        if 4 * longest * num_frames * row > max_bytes:
+            raise ValueError(f"its texts must take no more than {max_bytes} bytes in memory")
+    return np.array(texts, dtype=str).reshape(num_frames, *dataset.shape[1:])

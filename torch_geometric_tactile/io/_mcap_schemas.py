@@ -6,8 +6,8 @@ their index, and we see one array. :obj:`foxglove.PointCloud` is the
 `schema of Foxglove <https://docs.foxglove.dev/docs/sdk/schemas/point-cloud>`_.
 """
 
-from collections.abc import Callable, Mapping
-from functools import cache, partial
+from collections.abc import Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +22,6 @@ POINTS = "foxglove.PointCloud"
 TOPICS = (FRAME, PREDICTION, HEALTH, EVENT, POINTS)
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
-_ARRAYS: dict[str, np.dtype] = {"double": np.dtype("<f8"), "float": np.dtype("<f4")}
-_NUMBERS = ("double", "float", "fixed32", "int64", "int32", "uint32")
 
 
 class Field(NamedTuple):
@@ -197,74 +195,41 @@ def _describe(pb: Any, message: Any, fields: Mapping[str, Field]) -> None:
 
 @cache
 def _type_of(message: str) -> Any:
-    # The class that protobuf makes of the fields. As of proto2, which tells a zero from nothing and
-    # has the same bytes.
+    # The class that protobuf makes of the fields. They are optional, which tells a zero from
+    # nothing and has the same bytes.
     from google.protobuf import descriptor_pool, message_factory
 
     pb, pool = _descriptors(), descriptor_pool.DescriptorPool()
     for file in pb.FileDescriptorSet.FromString(schema_of(message)).file:
-        file.syntax = "proto2"
-        for field in (field for made in file.message_type for field in made.field):
-            if field.label == field.LABEL_REPEATED and _kind(pb, field) in _NUMBERS:
-                field.options.packed = True
+        for made in file.message_type:
+            for field in made.field:
+                if field.label == field.LABEL_OPTIONAL:
+                    field.proto3_optional = True
+                    field.oneof_index = len(made.oneof_decl)
+                    made.oneof_decl.add(name=f"_{field.name}")
         pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(message))
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytes:
-    r"""Returns a message in protobuf's format."""
-    return bytes(_type_of(message)(**_given(message, values)).SerializeToString())
+    r"""Returns a message in protobuf's format. What is None, or no field of it, is left out."""
+    known = {name: _plain(values[name]) for name in MESSAGES[message] if name in values}
+    return bytes(_type_of(message)(**known).SerializeToString())
 
 
-def _given(message: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for name, field in MESSAGES[message].items():
-        value = values.get(name)
-        if value is None:
-            continue
-        convert = _convert(field.kind)
-        if field.many and field.kind in _ARRAYS:
-            out[name] = np.asarray(value, _ARRAYS[field.kind]).ravel().tolist()
-        else:
-            out[name] = [convert(item) for item in value] if field.many else convert(value)
-    return out
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.ravel().tolist()
+    if isinstance(value, Mapping):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
 
 
-def _convert(kind: str) -> Callable[[Any], Any]:
-    if kind in MESSAGES:
-        return partial(_given, kind)
-    if kind == "string":
-        return lambda value: str(value).encode("utf-8", "replace").decode()
-    return {"bytes": bytes, "double": float, "float": float}.get(kind, int)
-
-
-def decode(message: str, data: bytes | memoryview) -> dict[str, Any]:
-    r"""Reads a message: texts, numbers, dictionaries, and arrays of floating-point numbers. Fields
-    that are not known are passed over.
-    """
+def decode(message: str, data: bytes | memoryview) -> Any:
+    r"""Reads a message, as protobuf's own object. Fields that are not known are passed over."""
     try:
-        return _plain(message, _type_of(message).FromString(bytes(data)))
-    except ValueError:  # a text that is no UTF-8
-        raise
+        return _type_of(message).FromString(bytes(data))
     except Exception as error:  # DecodeError, whose module depends on the version
         raise ValueError(f"a message must be a {message} of protobuf ({error})") from error
-
-
-def _plain(message: str, parsed: Any) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for name, field in MESSAGES[message].items():
-        if not field.many and not parsed.HasField(name):
-            continue
-        value = getattr(parsed, name)
-        if field.many and field.kind in _ARRAYS:
-            out[name] = np.array(value, _ARRAYS[field.kind])
-        else:
-            out[name] = [_value(field, v) for v in value] if field.many else _value(field, value)
-    return out
-
-
-def _value(field: Field, value: Any) -> Any:
-    if field.kind in MESSAGES:
-        return _plain(field.kind, value)
-    # Protobuf returns texts that are no UTF-8 as bytes.
-    return str(value, "utf-8") if field.kind == "string" and type(value) is bytes else value

@@ -11,11 +11,17 @@ import numpy as np
 from torch_geometric_tactile._texts import parse_json, printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata, Record, Schema
 from torch_geometric_tactile.io._mcap_frames import FrameRows
-from torch_geometric_tactile.io._mcap_records import Scan, count_messages, summary_records
+from torch_geometric_tactile.io._mcap_records import (
+    CHANNEL,
+    MESSAGE,
+    METADATA,
+    METADATA_NAME,
+    SCHEMA,
+    Scan,
+    texts_checksum,
+)
 from torch_geometric_tactile.io._mcap_schemas import EVENT, FRAME, check_schema, decode
-from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._recording_schema import checked_file, recording_from_fields
 from torch_geometric_tactile.io.recording_mcap import VERSION
 
@@ -61,14 +67,9 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
     """
     path = checked_file(path)
     scan = Scan(path)
-    # Of all channels: which one has the frames is not known yet.
-    expected = max(count_messages(path).values(), default=0)
-    content = _Content(path, FrameRows(expected, path.stat().st_size, allow_large))
-    for record in summary_records(path):
-        content.add(record)
-    for batch in scan.batches():
-        for record in batch:
-            content.add(record)
+    content = _Content(path, FrameRows(path.stat().st_size, allow_large))
+    for kind, record in scan.records():
+        content.add(kind, record)
     if not content.rows.num_frames:
         raise ValueError(content.why_empty(scan))
     problems = [*scan.damage, *content.problems()]
@@ -99,24 +100,23 @@ class _Content:
     # What the records of a file say.
     path: Path
     rows: FrameRows
-    channels: dict[int, Channel] = field(default_factory=dict)
-    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Any] = field(default_factory=dict)
+    schemas: dict[int, Any] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
     known: dict[int, str] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
     num_wrong: int = 0
-    disorder: int = 0
 
-    def add(self, record: Record) -> None:
-        if isinstance(record, Message):
-            self._add_message(record)
-        elif isinstance(record, Channel):
+    def add(self, kind: int, record: Any) -> None:
+        if kind == MESSAGE:
+            self._add_message(record.channel_id, record.data)
+        elif kind == CHANNEL:
             self.channels.setdefault(record.id, record)
-        elif isinstance(record, Schema):
+        elif kind == SCHEMA:
             self.schemas.setdefault(record.id, record)
-        elif isinstance(record, Metadata) and record.name == METADATA_NAME and not self.texts:
-            texts = dict(record.values)
+        elif kind == METADATA and record.name == METADATA_NAME and not self.texts:
+            texts = dict(record.metadata)
             if texts.pop("crc32", "") == str(texts_checksum(texts)):
                 self._check_version(texts)
                 self.texts = texts
@@ -131,15 +131,15 @@ class _Content:
                 "torch-geometric-tactile that wrote it"
             )
 
-    def _add_message(self, message: Message) -> None:
-        if message.channel not in self.known:
-            self.known[message.channel] = self._topic(message.channel)
-        if self.known[message.channel] == EVENT:
-            self._add_event(message.data)
-        if self.known[message.channel] != FRAME:
+    def _add_message(self, channel: int, data: bytes) -> None:
+        if channel not in self.known:
+            self.known[channel] = self._topic(channel)
+        if self.known[channel] == EVENT:
+            self._add_event(data)
+        if self.known[channel] != FRAME:
             return
         try:
-            self.rows.add(message.data)
+            self.rows.add(data)
         except ValueError as error:
             self.num_wrong += 1
             if self.num_wrong == 1:
@@ -147,17 +147,15 @@ class _Content:
         except MemoryError as error:
             raise ValueError(f"'{self.path}' cannot be read: {error}") from error
 
-    def _add_event(self, data: bytes | memoryview) -> None:
+    def _add_event(self, data: bytes) -> None:
         if len(self.events) >= _MOST_EVENTS or len(data) > _LARGEST_EVENT:
             return
         try:
             event = decode(EVENT, data)
         except ValueError:  # of another program, that calls a topic so
             return
-        texts = {name: event.get(name, "") for name in ("kind", "text")}
-        time = event.get("time", 0.0)
-        if math.isfinite(time):
-            self.events.append({"time": time, **texts})
+        if math.isfinite(event.time):
+            self.events.append({"time": event.time, "kind": event.kind, "text": event.text})
 
     def _topic(self, number: int) -> str:
         channel = self.channels.get(number)
@@ -165,10 +163,10 @@ class _Content:
             # Its description was in a chunk that is damaged; ours is in the metadata too.
             stated = self._stated_channels()
             return next((topic for topic in (FRAME, EVENT) if stated.get(topic) == number), "")
-        if channel.topic == EVENT and channel.encoding == "protobuf":
+        if channel.topic == EVENT and channel.message_encoding == "protobuf":
             return EVENT
-        schema = self.schemas.get(channel.schema)
-        if channel.encoding != "protobuf" or FRAME not in (
+        schema = self.schemas.get(channel.schema_id)
+        if channel.message_encoding != "protobuf" or FRAME not in (
             channel.topic,
             "" if schema is None else schema.name,
         ):

@@ -8,11 +8,17 @@ from typing import Any
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import parse_json
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._mcap_content import Channel, Message, Metadata, Record, Schema
 from torch_geometric_tactile.io._mcap_output import McapOutput, require_mcap
-from torch_geometric_tactile.io._mcap_records import Scan, summary_records
+from torch_geometric_tactile.io._mcap_records import (
+    CHANNEL,
+    MESSAGE,
+    METADATA,
+    METADATA_NAME,
+    SCHEMA,
+    Scan,
+    texts_checksum,
+)
 from torch_geometric_tactile.io._mcap_schemas import TOPICS, schema_of
-from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._recording_schema import checked_file
 from torch_geometric_tactile.io.mcap_reader import first_problems
 
@@ -88,11 +94,8 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
             writer = library.Writer(output, enable_data_crcs=True)
             writer.start(library="torch_geometric_tactile")
             copy = _Copy(writer)
-            for record in summary_records(path):
-                copy.add(record)
-            for batch in scan.batches():
-                for record in batch:
-                    copy.add(record)
+            for kind, record in scan.records():
+                copy.add(kind, record)
             if not copy.counts:
                 raise ValueError(f"'{path}' holds nothing to save ({first_problems(scan.damage)})")
             writer.finish()
@@ -116,72 +119,60 @@ class _Copy:
         self.writer = writer
         self.counts: dict[str, int] = {}
         self.first = self.last = 0
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._written: dict[int, int] = {}
-        self._schema_numbers: dict[int, int] = {0: 0}
-        self._stated: dict[int, str] = {}
+        self._channels: dict[int, Any] = {}
+        self._schemas: dict[int, Any] = {}
+        self._written: dict[int, tuple[str, int]] = {}  # topics and new numbers, by old numbers
+        self._schema_numbers: dict[int, int] = {}
 
-    def add(self, record: Record) -> None:
-        if isinstance(record, Message):
+    def add(self, kind: int, record: Any) -> None:
+        if kind == MESSAGE:
             self._add_message(record)
-        elif isinstance(record, Schema):
-            self._schemas.setdefault(record.id, record)
-        elif isinstance(record, Channel):
+        elif kind == CHANNEL:
             self._channels.setdefault(record.id, record)
-        elif record.name != METADATA_NAME:
-            self.writer.add_metadata(record.name, record.values)
-        else:
-            self._add_ours(record)
+        elif kind == SCHEMA:
+            self._schemas.setdefault(record.id, record)
+        elif kind == METADATA:
+            self._add_metadata(record)
 
-    def _add_ours(self, record: Metadata) -> None:
-        texts = dict(record.values)
-        if texts.pop("crc32", "") != str(texts_checksum(texts)):
-            return
-        self._stated = {
-            number: topic
-            for topic, number in parse_json(texts["channels"]).items()
-            if topic in TOPICS
-        }
-        # In our order, so that what the metadata say of the channels stays true.
-        for number, topic in sorted(self._stated.items()):
-            self._schemas[number] = Schema(number, topic, "protobuf", schema_of(topic))
-            self._channels[number] = Channel(number, number, topic, "protobuf", {})
-        for number in sorted(self._stated):
-            self._register(number)
-        self.writer.add_metadata(record.name, record.values)
+    def _add_metadata(self, record: Any) -> None:
+        if record.name == METADATA_NAME:
+            texts = dict(record.metadata)
+            if texts.pop("crc32", "") != str(texts_checksum(texts)):
+                return
+            # In our order, so that what the metadata say of the channels stays true.
+            stated = {number: topic for topic, number in parse_json(texts["channels"]).items()}
+            for number, topic in sorted(stated.items()):
+                if topic in TOPICS:
+                    schema = self.writer.register_schema(topic, "protobuf", schema_of(topic))
+                    new = self.writer.register_channel(topic, "protobuf", schema)
+                    self._written[number] = topic, new
+        self.writer.add_metadata(record.name, record.metadata)
 
-    def _register(self, number: int) -> int | None:
-        if number in self._written:
-            return self._written[number]
-        channel = self._channels.get(number)
-        if channel is None:
-            return None
-        schema = self._schemas.get(channel.schema)
-        if schema is not None and channel.schema not in self._schema_numbers:
-            self._schema_numbers[channel.schema] = self.writer.register_schema(
+    def _register(self, channel: Any) -> tuple[str, int]:
+        schema = self._schemas.get(channel.schema_id)
+        if schema is not None and schema.id not in self._schema_numbers:
+            self._schema_numbers[schema.id] = self.writer.register_schema(
                 schema.name, schema.encoding, schema.data
             )
-        self._written[number] = self.writer.register_channel(
-            channel.topic,
-            channel.encoding,
-            self._schema_numbers.get(channel.schema, 0),
-            channel.metadata,
-        )
-        return self._written[number]
+        number = self._schema_numbers.get(channel.schema_id, 0)
+        kind = channel.message_encoding
+        new = self.writer.register_channel(channel.topic, kind, number, channel.metadata)
+        return channel.topic, new
 
-    def _add_message(self, message: Message) -> None:
-        number = self._register(message.channel)
-        if number is None:
-            return
+    def _add_message(self, message: Any) -> None:
+        number = message.channel_id
+        if number not in self._written:
+            if number not in self._channels:
+                return
+            self._written[number] = self._register(self._channels[number])
+        topic, new = self._written[number]
         self.writer.add_message(
-            channel_id=number,
+            channel_id=new,
             log_time=message.log_time,
             publish_time=message.publish_time,
             sequence=message.sequence,
-            data=bytes(message.data),
+            data=message.data,
         )
-        topic = self._channels[message.channel].topic
         self.first = min(self.first, message.log_time) if self.counts else message.log_time
         self.last = max(self.last, message.log_time)
         self.counts[topic] = self.counts.get(topic, 0) + 1

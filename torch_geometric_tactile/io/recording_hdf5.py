@@ -1,4 +1,4 @@
-r"""Recordings as HDF5 files, which may grow frame by frame. Needs the extra ``io`` when a function
+r"""Recordings as HDF5 files, each written once, as a whole. Needs the extra ``io`` when a function
 is called.
 
 Names as in :mod:`~torch_geometric_tactile.io._recording_schema`: arrays are data sets whose first
@@ -11,31 +11,26 @@ Version 2, which is written, has a checksum of every part: fletcher32 for each b
 the CRC-32 of each frame, those of HDF5 1.10 for its own structures, and that of the attributes,
 whose texts have a fixed length. A damaged file is refused or reads as before. Version 1, which is
 still read, has none of this: a flipped bit may read as another number. Checksums that are there are
-compared in any version.
+compared in any version. Files that versions up to 0.2 of this package appended to are not
+compressed, and may end in a journal of an append that was killed, which is read as made.
 
 Nothing that a file refers to outside of itself is read, and only the filters of HDF5 itself are
 used.
 """
 
 import io
-import os
+import json
+import warnings
+import zlib
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile._files import atomic_path, remove_leftovers, share
+from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.io._hdf5_arrays import (
-    as_stored,
-    as_texts,
-    create_dataset,
-    read_rows,
-    with_room,
-)
 from torch_geometric_tactile.io._hdf5_checks import (
     check_format,
     check_sizes,
@@ -45,13 +40,16 @@ from torch_geometric_tactile.io._hdf5_checks import (
     integer_attribute,
     text_attribute,
 )
-from torch_geometric_tactile.io._hdf5_checksums import (
-    FRAMES,
-    check_frames,
-    frame_checksums,
-    head_checksum,
+from torch_geometric_tactile.io._hdf5_file import (
+    CHECKSUMMED,
+    as_stored,
+    as_texts,
+    create_dataset,
+    held,
+    opened,
+    read_rows,
+    require_h5py,
 )
-from torch_geometric_tactile.io._hdf5_file import CHECKSUMMED, opened, require_h5py
 from torch_geometric_tactile.io._recording_schema import (
     FORMAT,
     recording_from_fields,
@@ -59,6 +57,7 @@ from torch_geometric_tactile.io._recording_schema import (
     recording_to_texts,
 )
 
+_FRAMES = "checksums"
 _VERSION = 2
 _READABLE = (1, 2)
 _CHECKSUMS_PER_CHUNK = 1024
@@ -84,7 +83,28 @@ def write_hdf5(recording: Recording, path: PathLike) -> None:
         ...     read_hdf5(f"{folder}/grasp.h5")
         Recording(num_frames=2, num_taxels=4, num_channels=3, rate=100, label='cup')
     """
-    _write(recording, Path(path), growing=False)
+    h5py = require_h5py()
+    # In memory, since HDF5 ends the process if the disk is full when it closes a file.
+    image = io.BytesIO()
+    with h5py.File(image, "w", libver=CHECKSUMMED) as file:
+        arrays = recording_to_arrays(recording)
+        stored = {name: as_stored(array) for name, array in arrays.items()}
+        datasets = {name: create_dataset(file, name, array) for name, array in stored.items()}
+        file.create_dataset(
+            _FRAMES,
+            data=_frame_checksums(stored),
+            maxshape=(None,),
+            chunks=(_CHECKSUMS_PER_CHUNK,),
+        )
+        texts = recording_to_texts(recording)
+        file.attrs["format"] = _fixed(FORMAT)
+        file.attrs["version"] = np.int64(_VERSION)
+        file.attrs["num_frames"] = np.int64(recording.num_frames)
+        for name, text in texts.items():
+            file.attrs[name] = _fixed(text)
+        file.attrs["checksum"] = _head_checksum(_VERSION, recording.num_frames, texts, datasets)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(image.getbuffer())
 
 
 def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
@@ -112,7 +132,7 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
         99
     """
     path = hdf5_file(_h5py_needed(path))
-    with opened(path, "r") as file:
+    with opened(path) as file:
         return _read(path, _checked(path, file), max_bytes)
 
 
@@ -140,19 +160,18 @@ def read_hdf5_head(path: PathLike) -> Recording:
         ('cup', (0, 4, 3))
     """
     path = hdf5_file(_h5py_needed(path))
-    with opened(path, "r") as file:
+    with opened(path) as file:
         return _checked(path, file).head
 
 
 def append_hdf5(recording: Recording, path: PathLike) -> None:
     r"""Appends frames to an HDF5 file, which is created if missing.
 
-    All frames of a call are added or none. What earlier calls added stays as it is on the disk and
-    can be read whenever the process is killed or the disk is full. Only a power failure may damage
-    a file that was written in the last seconds. A file that grows is not compressed, and has a
-    block for each frame; a file of :meth:`write_hdf5`, or of an older version, is therefore
-    rewritten once, at the first append, and :obj:`write_hdf5(read_hdf5(path), path)` compresses it
-    when it is complete.
+    .. deprecated:: 0.3
+        HDF5 is written once. What grows frame by frame is MCAP
+        (:class:`~torch_geometric_tactile.io.McapWriter`), which :func:`write_hdf5` converts at the
+        end. Until it is removed, this function reads the file and writes all of it anew, whole or
+        not at all: each call takes as long as all frames before it.
 
     Args:
         recording (Recording): The frames. Label and metadata of the file stay as they are.
@@ -167,6 +186,8 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
 
     Examples:
         >>> import tempfile
+        >>> import warnings
+        >>> warnings.simplefilter("ignore", DeprecationWarning)
         >>> frames = [Recording(time=[t], tactile=np.ones((1, 4, 3))) for t in (0.0, 0.01, 0.02)]
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     for frame in frames:
@@ -174,75 +195,34 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
         ...     read_hdf5(f"{folder}/grasp.h5").num_frames
         3
     """
+    warnings.warn(
+        "append_hdf5 is deprecated: write frames with McapWriter, which survives a crash, and "
+        "convert them at the end, write_hdf5(read_mcap('a.mcap'), 'a.h5')",
+        DeprecationWarning,
+        stacklevel=2,
+    )
     path = _h5py_needed(path)
-    remove_leftovers(path)
-    while not path.exists():
-        with suppress(FileExistsError):  # by another process just now
-            _write(recording, path, growing=True, new=True)
-            return
-    with opened(hdf5_file(path), "r+") as file:
-        content = _checked(path, file)
-        datasets, start = content.datasets, content.num_frames
-        stored = {n: as_stored(a) for n, a in recording_to_arrays(recording).items()}
-        _check_continues(path, content, recording)
-        if recording.num_frames == 0:
-            return
-        grows = all(
-            dataset.fletcher32
-            and not dataset.compression
-            and dataset.chunks[0] == 1
-            and (dataset.dtype.kind != "S" or dataset.dtype.itemsize >= stored[name].itemsize)
-            for name, dataset in datasets.items()
-        )
-        if not grows:
-            before = _read(path, content, max_bytes=2**63)
-            _write(_joined(before, recording), path, growing=True)
-            return
-        end = start + recording.num_frames
-        stored = {name: array.astype(datasets[name].dtype) for name, array in stored.items()}
-        sums = frame_checksums(stored)
-        for name, array in [*stored.items(), (FRAMES, sums)]:
-            file[name].resize(end, axis=0)
-            file[name][start:end] = array
-        file.attrs.modify("num_frames", np.int64(end))
-        checksum = head_checksum(_VERSION, end, content.texts, datasets)
-        file.attrs.modify("checksum", checksum)
+    if not path.exists():
+        write_hdf5(recording, path)
+        return
+    with held(hdf5_file(path)):
+        with opened(path, in_memory=True) as file:
+            before = _read(path, _checked(path, file), max_bytes=2**63)
+        there, added = recording_to_arrays(before), recording_to_arrays(recording)
+        _check_continues(path, before, recording)
+        if recording.num_frames:
+            joined = {
+                name: np.concatenate(
+                    [array, added[name]], dtype=None if array.dtype.kind == "U" else array.dtype
+                )
+                for name, array in there.items()
+            }
+            write_hdf5(recording_from_fields(path, joined, recording_to_texts(before)), path)
 
 
 def _h5py_needed(path: PathLike) -> Path:
     require_h5py()
     return Path(path)
-
-
-def _write(recording: Recording, path: Path, growing: bool, new: bool = False) -> None:
-    h5py = require_h5py()
-    # In memory, since HDF5 ends the process if the disk is full when it closes a file.
-    image = io.BytesIO()
-    with h5py.File(image, "w", libver=CHECKSUMMED) as file:
-        stored = {
-            name: with_room(as_stored(array)) if growing else as_stored(array)
-            for name, array in recording_to_arrays(recording).items()
-        }
-        datasets = {n: create_dataset(file, n, array, growing) for n, array in stored.items()}
-        sums = frame_checksums(stored)
-        file.create_dataset(FRAMES, data=sums, maxshape=(None,), chunks=(_CHECKSUMS_PER_CHUNK,))
-        texts = recording_to_texts(recording)
-        file.attrs["format"] = _fixed(FORMAT)
-        file.attrs["version"] = np.int64(_VERSION)
-        file.attrs["num_frames"] = np.int64(recording.num_frames)
-        for name, text in texts.items():
-            file.attrs[name] = _fixed(text)
-        file.attrs["checksum"] = head_checksum(_VERSION, recording.num_frames, texts, datasets)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(image.getbuffer())
-        if new:
-            share(temporary)
-            try:
-                os.link(temporary, path)  # unlike a new name, not over a file that came meanwhile
-            except FileExistsError:
-                raise
-            except OSError:
-                pass  # a file system without links
 
 
 def _fixed(text: str) -> np.ndarray:
@@ -273,8 +253,8 @@ def _checked(path: Path, file: Any) -> _Content:
     texts = {name: text_attribute(path, attrs, name) for name in ("label", "meta")}
     checksums = None
     # A file that says it is of version 1 may have been changed to say so.
-    if version > 1 or "checksum" in attrs or FRAMES in file:
-        checksum = head_checksum(version, num_frames, texts, datasets)
+    if version > 1 or "checksum" in attrs or _FRAMES in file:
+        checksum = _head_checksum(version, num_frames, texts, datasets)
         if integer_attribute(path, attrs, "checksum") != checksum:
             raise ValueError(
                 f"'{path}' must hold the label, metadata and arrays that its checksum is of (got "
@@ -283,10 +263,10 @@ def _checked(path: Path, file: Any) -> _Content:
         for name, dataset in datasets.items():
             if not dataset.fletcher32:
                 raise ValueError(f"'{path}' must have checksums in '{name}' (got none)")
-        checksums = checked_dataset(path, file, FRAMES)
+        checksums = checked_dataset(path, file, _FRAMES)
         if checksums.ndim != 1 or checksums.dtype.kind != "u" or checksums.dtype.itemsize != 4:
             raise ValueError(
-                f"'{path}' must hold an unsigned integer of 4 bytes for each frame in '{FRAMES}' "
+                f"'{path}' must hold an unsigned integer of 4 bytes for each frame in '{_FRAMES}' "
                 f"(got {checksums.dtype} of shape {checksums.shape})"
             )
     # Label and metadata only: reading no frame costs nothing.
@@ -297,73 +277,80 @@ def _checked(path: Path, file: Any) -> _Content:
 
 def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
     num_frames, datasets, checksums = content.num_frames, content.datasets, content.checksums
-    sized = datasets if checksums is None else {**datasets, FRAMES: checksums}
+    sized = datasets if checksums is None else {**datasets, _FRAMES: checksums}
     limit = check_sizes(path, sized, num_frames, max_bytes)
     stored = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
     if checksums is not None:
-        check_frames(path, stored, checksums[:num_frames])
+        _check_frames(path, stored, checksums[:num_frames])
     arrays = {name: as_texts(array) for name, array in stored.items()}
     return recording_from_fields(path, arrays, content.texts)
 
 
-def _joined(before: Recording, after: Recording) -> Recording:
-    return Recording(
-        time=np.concatenate([before.time, after.time]),
-        tactile=np.concatenate([before.tactile, after.tactile]),
-        joint=None
-        if before.joint is None or after.joint is None
-        else np.concatenate([before.joint, after.joint]),
-        label=before.label,
-        meta=before.meta,
-        privileged=_joined_rows(before.privileged, after.privileged),
-        extra=_joined_rows(before.extra, after.extra),
-    )
-
-
-def _joined_rows(
-    before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    return {
-        name: np.concatenate([value, after[name]])
-        if value.dtype.kind == "U"
-        else np.concatenate([value, after[name]], dtype=value.dtype)
-        for name, value in before.items()
-    }
-
-
-def _check_continues(path: Path, content: _Content, recording: Recording) -> None:
-    head, datasets, num_frames = content.head, content.datasets, content.num_frames
-    arrays = recording_to_arrays(recording)
-    if arrays.keys() != datasets.keys():
+def _check_continues(path: Path, before: Recording, recording: Recording) -> None:
+    there, arrays = recording_to_arrays(before), recording_to_arrays(recording)
+    if arrays.keys() != there.keys():
         raise ValueError(
-            f"'recording' must hold {sorted(datasets)}, as '{path}' does (got {sorted(arrays)})"
+            f"'recording' must hold {sorted(there)}, as '{path}' does (got {sorted(arrays)})"
         )
     for name, array in arrays.items():
-        shape = datasets[name].shape[1:]
+        shape, dtype = there[name].shape[1:], there[name].dtype
         if array.shape[1:] != shape:
             raise ValueError(
                 f"'{name}' must have frames of shape {shape}, as '{path}' has "
                 f"(got {array.shape[1:]})"
             )
-        text = datasets[name].dtype.kind in "SO"
+        text = dtype.kind == "U"
         if text != (array.dtype.kind == "U") or not (
-            text or np.can_cast(array.dtype, datasets[name].dtype, "same_kind")
+            text or np.can_cast(array.dtype, dtype, "same_kind")
         ):
             raise ValueError(
-                f"'{name}' must be of type {'text' if text else datasets[name].dtype}, as "
-                f"'{path}' has (got {array.dtype})"
+                f"'{name}' must be of type {'text' if text else dtype}, as '{path}' has "
+                f"(got {array.dtype})"
             )
-    if recording.label is not None and recording.label != head.label:
+    if recording.label is not None and recording.label != before.label:
         raise ValueError(
-            f"'label' must be {head.label!r}, as '{path}' has (got {recording.label!r})"
+            f"'label' must be {before.label!r}, as '{path}' has (got {recording.label!r})"
         )
-    unit, expected = recording.meta.get("unit"), head.meta.get("unit")
+    unit, expected = recording.meta.get("unit"), before.meta.get("unit")
     if unit is not None and unit != expected:
         raise ValueError(f"'unit' must be {expected!r}, as '{path}' has (got {unit!r})")
-    if num_frames and recording.num_frames:
-        last = float(datasets["time"][num_frames - 1])
+    if before.num_frames and recording.num_frames:
+        last = float(before.time[-1])
         if recording.time[0] <= last:
             raise ValueError(
                 f"'time' must go on after {last} s, the last frame of '{path}' "
                 f"(got {float(recording.time[0])} s)"
             )
+
+
+def _head_checksum(
+    version: int, num_frames: int, texts: Mapping[str, str], datasets: Mapping[str, Any]
+) -> np.uint32:
+    # The CRC-32 of the attributes of a file, and of the names, types and shapes of its arrays.
+    fields = [[name, d.dtype.str, *d.shape[1:]] for name, d in sorted(datasets.items())]
+    content = [FORMAT, version, num_frames, texts["label"], texts["meta"], fields]
+    return np.uint32(zlib.crc32(json.dumps(content).encode()))
+
+
+def _frame_checksums(stored: Mapping[str, np.ndarray]) -> np.ndarray:
+    # The CRC-32 of each frame, over the arrays in the order of their names. The Fletcher-32 of HDF5
+    # sees every flipped bit, but takes two bytes of ones for two of zeros.
+    rows = [_bytes_of_frames(array) for _, array in sorted(stored.items())]
+    sums = [0] * len(rows[0])
+    for row in rows:
+        sums = [zlib.crc32(frame, sum_) for frame, sum_ in zip(row, sums, strict=True)]
+    return np.array(sums, dtype=np.uint32)
+
+
+def _check_frames(path: Path, stored: Mapping[str, np.ndarray], sums: np.ndarray) -> None:
+    other = np.flatnonzero(_frame_checksums(stored) != sums)
+    if len(other):
+        raise ValueError(
+            f"'{path}' must hold the frames that its checksums are of (got others from frame "
+            f"{other[0]} on, {len(other)} in all): it is damaged, copy or record it again"
+        )
+
+
+def _bytes_of_frames(array: np.ndarray) -> np.ndarray:
+    width = array.itemsize * int(np.prod(array.shape[1:]))
+    return np.ascontiguousarray(array).view(np.uint8).reshape(len(array), width)

@@ -23,6 +23,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io._mcap_output import McapOutput, require_mcap
+from torch_geometric_tactile.io._mcap_records import METADATA_NAME, texts_checksum
 from torch_geometric_tactile.io._mcap_schemas import (
     EVENT,
     FLOAT32,
@@ -34,7 +35,6 @@ from torch_geometric_tactile.io._mcap_schemas import (
     encode,
     schema_of,
 )
-from torch_geometric_tactile.io._mcap_texts import METADATA_NAME, texts_checksum
 
 VERSION = 1
 _FLUSH_SECONDS = 0.25
@@ -153,7 +153,7 @@ class McapWriter:
                 "device_time": frame.device_time,
                 "shape": tactile.shape,
                 "tactile": tactile,
-                "joint": frame.joint,
+                "joint": None if frame.joint is None else np.asarray(frame.joint, np.float32),
                 "extra": _signals(frame.extra),
                 "privileged": _signals(privileged or {}),
             },
@@ -191,8 +191,9 @@ class McapWriter:
         Raises:
             OSError: If the disk is full.
         """
-        values = {"probability": probability, "class_names": class_names, "label": label}
-        more = {"sequence": sequence, "task": task, "latency": latency}
+        names = [str(name) for name in class_names]
+        values = {"probability": probability, "class_names": names, "label": str(label)}
+        more = {"sequence": sequence, "task": str(task), "latency": latency}
         self._write(PREDICTION, time, encode(PREDICTION, {"time": time, **values, **more}))
 
     def write_health(self, time: float, health: Mapping[str, Any]) -> None:

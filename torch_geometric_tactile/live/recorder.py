@@ -2,9 +2,12 @@ r"""What comes from a stream, kept in a file."""
 
 import logging
 import os
+import shlex
 import threading
 import time
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -13,15 +16,16 @@ import numpy as np
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.data.recording import Recording
-from torch_geometric_tactile.live._recorder_files import RecordingFile, new_file, require_format
 from torch_geometric_tactile.live.subscription import StreamEnded
 
 if TYPE_CHECKING:
+    from torch_geometric_tactile.io import McapWriter
     from torch_geometric_tactile.live._posed_points import PosedPoints
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
 
 _log = logging.getLogger(__name__)
+_SUFFIXES = (".mcap", ".h5", ".hdf5")
 _WAIT = 0.1
 _POINTS_SECONDS = 0.1
 _HEALTH_SECONDS = 1.0
@@ -31,8 +35,12 @@ class Recorder:
     r"""Writes all frames of a stream to a file, in a separate thread.
 
     The file has its final name from the first frame on. After a crash it holds all but the last
-    quarter of a second (HDF5: the last second), and can be read as it is by
+    quarter of a second, and can be read as it is by
     :func:`~torch_geometric_tactile.io.read_recording`. An existing file is not replaced unasked.
+
+    An HDF5 file is written once: :obj:`grasp.h5` is recorded as :obj:`grasp.mcap`, which
+    :meth:`close` converts and removes. After a crash, or if the conversion fails, the MCAP file
+    stays, and :obj:`tactile convert grasp.mcap grasp.h5` makes the other one.
 
     Start it before the stream is opened, so that no frame is missed. Nothing is dropped in silence:
     what goes wrong, such as a full disk, a stream that died or one that was too fast for the disk,
@@ -42,7 +50,7 @@ class Recorder:
 
     Args:
         path (str or PathLike): The file, :obj:`.mcap`, or :obj:`.h5` or :obj:`.hdf5`, which holds
-            frames only.
+            frames and events only.
         stream (Stream): The stream.
         layout (TaxelLayout, str or PathLike, optional): The layout: for the taxels in space that
             viewers show, ten times a second. Needs :obj:`torch`.
@@ -57,7 +65,7 @@ class Recorder:
             frame if left out.
 
     Raises:
-        FileExistsError: If the file exists, and :obj:`overwrite` is false.
+        FileExistsError: If the file exists and is not to be replaced, or the MCAP file beside it.
         FileNotFoundError: If its folder does not exist.
         ValueError: If the suffix is unknown.
 
@@ -95,10 +103,10 @@ class Recorder:
         self.error: BaseException | None = None
         self.rest: np.ndarray | None = None
         self._size = size
-        self._file: RecordingFile | None = None
+        self._file: McapWriter | None = None
         self._lock = threading.Lock()
-        self._early: list[tuple[str, tuple[Any, ...]]] = []
-        self._first: np.ndarray | None = None
+        self._early: list[Callable[[McapWriter], None]] = []
+        self._first = np.zeros(0)
         self._first_time = self._last_time = 0.0
         self._points: PosedPoints | None = None
         self._next_points = self._next_health = -float("inf")
@@ -128,7 +136,7 @@ class Recorder:
         Args:
             judgement (Judgement): What it said.
         """
-        self._add("prediction", judgement)
+        self._add(lambda file: _write_prediction(file, judgement))
 
     def event(self, kind: str, text: str = "") -> None:
         r"""Writes that something happens now, such as a new tare.
@@ -137,7 +145,8 @@ class Recorder:
             kind (str): What kind of event.
             text (str): More about it.
         """
-        self._add("event", time.perf_counter(), kind, text)
+        now = time.perf_counter()
+        self._add(lambda file: file.write_event(now, kind, text))
 
     def close(self) -> None:
         r"""Writes what came up to now, and closes the file.
@@ -160,32 +169,36 @@ class Recorder:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _add(self, kind: str, *values: Any) -> None:
+    def _add(self, write: "Callable[[McapWriter], None]") -> None:
         with self._lock:
             if self.error is not None or self._closed:
                 return
             if self._file is None:
-                self._early.append((kind, values))
+                self._early.append(write)
                 return
             try:
-                getattr(self._file, kind)(*values)
+                write(self._file)
             except (OSError, ValueError) as error:
                 self.error = error
 
-    def _run(self) -> None:
+    @contextmanager
+    def _first_error(self) -> Iterator[None]:
         try:
-            self._write_all()
+            yield
         except BaseException as error:
             self.error = self.error or error
-        finally:
-            self._subscription.close()
-            with self._lock:
-                self._closed = True
-                try:
-                    if self._file is not None:
-                        self._file.close()
-                except BaseException as error:
-                    self.error = self.error or error
+
+    def _run(self) -> None:
+        with self._first_error():
+            self._write_all()
+        self._subscription.close()
+        with self._lock, self._first_error():
+            self._closed = True
+            if self._file is not None:
+                self._file.close()
+        with self._first_error():
+            if self._file is not None and self._file.path != self.path:
+                _convert(self._file.path, self.path, self.overwrite)
 
     def _write_all(self) -> None:
         while self.error is None:
@@ -210,73 +223,88 @@ class Recorder:
     def _idle(self) -> None:
         with self._lock:
             if self._file is not None:
-                self._file.idle()
+                self._file.flush()
 
     def _write(self, frame: LiveFrame) -> None:
         if self._file is None:
             self._open(frame)
         assert self._file is not None
-        self._file.frame(frame)
+        self._file.write_frame(frame)
         self.frames += 1
         self._last_time = frame.time
-        if frame.time >= self._next_points and self.layout is not None:
+        if frame.time >= self._next_points and self._points is not None:
             self._next_points = frame.time + _POINTS_SECONDS
-            self._write_points(frame)
+            self._write_points(frame, self._points)
         if frame.time >= self._next_health:
             self._next_health = frame.time + _HEALTH_SECONDS
-            self._file.health(frame.time, self.stream.health())
+            self._file.write_health(frame.time, asdict(self.stream.health()))
 
     def _open(self, frame: LiveFrame) -> None:
         # Only now, since a source knows all about its readings when it is open.
-        meta = _meta(self.stream)
+        from torch_geometric_tactile.io import McapWriter
+
+        meta, growing = _meta(self.stream), _growing_path(self.path)
         if self.layout is not None:
-            self._open_points(meta)
+            from torch_geometric_tactile.live._posed_points import PosedPoints
+
+            self._points = PosedPoints(self.layout, meta)
+            meta["sensor"] = self._points.layout.name
         name = meta.get("sensor")
-        self._file = new_file(
-            self.path,
-            self.overwrite,
+        self._file = McapWriter(
+            growing,
             meta=meta,
             anchor=self.stream.anchor,
             layout=name if isinstance(name, str) else None,
             label=self.label,
+            overwrite=self.overwrite and growing == self.path,
         )
         self._first = frame.tactile
         self._first_time = frame.time
-        for kind, values in self._early:
-            getattr(self._file, kind)(*values)
+        for write in self._early:
+            write(self._file)
         self._early = []
 
-    def _open_points(self, meta: dict[str, Any]) -> None:
-        from torch_geometric_tactile.live._posed_points import PosedPoints
-
-        assert self.layout is not None
-        self._points = PosedPoints(self.layout, meta)
-        meta["sensor"] = self._points.layout.name
-
-    def _write_points(self, frame: LiveFrame) -> None:
-        assert self._file is not None
+    def _write_points(self, frame: LiveFrame, posed: "PosedPoints") -> None:
         rest = self._first if self.rest is None else self.rest
-        if self._points is None or rest is None:
-            return
+        assert self._file is not None
         try:
-            self._file.points(frame.time, self._points(frame, rest))
+            points = posed(frame, rest)
+            self._file.write_points(frame.time, points.pos, points.fields, points.frame_id)
         except ValueError as error:
             # What only viewers need must not end a recording.
             _log.warning("'%s' has no points from here on: %s", self.path, error)
             self._points = None
 
     def _finite(self, frame: LiveFrame) -> LiveFrame:
-        joint = frame.joint
-        if not np.isinf(frame.tactile).any() and (joint is None or not np.isinf(joint).any()):
-            return frame
-        if not self._told:
+        finite = _without_infinite(frame)
+        if finite is not frame and not self._told:
             self._told = True
             _log.warning("'%s': infinite readings are written as missing", self.path)
-        return replace(
-            frame,
-            tactile=np.where(np.isinf(frame.tactile), np.nan, frame.tactile).astype(np.float32),
-            joint=None if joint is None else np.where(np.isinf(joint), np.nan, joint),
-        )
+        return finite
+
+
+def _without_infinite(frame: LiveFrame) -> LiveFrame:
+    joint = frame.joint
+    if not np.isinf(frame.tactile).any() and (joint is None or not np.isinf(joint).any()):
+        return frame
+    return replace(
+        frame,
+        tactile=np.where(np.isinf(frame.tactile), np.nan, frame.tactile).astype(np.float32),
+        joint=None if joint is None else np.where(np.isinf(joint), np.nan, joint),
+    )
+
+
+def _write_prediction(file: "McapWriter", judgement: Any) -> None:
+    label = judgement.label
+    file.write_prediction(
+        judgement.time,
+        judgement.probability,
+        judgement.class_names,
+        label if isinstance(label, str) else ", ".join(map(str, label)),
+        sequence=judgement.sequence,
+        task=str(judgement.task),
+        latency=judgement.latency.get("total"),
+    )
 
 
 def _meta(stream: "Stream") -> dict[str, Any]:
@@ -289,11 +317,55 @@ def _meta(stream: "Stream") -> dict[str, Any]:
     }
 
 
+def _growing_path(path: Path) -> Path:
+    # The file that grows frame by frame: MCAP, beside an HDF5 file.
+    return path if path.suffix.lower() == ".mcap" else path.with_suffix(".mcap")
+
+
 def _check_target(path: Path, overwrite: bool) -> None:
-    require_format(path)
+    from torch_geometric_tactile.io._hdf5_file import require_h5py
+    from torch_geometric_tactile.io._mcap_output import require_mcap
+
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise ValueError(f"'{path}' must end in one of {', '.join(_SUFFIXES)} (got '{suffix}')")
+    require_mcap()
+    growing = _growing_path(path)
+    if growing != path:
+        require_h5py()
     if not path.parent.is_dir():
         raise FileNotFoundError(f"'{path.parent}' does not exist: make the folder first")
-    if path.exists() and not overwrite:
-        raise FileExistsError(f"'{path}' exists: give another name, or overwrite it (--overwrite)")
+    _check_new(path, overwrite)
+    if growing != path and growing.exists():
+        raise FileExistsError(
+            f"'{growing}' exists, from which '{path}' would be made: convert it "
+            f"({_command(growing, path)}), move it, or give another name"
+        )
     if not os.access(path.parent, os.W_OK):
         raise PermissionError(f"'{path.parent}' cannot be written to")
+
+
+def _check_new(path: Path, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"'{path}' exists: give another name, or overwrite it (--overwrite)")
+
+
+def _convert(growing: Path, path: Path, overwrite: bool) -> None:
+    from torch_geometric_tactile.io import read_mcap, write_hdf5
+
+    try:
+        _check_new(path, overwrite)
+        write_hdf5(read_mcap(growing, recover=False, allow_large=True), path)
+    except BaseException:
+        _log.error(
+            "'%s' was not written; the recording is in '%s': %s",
+            path,
+            growing,
+            _command(growing, path),
+        )
+        raise
+    growing.unlink()
+
+
+def _command(growing: Path, path: Path) -> str:
+    return f"tactile convert {shlex.quote(str(growing))} {shlex.quote(str(path))}"
