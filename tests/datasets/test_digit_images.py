@@ -45,7 +45,7 @@ def mnist(monkeypatch):
 
 def publish(monkeypatch, server: Server):
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in server.files.items()}
-    monkeypatch.setattr("torch_geometric_tactile.datasets.digit_images._SHA256", hashes)
+    monkeypatch.setattr(DigitImages, "_sha256", hashes)
 
 
 def test_digits_of_sklearn():

@@ -10,8 +10,8 @@ import numpy as np
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.datasets._frame_files import FrameFiles
-from torch_geometric_tactile.datasets._trial import Trial, make_trial
+from torch_geometric_tactile.datasets._frame_reader import FrameFiles
+from torch_geometric_tactile.datasets._trial import Trial, check_one_file_each, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
 OUTCOMES = ("failure", "success")
@@ -59,7 +59,17 @@ class GraspReader:
         """
         with FrameFiles(folder) as files:
             grasps = [self._grasp(files, *given) for given in recordings]
-            _check_numbers(grasps)
+            if not grasps:
+                raise ValueError("there must be at least one grasp (got none)")
+            check_one_file_each(
+                (
+                    (g.object_name, g.number, g.session),
+                    f"trial {g.number} of '{g.object_name}'",
+                    g.where,
+                )
+                for g in grasps
+                if g.number is not None
+            )
             objects = sorted({grasp.object_name for grasp in grasps})
             columns = {
                 "y": [OUTCOMES.index(grasp.outcome) for grasp in grasps],
@@ -163,22 +173,6 @@ def session_names(grasps: Sequence[Grasp]) -> list[str]:
     r"""Returns the names of the sessions, integers in their order before texts."""
     found = {grasp.session for grasp in grasps if grasp.session is not None}
     return list(dict.fromkeys(map(str, sorted(found, key=lambda s: (isinstance(s, str), s)))))
-
-
-def _check_numbers(grasps: Sequence[Grasp]) -> None:
-    if not grasps:
-        raise ValueError("there must be at least one grasp (got none)")
-    seen: dict[tuple[Any, ...], str] = {}
-    for grasp in grasps:
-        if grasp.number is None:
-            continue
-        key = (grasp.object_name, grasp.number, grasp.session)
-        other = seen.setdefault(key, grasp.where)
-        if other is not grasp.where:
-            raise ValueError(
-                f"trial {grasp.number} of '{grasp.object_name}' must be in one file (got {other} "
-                f"and {grasp.where})"
-            )
 
 
 def _seconds(where: str, meta: Mapping[str, Any], key: str) -> float | None:
