@@ -68,6 +68,27 @@ def test_repr():
     assert str(RandomTimeShift()) == "RandomTimeShift(steps=1)"
 
 
+DRAWN = [  # numbers 0, 25 and 50 of three samples: what a seed draws stays as it is
+    [0.491565, 0.619412, 1.277045],
+    [0.493934, 0.316324, 0.637435],
+    [0.493934, 0.656241, 0.775346],
+    [0.491565, 0.724245, 0.764053],
+    [0.490093, 0.552907, 0.698441],
+    [0.697668, 0.552907, 0.519091],
+    [0.0, 0.929799, 0.593172],
+    [0.503743, 0.552907, 0.18022],
+    [0.527104, 0.631975, 0.718456],
+    [0.556438, 0.750503, 0.610509],
+    [0.496257, 0.419408, 0.997067],
+]
+
+
+@pytest.mark.parametrize(("make", "drawn"), zip(makers(), DRAWN, strict=True))
+def test_draws_of_a_seed(make, drawn):
+    out = seeded(make(), samples(3)).view(-1)
+    assert out[[0, 25, 50]].tolist() == pytest.approx(drawn, abs=1e-6)
+
+
 @ALL
 def test_stacked_samples_batches_and_a_loop_draw_alike(make):
     data = samples()
