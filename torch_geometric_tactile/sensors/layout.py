@@ -170,7 +170,8 @@ class TaxelLayout:
         Shapes:
             - **output:** the three as rows :math:`(N, 3, 3)`
         """
-        return taxel_axes(self).to(dtype)
+        assert self.link is not None
+        return taxel_axes(self.pos, self.link, self.normal, self.tangent).to(dtype)
 
     def matches(self, other: "TaxelLayout") -> bool:
         r"""Tells whether both layouts have the same taxels at the same places (to a nanometre).
@@ -309,13 +310,17 @@ def _checked_normal(layout: TaxelLayout, normal: Tensor) -> Tensor:
         raise ValueError(
             f"'normal' must have shape {tuple(layout.pos.shape)} (got {tuple(normal.shape)})"
         )
-    length = normal.norm(dim=1)
+    _check_unit_vectors("normal", normal)
+    return normal
+
+
+def _check_unit_vectors(key: str, vectors: Tensor) -> None:
+    length = vectors.norm(dim=-1).view(-1)
     if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
         raise ValueError(
-            "'normal' must hold unit vectors (got a length of "
+            f"'{key}' must hold unit vectors (got a length of "
             f"{float(length[(length - 1).abs().argmax()]):.4g})"
         )
-    return normal
 
 
 def _checked_tangent(layout: TaxelLayout, tangent: Tensor) -> Tensor:
@@ -324,12 +329,7 @@ def _checked_tangent(layout: TaxelLayout, tangent: Tensor) -> Tensor:
         raise ValueError(
             f"'tangent' must have shape ({layout.num_taxels}, 2, 3) (got {tuple(tangent.shape)})"
         )
-    length = tangent.norm(dim=2)
-    if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
-        raise ValueError(
-            "'tangent' must hold unit vectors (got a length of "
-            f"{float(length.view(-1)[(length - 1).abs().argmax()]):.4g})"
-        )
+    _check_unit_vectors("tangent", tangent)
     axes = tangent if layout.normal is None else torch.cat([tangent, layout.normal[:, None]], dim=1)
     cosine = (axes @ axes.mT).triu(diagonal=1).abs().amax()
     if cosine > 1e-3:
