@@ -70,7 +70,7 @@ def numbers(recording) -> list[float]:
 
 def processing() -> Job:
     """Reads recordings and writes a processed file."""
-    from torch_geometric_tactile.data._processed_file import load_static
+    from torch_geometric_tactile.data._processed_file import read_processed
     from torch_geometric_tactile.datasets import RecordingFrames
     from torch_geometric_tactile.io import write_npz
     from torch_geometric_tactile.sensors import grid
@@ -86,7 +86,7 @@ def processing() -> Job:
 
     def read(folder):
         paths = folder.glob("processed/*.pt")
-        return {path.name: load_static(path)[0].x.sum().item() for path in paths}
+        return {path.name: read_processed(path).data.x.sum().item() for path in paths}
 
     return Job("processing", prepare, run, read, 4)
 
@@ -132,7 +132,7 @@ def convert_mcap() -> Job:
 def grasps() -> Job:
     """Brings in grasps of the BiGS data set by the command line, and processes them."""
     from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.data._processed_file import load_static
+    from torch_geometric_tactile.data._processed_file import read_processed
     from torch_geometric_tactile.datasets import BiGS
     from torch_geometric_tactile.io import read_npz
 
@@ -151,7 +151,7 @@ def grasps() -> Job:
     def read(folder):
         found = {p.name: numbers(read_npz(p)) for p in folder.glob("out/*.npz")}
         for path in folder.glob("out/processed/*.pt"):
-            data = load_static(path)[0]
+            data = read_processed(path).data
             found[path.name] = data.x.sum().item(), data.pac.sum().item()
         return found
 

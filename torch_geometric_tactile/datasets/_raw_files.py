@@ -1,5 +1,7 @@
 r"""Data sets of files: where they are, where they come from, and whether they have changed."""
 
+import hashlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,8 +11,9 @@ import requests
 from torch_geometric_tactile._files import atomic_path, file_sha256
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.data._file_state import file_state
 from torch_geometric_tactile.datasets.root import default_root
+
+_END = 1 << 16  # bytes of a file that are read at each end
 
 
 class RawFiles(StaticDataset):
@@ -46,8 +49,8 @@ class RawFiles(StaticDataset):
         return self._processed_name
 
     def raw_state(self) -> list[str]:
-        r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data._file_state.file_state`.
+        r"""Returns the raw files with what their contents are known by: their sizes, hashes of
+        their ends and, of long ones, the times of their last changes.
         """
         folder = Path(self.raw_dir)
         files = [name for name in self._state_names() if (folder / name).is_file()]
@@ -131,3 +134,21 @@ class PublishedFiles(RawFiles):
                     f"'{path}' must have the SHA-256 checksum {published} (got {found}); "
                     "delete it to download it again, or pass 'checksum=False' to read it as it is"
                 )
+
+
+def file_state(path: PathLike) -> str:
+    r"""Returns a text that changes with a file: its size, a hash of its first and last 64 KiB and,
+    where that is not all of it, the time of its last change. It takes no time that depends on the
+    size of the file.
+
+    A short file that was copied or touched stays the same; a long one counts as changed, since only
+    its time can tell of its middle.
+    """
+    with Path(path).open("rb") as file:
+        stat = os.fstat(file.fileno())
+        code = hashlib.blake2b(file.read(_END), digest_size=16)
+        if stat.st_size > _END:
+            file.seek(max(_END, stat.st_size - _END))
+            code.update(file.read(_END))
+    time = f",{stat.st_mtime_ns}" if stat.st_size > 2 * _END else ""
+    return f"{stat.st_size},{code.hexdigest()}{time}"

@@ -6,12 +6,7 @@ from pathlib import Path
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
-from torch_geometric_tactile.datasets._grasp_reader import (
-    OUTCOMES,
-    SIGNALS,
-    GraspReader,
-    session_names,
-)
+from torch_geometric_tactile.datasets._grasp_reader import SIGNALS, GraspReader
 from torch_geometric_tactile.datasets._trial_frames import TrialFrames, opened_files
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
 from torch_geometric_tactile.sensors import biotac
@@ -163,18 +158,8 @@ class BiGS(TrialFrames):
         r"""Reads all grasps."""
         reader = GraspReader(self.layout, self.pattern, self.signals)
         files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
-        columns, grasps, objects = reader.read(files, Path(self.processed_dir))
+        columns, names = reader.read(files, Path(self.processed_dir))
         data = StaticData(**columns, pos=self.layout.pos, normal=self.layout.normal)
-        names = {
-            "class": list(OUTCOMES),
-            "group": objects,
-            "trial": [grasp.name for grasp in grasps],
-            "session": session_names(grasps) if "session" in columns else [],
-            "phase": reader.phase_names,
-            "property": [],
-            "synthetic": [grasp.name for grasp in grasps if grasp.synthetic],
-            "ends_after_pickup": [grasp.ends_after_pickup for grasp in grasps],
-        }
         return data, names
 
     def _select_until(self, until: float) -> None:

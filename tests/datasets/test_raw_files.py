@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from torch_geometric_tactile.data._file_state import file_state
+from torch_geometric_tactile.datasets._raw_files import file_state
 
 KIB = 1024
 
