@@ -13,11 +13,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, need_texts
-from torch_geometric_tactile.sensors._layout_content import (
-    INDEX_KEYS,
-    layout_arguments,
-    layout_to_content,
-)
+from torch_geometric_tactile.sensors._layout_content import INDEX_KEYS, layout_arguments
 from torch_geometric_tactile.sensors._layout_join import join_arguments
 from torch_geometric_tactile.sensors._taxel_axes import taxel_axes
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_whole_tensor
@@ -88,7 +84,11 @@ class TaxelLayout:
         for key, checked in _OPTIONAL.items():
             if getattr(self, key) is not None:
                 self._set(key, checked(self, getattr(self, key)))
-        self._set("adjacency", MappingProxyType(_checked_adjacency(self)))
+        adjacency = {
+            name: check_edges(edges, self.num_taxels, f"adjacency '{name}'")
+            for name, edges in self.adjacency.items()
+        }
+        self._set("adjacency", MappingProxyType(adjacency))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "adjacency": dict(self.adjacency)}  # proxies are not pickled
@@ -185,7 +185,26 @@ class TaxelLayout:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the layout as numbers, strings, lists and dictionaries, in metres."""
-        return layout_to_content(self)
+        values = {"pos": self.pos.tolist()}
+        for key in ("normal", "tangent"):
+            if getattr(self, key) is not None:
+                values[key] = getattr(self, key).tolist()
+        names = {f"{key}_names": list(getattr(self, f"{key}_names")) for key in INDEX_KEYS}
+        for key in INDEX_KEYS:
+            values[key] = [names[f"{key}_names"][i] for i in getattr(self, key).tolist()]
+        if self.image_map is not None:
+            values["cell"] = self.image_map.tolist()
+        return {
+            "name": self.name,
+            "source": self.source,
+            "unit": "m",
+            **names,
+            "taxels": [
+                dict(zip(values, taxel, strict=True))
+                for taxel in zip(*values.values(), strict=True)
+            ],
+            "adjacency": {name: edges.t().tolist() for name, edges in self.adjacency.items()},
+        }
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
@@ -351,13 +370,6 @@ def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
             f"(got {int(value.min())} to {int(value.max())})"
         )
     return value
-
-
-def _checked_adjacency(layout: TaxelLayout) -> dict[str, Tensor]:
-    return {
-        name: check_edges(edges, layout.num_taxels, f"adjacency '{name}'")
-        for name, edges in layout.adjacency.items()
-    }
 
 
 def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
