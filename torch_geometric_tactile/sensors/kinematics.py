@@ -32,6 +32,7 @@ _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit i
 
 
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
+_Make = Callable[[Mapping[str, int]], Any]  # of the numbers of the links
 
 
 class LinkPose(NamedTuple):
@@ -301,13 +302,7 @@ class HandKinematics:
 
         return self._kept_for("axes", layout, like, made)
 
-    def _kept_for(
-        self,
-        what: str,
-        layout: TaxelLayout,
-        like: Tensor,
-        make: Callable[[Mapping[str, int]], Any],
-    ) -> Any:
+    def _kept_for(self, what: str, layout: TaxelLayout, like: Tensor, make: _Make) -> Any:
         # Kept, since a layout is frozen, and making it costs more than the pose of a frame.
         kept = self._kept.get(what)
         if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):

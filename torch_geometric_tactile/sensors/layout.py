@@ -185,26 +185,7 @@ class TaxelLayout:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the layout as numbers, strings, lists and dictionaries, in metres."""
-        values = {"pos": self.pos.tolist()}
-        for key in ("normal", "tangent"):
-            if getattr(self, key) is not None:
-                values[key] = getattr(self, key).tolist()
-        names = {f"{key}_names": list(getattr(self, f"{key}_names")) for key in INDEX_KEYS}
-        for key in INDEX_KEYS:
-            values[key] = [names[f"{key}_names"][i] for i in getattr(self, key).tolist()]
-        if self.image_map is not None:
-            values["cell"] = self.image_map.tolist()
-        return {
-            "name": self.name,
-            "source": self.source,
-            "unit": "m",
-            **names,
-            "taxels": [
-                dict(zip(values, taxel, strict=True))
-                for taxel in zip(*values.values(), strict=True)
-            ],
-            "adjacency": {name: edges.t().tolist() for name, edges in self.adjacency.items()},
-        }
+        return _content(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
@@ -307,6 +288,26 @@ class TaxelLayout:
             f"{type(self).__name__}('{self.name}', num_taxels={self.num_taxels}, "
             f"patches={len(self.patch_names)}, digits={len(self.digit_names)})"
         )
+
+
+def _content(layout: TaxelLayout) -> dict[str, Any]:
+    columns = {"pos": layout.pos, "normal": layout.normal, "tangent": layout.tangent}
+    values = {key: value.tolist() for key, value in columns.items() if value is not None}
+    names = {f"{key}_names": list(getattr(layout, f"{key}_names")) for key in INDEX_KEYS}
+    for key in INDEX_KEYS:
+        values[key] = [names[f"{key}_names"][i] for i in getattr(layout, key).tolist()]
+    if layout.image_map is not None:
+        values["cell"] = layout.image_map.tolist()
+    return {
+        "name": layout.name,
+        "source": layout.source,
+        "unit": "m",
+        **names,
+        "taxels": [
+            dict(zip(values, taxel, strict=True)) for taxel in zip(*values.values(), strict=True)
+        ],
+        "adjacency": {name: edges.t().tolist() for name, edges in layout.adjacency.items()},
+    }
 
 
 def _checked_pos(pos: Tensor) -> Tensor:
