@@ -1,7 +1,7 @@
 r"""Frames of trials, of which some are chosen, and the files that the trials are in."""
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,19 +45,52 @@ class TrialFrames(RawFiles):
     @property
     def raw_dir(self) -> str:
         r"""The folder of the trials: :obj:`root/raw`, or :obj:`root` where that has none."""
-        return str(trial_folder(Path(self.root), self.pattern, self.suffixes))
+        root, inner = Path(self.root), Path(self.root, "raw")
+        return str(root if not self._files_in(inner) and self._files_in(root) else inner)
 
     @property
     def raw_file_names(self) -> list[str]:
         r"""The files of the trials, in order."""
-        return trial_files(Path(self.raw_dir), self.pattern, self.suffixes)
+        return self._files_in(Path(self.raw_dir))
+
+    def _files_in(self, folder: Path) -> list[str]:
+        # In order; with a "/" in the pattern also those in subfolders, with their names in front.
+        if not folder.is_dir():
+            return []
+        names = []
+        for path in folder.rglob("*") if "/" in self.pattern else folder.iterdir():
+            if path.suffix.lower() not in self.suffixes:
+                continue
+            if path.is_symlink() and not path.exists():
+                raise FileNotFoundError(
+                    f"'{path}' is a link to a file that is not there: remove it"
+                )
+            name = path.relative_to(folder)
+            is_hidden = any(part.startswith(".") for part in name.parts)
+            if path.is_file() and name.parts[0] != "processed" and not is_hidden:
+                names.append(name.as_posix())
+        return sorted(names)
 
     def raw_state(self) -> list[str]:
         r"""Returns the files of the trials with what their contents are known by."""
         return [self._content, *super().raw_state()]
 
     def _no_files(self) -> str:
-        return no_trials(self.root)
+        return (
+            f"there are no trials in '{Path(self.root, 'raw')}' or '{self.root}': put recordings "
+            f"there, <object>_<number> with one of {', '.join(SUFFIXES)}"
+        )
+
+    def read_trial(self, path: PathLike) -> Recording:
+        r"""Reads the recording in a file."""
+        raise NotImplementedError
+
+    def _opened(self) -> Iterator[tuple[str, str, Recording]]:
+        # What to call each recording in messages, its name, and the recording.
+        folder = Path(self.raw_dir)
+        for path in self.raw_paths:
+            name = Path(path).relative_to(folder).with_suffix("").as_posix()
+            yield f"'{path}'", name, self.read_trial(path)
 
     def _select(self) -> None:
         kept = self._chosen()
@@ -172,63 +205,6 @@ class TrialFrames(RawFiles):
         r"""How many taxels have no reading, summed over the frames of this selection."""
         blocks = torch.as_tensor(self.indices()).split(_FRAMES_PER_BLOCK)
         return sum(int(self._data.x[block].isnan().any(dim=-1).sum()) for block in blocks)
-
-
-def trial_files(folder: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> list[str]:
-    r"""Returns the names of the recordings in a folder, in order; also those in its subfolders,
-    with their names in front, if the pattern has a :obj:`"/"`.
-    """
-    if not folder.is_dir():
-        return []
-    found = list(folder.rglob("*") if "/" in pattern else folder.iterdir())
-    for path in found:
-        if path.suffix.lower() in suffixes and path.is_symlink() and not path.exists():
-            raise FileNotFoundError(f"'{path}' is a link to a file that is not there: remove it")
-    names = [
-        path.relative_to(folder)
-        for path in found
-        if path.suffix.lower() in suffixes and path.is_file()
-    ]
-    return sorted(
-        name.as_posix()
-        for name in names
-        if name.parts[0] != "processed" and not any(part.startswith(".") for part in name.parts)
-    )
-
-
-def trial_folder(root: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> Path:
-    r"""Returns the folder of the recordings: :obj:`root/raw`, or :obj:`root` where only that has
-    some.
-    """
-    inner = root / "raw"
-    if not trial_files(inner, pattern, suffixes) and trial_files(root, pattern, suffixes):
-        return root
-    return inner
-
-
-def opened_files(
-    folder: Path, paths: Sequence[str], read: Callable[[str], Recording]
-) -> Iterator[tuple[str, str, Recording]]:
-    r"""Yields what to call each recording in messages, its name, and the recording."""
-    for path in paths:
-        name = Path(path).relative_to(folder).with_suffix("").as_posix()
-        yield f"'{path}'", name, read(path)
-
-
-def opened_recordings(
-    recordings: Sequence[Recording],
-) -> Iterator[tuple[str, str, Recording]]:
-    r"""Yields what to call each recording in messages, its name, and the recording."""
-    for i, recording in enumerate(recordings):
-        yield f"recording {i}", str(i), recording
-
-
-def no_trials(root: PathLike) -> str:
-    r"""Returns the message of an error about a data set without recordings."""
-    return (
-        f"there are no trials in '{Path(root, 'raw')}' or '{root}': put recordings there, "
-        f"<object>_<number> with one of {', '.join(SUFFIXES)}"
-    )
 
 
 def frames_at_rate(time: Tensor, trial: Tensor, rate: float) -> Tensor:

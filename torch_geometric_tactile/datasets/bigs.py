@@ -7,7 +7,7 @@ from pathlib import Path
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
 from torch_geometric_tactile.datasets._grasp_reader import SIGNALS, GraspReader
-from torch_geometric_tactile.datasets._trial_frames import TrialFrames, opened_files
+from torch_geometric_tactile.datasets._trial_frames import TrialFrames
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
 from torch_geometric_tactile.sensors import biotac
 
@@ -157,8 +157,7 @@ class BiGS(TrialFrames):
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all grasps."""
         reader = GraspReader(self.layout, self.pattern, self.signals)
-        files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
-        columns, names = reader.read(files, Path(self.processed_dir))
+        columns, names = reader.read(self._opened(), Path(self.processed_dir))
         data = StaticData(**columns, pos=self.layout.pos, normal=self.layout.normal)
         return data, names
 

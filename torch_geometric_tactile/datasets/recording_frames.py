@@ -18,8 +18,6 @@ from torch_geometric_tactile.datasets._trial_frames import (
     PARTS,
     TrialFrames,
     check_choice,
-    opened_files,
-    opened_recordings,
 )
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
@@ -243,10 +241,10 @@ class RecordingFrames(TrialFrames):
             self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints, self.unit
         )
         if self._recordings is None:
-            files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
-            x, trials = reader.read(files, Path(self.processed_dir))
+            x, trials = reader.read(self._opened(), Path(self.processed_dir))
         else:
-            x, trials = reader.read(opened_recordings(self._recordings), None)
+            given = ((f"recording {i}", str(i), r) for i, r in enumerate(self._recordings))
+            x, trials = reader.read(given, None)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
         for trial in reversed(trials):
