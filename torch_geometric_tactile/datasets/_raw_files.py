@@ -80,8 +80,10 @@ class RawFiles(StaticDataset):
 
     @property
     def trial_names(self) -> list[str]:
-        r"""The names of the files behind :obj:`trial`, without their suffix."""
-        return list(self._names["trial"])
+        r"""The names of the files behind :obj:`trial`, without their suffix; empty if a file holds
+        many trials.
+        """
+        return list(self._names.get("trial", ()))
 
 
 class PublishedFiles(RawFiles):
