@@ -58,7 +58,7 @@ FULL = (
     "commands/test_record_replay.py::test_signals_end",
     "data/test_changed_settings.py::test_two_processes_at_once",
     "data/test_fingerprint.py::test_description_in_another_run",
-    "data/test_mapped_file.py::test_file_larger",
+    "data/test_torch_file.py::test_file_larger",
     "experiments/test_plan_interrupted.py",
     "experiments/test_worker.py",
     "fuzz/test_fuzz.py::test_a_reader_that_never_ends",

@@ -8,8 +8,7 @@ from torch_geometric.data import Data, HeteroData
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticRule, apply_transform
-from torch_geometric_tactile.data._pyg_transforms import RULES
-from torch_geometric_tactile.data._transform_rules import flat, own_declaration
+from torch_geometric_tactile.data._transform_rules import RULES, flat, own_declaration
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import CommonMode, KNNGraph, ZScore, static_transform
 

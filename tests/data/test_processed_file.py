@@ -10,7 +10,6 @@ from torch_geometric.transforms import RandomJitter
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._processed_file import (
     OtherFormatError,
-    load_static,
     read_processed,
     save_static,
 )
@@ -238,7 +237,7 @@ def test_save_and_load_keep_what_is_shared(tmp_path):
         shared=["bias", "gain"],
     )
     save_static(data, {"class": ["a"]}, tmp_path / "a.pt")
-    loaded, names = load_static(tmp_path / "a.pt")
+    loaded, names = read_processed(tmp_path / "a.pt")[:2]
     assert names == {"class": ["a"]}
     for key in data.keys():  # noqa: SIM118
         assert loaded.is_shared(key) == data.is_shared(key), key
@@ -260,7 +259,7 @@ def test_save_writes_views_without_their_storage(tmp_path):
 
 def test_load_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"gone\.pt"):
-        load_static(tmp_path / "gone.pt")
+        read_processed(tmp_path / "gone.pt")
 
 
 def test_reading_removes_what_a_killed_second_process_left(tmp_path):

@@ -92,14 +92,6 @@ def test_no_trials(tmp_path, inner):
     assert not (folder / "processed").exists()
 
 
-def test_default_root(monkeypatch, tmp_path):
-    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
-    with pytest.raises(FileNotFoundError, match="AllegroUSkin"):
-        AllegroUSkin()
-    write(tmp_path / "AllegroUSkin" / "raw" / "sponge_0.npz")
-    assert len(everything(None)) == 2
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

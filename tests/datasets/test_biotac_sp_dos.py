@@ -98,14 +98,6 @@ def test_missing_or_empty_folder(missing, empty, tmp_path):
         BioTacSPDoS(tmp_path)
 
 
-def test_nothing_there(tmp_path):
-    with pytest.raises(
-        FileNotFoundError, match=r"raw' must have files .* put the folder 'csvs' of https"
-    ):
-        BioTacSPDoS(tmp_path)
-    assert not (tmp_path / "processed").exists()
-
-
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -131,9 +123,3 @@ def test_a_damaged_file_is_named_and_nothing_is_kept(tmp_path):
     with pytest.raises(ValueError, match=r"s/pen9.csv', line [45] must end with a line break"):
         BioTacSPDoS(tmp_path)
     assert not list((tmp_path / "processed").glob("*.pt"))
-
-
-def test_root_by_default(tmp_path, monkeypatch):
-    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
-    make(tmp_path / "BioTacSPDoS")
-    assert len(BioTacSPDoS()) == 84

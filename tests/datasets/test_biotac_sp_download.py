@@ -20,13 +20,8 @@ def published(server, write_bts3, tmp_path, monkeypatch):
     """Lets six small files be the published ones."""
     folder = write_bts3(tmp_path / "upstream")
     server.files = {path.name: path.read_bytes() for path in folder.iterdir()}
-    monkeypatch.setattr(
-        "torch_geometric_tactile.datasets.biotac_sp._SHA256",
-        {
-            name: hashlib.sha256(server.files[name]).hexdigest()
-            for name in BioTacSP.raw_file_names.fget(None)
-        },
-    )
+    hashes = {name: hashlib.sha256(server.files[name]).hexdigest() for name in BioTacSP._sha256}
+    monkeypatch.setattr(BioTacSP, "_sha256", hashes)
     return server
 
 

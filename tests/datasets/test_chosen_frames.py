@@ -4,7 +4,7 @@ import torch
 
 from torch_geometric_tactile.data import Protocol, Recording
 from torch_geometric_tactile.datasets import RecordingFrames
-from torch_geometric_tactile.datasets._chosen_frames import frames_at_rate
+from torch_geometric_tactile.datasets._trial_frames import frames_at_rate
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.sensors import TaxelLayout
 

@@ -3,7 +3,7 @@ import errno
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.datasets._frame_files import FrameFiles
+from torch_geometric_tactile.datasets._frame_reader import FrameFiles
 
 
 def test_rows_come_back_in_order_and_nothing_is_left(tmp_path):

@@ -5,7 +5,7 @@ import torch
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.datasets import ICubGrasp, default_root
+from torch_geometric_tactile.datasets import ICubGrasp
 from torch_geometric_tactile.sensors import icub_hand
 
 OBJECTS = ("full_coke", "bear", "none")
@@ -94,11 +94,6 @@ def test_folders_of_the_files(tmp_path, inner):
     assert len(ICubGrasp(tmp_path)) == 2
 
 
-def test_default_root():
-    write(default_root("ICubGrasp"), "bear", 1)
-    assert len(ICubGrasp()) == 2
-
-
 def test_changed_file_is_processed_again(root, caplog):
     ICubGrasp(root)
     write(root / "raw", "bear", 1, frames=5)
@@ -120,14 +115,6 @@ def test_pickle(root):
 def test_pre_filter(root):
     dataset = ICubGrasp(root, pre_filter=lambda data: int(data.step) == 0)
     assert dataset.step.tolist() == [0] * 6
-
-
-def test_missing_files(tmp_path):
-    with pytest.raises(
-        FileNotFoundError, match=r"there are no trials in .*raw' or .*haroldsoh\.com"
-    ):
-        ICubGrasp(tmp_path / "gone")
-    assert not (tmp_path / "gone").exists()
 
 
 def test_unreliable_trials_only(tmp_path):

@@ -335,12 +335,6 @@ def test_empty_folders(tmp_path, make):
         LetterShape(tmp_path)
 
 
-def test_default_root(monkeypatch, tmp_path):
-    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
-    write_letters(tmp_path / "LetterShape" / "raw", presses=2)
-    assert len(LetterShape(copies=1)) == 52
-
-
 @pytest.mark.parametrize(
     ("kwargs", "match"),
     [

@@ -109,7 +109,7 @@ def torch_writers() -> Iterator[Writer]:
     """Yields the writers of samples, weights and predictors."""
     from torch_geometric_tactile import Predictor
     from torch_geometric_tactile.data import StaticData
-    from torch_geometric_tactile.data._processed_file import load_static, save_static
+    from torch_geometric_tactile.data._processed_file import read_processed, save_static
     from torch_geometric_tactile.nn import TactileFNN
     from torch_geometric_tactile.sensors import grid
 
@@ -117,7 +117,7 @@ def torch_writers() -> Iterator[Writer]:
         return StaticData(x=torch.arange(count * 12.0).view(count, 4, 3), y=torch.zeros(count))
 
     def sum_of(path):
-        return load_static(path)[0].x.double().sum().item()
+        return read_processed(path).data.x.double().sum().item()
 
     yield Writer(
         "processed file",

@@ -69,7 +69,7 @@ def numbers(recording) -> list[float]:
 
 def processing() -> Job:
     """Reads recordings and writes a processed file."""
-    from torch_geometric_tactile.data._processed_file import load_static
+    from torch_geometric_tactile.data._processed_file import read_processed
     from torch_geometric_tactile.datasets import RecordingFrames
     from torch_geometric_tactile.io import write_npz
     from torch_geometric_tactile.sensors import grid
@@ -85,7 +85,7 @@ def processing() -> Job:
 
     def read(folder):
         paths = folder.glob("processed/*.pt")
-        return {path.name: load_static(path)[0].x.sum().item() for path in paths}
+        return {path.name: read_processed(path).data.x.sum().item() for path in paths}
 
     return Job("processing", prepare, run, read, 4)
 
@@ -115,7 +115,7 @@ def convert(name: str, suffix: str, weight: int, *needed: str) -> Job:
 def grasps() -> Job:
     """Brings in grasps of the BiGS data set by the command line, and processes them."""
     from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.data._processed_file import load_static
+    from torch_geometric_tactile.data._processed_file import read_processed
     from torch_geometric_tactile.datasets import BiGS
     from torch_geometric_tactile.io import read_npz
 
@@ -134,7 +134,7 @@ def grasps() -> Job:
     def read(folder):
         found = {p.name: numbers(read_npz(p)) for p in folder.glob("out/*.npz")}
         for path in folder.glob("out/processed/*.pt"):
-            data = load_static(path)[0]
+            data = read_processed(path).data
             found[path.name] = data.x.sum().item(), data.pac.sum().item()
         return found
 

@@ -15,12 +15,6 @@ def random_poses(num_samples=3, num_taxels=5, dtype=torch.float):
     return StaticData(x=x, pos=pos)
 
 
-def test_absolute_morphology_repr():
-    assert str(AbsoluteMorphology()) == "AbsoluteMorphology(origin=(0.0, 0.0, 0.0), cat=False)"
-    transform = AbsoluteMorphology(origin=[0, 0, 1], cat=True)
-    assert str(transform) == "AbsoluteMorphology(origin=(0.0, 0.0, 1.0), cat=True)"
-
-
 def test_absolute_morphology_by_hand():
     data = Data(x=torch.tensor([[9.0]]), pos=torch.tensor([[1.0, 2.0, 5.0]]))
     out = AbsoluteMorphology(origin=(1.0, -2.0, 2.0))(data)
@@ -88,15 +82,6 @@ def test_absolute_morphology_nothing_there(cat):
     empty = random_poses().index_select(torch.empty(0, dtype=torch.long))
     out = AbsoluteMorphology(cat=cat)(empty)
     assert (out.x if cat else out.absolute).shape == (0, 5, 6 if cat else 4)
-
-
-def test_absolute_morphology_caller_unedited():
-    data, before = random_poses(), random_poses()
-    AbsoluteMorphology(cat=True)(data)
-    AbsoluteMorphology()(data)
-    assert torch.equal(data.x, before.x)
-    assert torch.equal(data.pos, before.pos)
-    assert "absolute" not in data
 
 
 def test_absolute_morphology_bad_input():

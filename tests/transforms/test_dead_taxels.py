@@ -36,14 +36,6 @@ def drawn(p, **kwargs):
     return [DropTaxels(p, **kwargs), DropPatches(LAYOUT, p, **kwargs)]
 
 
-def test_dead_taxels_repr():
-    assert str(DropTaxels()) == "DropTaxels(p=0.1, value=0.0)"
-    assert str(DropTaxels(taxels=[2, 0], value=1.0)) == "DropTaxels(taxels=[0, 2], value=1.0)"
-    assert str(DropPatches(LAYOUT)) == "DropPatches('trio', p=0.1, value=0.0)"
-    transform = DropPatches(LAYOUT, patches=[2, "palm"])
-    assert str(transform) == "DropPatches('trio', patches=['palm', 'nail'], value=0.0)"
-
-
 def test_drop_taxels_by_hand():
     data = Data(x=torch.arange(1.0, 9.0).view(4, 2))
     out = DropTaxels(taxels=[0, 2], value=-1.0)(data)
@@ -151,15 +143,6 @@ def test_dead_taxels_single_taxel_and_types():
     assert out.x.dtype == torch.double
     counts = Data(x=torch.tensor([[3], [4]]))
     assert DropTaxels(taxels=[0], value=0.5)(counts).x.view(-1).tolist() == [0.5, 4]
-
-
-@pytest.mark.parametrize("transform", [*fixed(), *drawn(1.0)], ids=str)
-def test_dead_taxels_caller_unedited(transform):
-    data = samples()
-    data.dropped = torch.zeros(3, 4, dtype=torch.bool)
-    transform(data)
-    assert torch.equal(data.x, samples().x)
-    assert not data.dropped.any()
 
 
 def test_dead_taxels_bad_input():

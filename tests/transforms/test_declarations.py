@@ -4,7 +4,7 @@ import copy
 
 import pytest
 import torch
-from predictor.test_round_trip import OURS, WINDOWED, samples, windows
+from predictor.test_round_trip import GRID, HAND, LAYOUT, OURS, WINDOWED, samples, windows
 
 from torch_geometric_tactile import transforms
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
@@ -26,6 +26,78 @@ DRAWN = [
 PLACES = ("pos", "edge_index", "edge_attr", "edge_weight", "num_frames", "valid_frames")
 
 
+HALVES = [3, 3, 3, 8, 8, 8]
+SHOWN = [
+    (transforms.AbsoluteMorphology([0, 0, 1], cat=True), "origin=(0.0, 0.0, 1.0), cat=True"),
+    (transforms.CommonMode(), ""),
+    (transforms.CommonMode(layout=LAYOUT), ""),
+    (transforms.CommonMode("digit", LAYOUT), "'digit', num_segments=2"),
+    (transforms.CommonMode(HALVES), "numbers, num_segments=2"),
+    (
+        transforms.ContactCrop(),
+        "rest=10, k=5.0, floor=5.0, sustain=3, before=0, missing='error'",
+    ),
+    (transforms.DropPatches(LAYOUT), "'finger', p=0.1, value=0.0"),
+    (transforms.DropPatches(LAYOUT, patches=[1]), "'finger', patches=['right'], value=0.0"),
+    (transforms.DropTaxels(), "p=0.1, value=0.0"),
+    (transforms.DropTaxels(taxels=[2, 0], value=1.0), "taxels=[0, 2], value=1.0"),
+    (transforms.FillMissing(), "value=0.0"),
+    (transforms.GeometricEdgeAttr(), "norm=False, max_value=None, cat=True"),
+    (transforms.GeometricEdgeAttr(True, 0.2, cat=False), "norm=True, max_value=0.2, cat=False"),
+    (transforms.KNNGraph(3, symmetric=False), "k=3, symmetric=False"),
+    (transforms.Normalize(0, 10), "low=0.0, high=10.0"),
+    (transforms.Normalize(attr="pos"), "low=-1.0, high=1.0, attr='pos'"),
+    (transforms.Normalize(per="channel"), "low=-1.0, high=1.0, per='channel'"),
+    (transforms.RandomContrast(center=0.5), "low=1.0, high=1.5, center=0.5"),
+    (transforms.RandomGain(0.2), "std=0.2"),
+    (transforms.RandomGain(0.2, "digit", LAYOUT), "std=0.2, 'digit', num_segments=2"),
+    (transforms.RandomInversion(generator=torch.Generator()), "p=0.5, low=0.0, high=1.0"),
+    (transforms.RandomMirror(GRID), "'grid_2x3', p=0.5, along='columns'"),
+    (transforms.RandomMirror(GRID, negate=0), "'grid_2x3', p=0.5, along='columns', negate=0"),
+    (transforms.RandomNoise(), "std=0.1"),
+    (transforms.RandomOffset(1, HALVES), "std=1.0, numbers, num_segments=2"),
+    (transforms.RandomShift(GRID), "'grid_2x3', rows=1, columns=1, value=0.0"),
+    (transforms.RandomTimeShift(), "steps=1"),
+    (transforms.RandomTimeShift(3, 7), "steps=3, num_frames=7"),
+    (transforms.Resample(), "60"),
+    (
+        transforms.SectorGraph("biotac_sp", 4, 0.01, "link"),
+        "'biotac_sp', num_sectors=4, radius=0.01, within='link'",
+    ),
+    (transforms.SelectChannels([2, 0]), "[2, 0]"),
+    (transforms.SessionZScore("trial"), "'trial'"),
+    (transforms.SessionZScore(attr="pos"), "'session', attr='pos'"),
+    (transforms.SessionZScore(per="channel"), "'session', per='channel'"),
+    (transforms.Tare(), "'session', first=None"),
+    (transforms.Tare("trial", first=5), "'trial', first=5"),
+    (transforms.Tare("trial", attr="joint"), "'trial', first=None, attr='joint'"),
+    (transforms.Tare(seconds=0.5, attr="joint"), "'session', seconds=0.5, attr='joint'"),
+    (transforms.TaxelForce(), ""),
+    (transforms.TaxelForce("force"), "'force'"),
+    (transforms.TaxelPose(LAYOUT, HAND), "'finger', 'finger'"),
+    (
+        transforms.TopologicalSegmentation("digit", LAYOUT),
+        "'digit', num_segments=2, drop=True",
+    ),
+    (
+        transforms.TopologicalSegmentation(HALVES, drop=False),
+        "numbers, num_segments=2, drop=False",
+    ),
+    (transforms.ZScore(per="taxel"), ""),
+    (transforms.ZScore(scale_per="channel"), "scale_per='channel'"),
+    (transforms.ZScore("joint", per="channel"), "attr='joint', per='channel'"),
+]
+
+
+@pytest.mark.parametrize(("transform", "arguments"), SHOWN)
+def test_arguments_are_shown(transform, arguments):
+    assert repr(transform) == f"{type(transform).__name__}({arguments})"
+
+
+def test_each_transform_is_shown():
+    assert {type(transform).__name__ for transform, _ in SHOWN} == {*OURS, *WINDOWED}
+
+
 def ready(make, data):
     transform = make()
     return transform.fit(data) if isinstance(transform, FittedTransform) else transform
@@ -44,6 +116,17 @@ def test_only_what_is_declared_is_written(make, given):
     after = transform(copy.copy(data)).to_dict()
     changed = {k for k in {*before, *after} if k not in after or not same(before.get(k), after[k])}
     assert changed <= {*transform.writes}
+
+
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_the_caller_keeps_its_data(make, given):
+    data = given()
+    data.x[0, 1] = torch.nan
+    data.dropped = torch.zeros(8, 6, dtype=torch.bool)
+    before = copy.deepcopy(data.to_dict())
+    ready(make, data)(data)
+    assert {*data.keys()} == {*before}
+    assert all(same(data[key], value) for key, value in before.items())
 
 
 @pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)

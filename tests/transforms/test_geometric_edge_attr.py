@@ -26,12 +26,6 @@ def rotation(seed):
     return turn * turn.det()
 
 
-def test_geometric_edge_attr_repr():
-    assert str(GeometricEdgeAttr()) == "GeometricEdgeAttr(norm=False, max_value=None, cat=True)"
-    transform = GeometricEdgeAttr(norm=True, max_value=0.2, cat=False)
-    assert str(transform) == "GeometricEdgeAttr(norm=True, max_value=0.2, cat=False)"
-
-
 def test_geometric_edge_attr_by_hand():
     # Neighbour minus target: 1 - 0, 0 - 1, 2 - 1.
     expected = torch.tensor(

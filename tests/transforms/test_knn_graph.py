@@ -24,11 +24,6 @@ def random_pos(num_taxels, seed=0):
     return torch.randn(num_taxels, 3, generator=torch.Generator().manual_seed(seed))
 
 
-def test_knn_graph_repr():
-    assert str(KNNGraph(k=2)) == "KNNGraph(k=2, symmetric=True)"
-    assert str(KNNGraph(k=3, symmetric=False)) == "KNNGraph(k=3, symmetric=False)"
-
-
 def test_knn_graph_row_of_three():
     pos = grid(1, 3, pitch=0.002).pos
     assert edges(pos, 1, symmetric=False).tolist() == [[0, 1, 1], [1, 0, 2]]

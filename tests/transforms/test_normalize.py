@@ -21,11 +21,6 @@ def column(*values):
     return StaticData(x=torch.tensor(values).view(-1, 1, 1))
 
 
-def test_normalize_repr():
-    assert str(Normalize()) == "Normalize(low=-1.0, high=1.0)"
-    assert str(Normalize(0, 10)) == "Normalize(low=0.0, high=10.0)"
-
-
 def test_normalize_by_hand():
     # Taxel 0 from 10 to 30, taxel 1 from -1 to 3.
     train = StaticData(x=torch.tensor([[10.0, -1.0], [15.0, 3.0], [30.0, 1.0]]).unsqueeze(-1))
@@ -101,12 +96,6 @@ def test_normalize_empty_batch_and_counts():
     assert transform(StaticData(x=torch.zeros(0, 4, 2))).x.shape == (0, 4, 2)
     counts = StaticData(x=torch.tensor([1, 3]).view(2, 1, 1))
     assert Normalize().fit(counts)(counts).x.view(-1).tolist() == [-1, 1]
-
-
-def test_normalize_caller_unedited():
-    data = random_data()
-    Normalize().fit(data)(data)
-    assert torch.equal(data.x, random_data().x)
 
 
 def test_normalize_bad_input():

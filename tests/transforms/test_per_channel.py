@@ -22,15 +22,6 @@ def both():
     return [ZScore(per=PER), Normalize(0.0, 1.0, per=PER), SessionZScore(per=PER)]
 
 
-def test_repr_tells_per_if_not_taxel():
-    assert str(ZScore(per="taxel")) == "ZScore()"
-    assert str(ZScore(per=PER)) == "ZScore(per='channel')"
-    assert str(ZScore(scale_per=PER)) == "ZScore(scale_per='channel')"
-    assert str(ZScore("joint", per=PER)) == "ZScore(attr='joint', per='channel')"
-    assert str(Normalize(per=PER)) == "Normalize(low=-1.0, high=1.0, per='channel')"
-    assert str(SessionZScore(per=PER)) == "SessionZScore('session', per='channel')"
-
-
 def test_z_score_of_channels_is_that_of_numpy():
     data = readings()
     exact = data.x.double().numpy()

@@ -122,14 +122,6 @@ def test_one_value_for_all_samples_cannot_be_scaled_by_session():
         transform(data)
 
 
-def test_repr_tells_the_attribute():
-    assert str(ZScore(attr="edge_attr")) == "ZScore(attr='edge_attr')"
-    assert str(SessionZScore(attr="pos")) == "SessionZScore('session', attr='pos')"
-    assert str(Tare("trial", attr="joint")) == "Tare('trial', first=None, attr='joint')"
-    assert str(Tare(seconds=0.5, attr="joint")) == "Tare('session', seconds=0.5, attr='joint')"
-    assert str(Normalize(attr="pos")) == "Normalize(low=-1.0, high=1.0, attr='pos')"
-
-
 def test_state_of_old_checkpoints_is_taken_over():
     state = {  # as versions without 'attr' wrote it
         "center": torch.full((1, 4, 2), 2.0, dtype=torch.double),

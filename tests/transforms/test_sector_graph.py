@@ -12,11 +12,6 @@ from torch_geometric_tactile.testing import (
 from torch_geometric_tactile.transforms import SectorGraph
 
 
-def test_sector_graph_repr():
-    expected = "SectorGraph('biotac_sp', num_sectors=4, radius=0.01, within='link')"
-    assert str(SectorGraph("biotac_sp", 4, 0.01, "link")) == expected
-
-
 def test_sector_graph_sets_the_edges_of_the_layout():
     data = SectorGraph("biotac_sp", 6, within="link")(Data(x=torch.zeros(24, 1)))
     expected = layout_sectors(biotac_sp(), 6, within="link")

@@ -19,11 +19,6 @@ def tared(seconds, data):
     return Tare("trial", seconds=seconds).fit(data)(data).x.view(-1).tolist()
 
 
-def test_tare_seconds_repr():
-    assert str(Tare("trial", seconds=0.5)) == "Tare('trial', seconds=0.5)"
-    assert str(Tare("trial", first=2)) == "Tare('trial', first=2)"
-
-
 def test_tare_seconds_by_hand():
     # Trial 4 rests for two samples, at 11; trial 9, sampled more slowly, for one.
     assert tared(0.15, trials()) == [-1, 1, 9, 19, 0, 1, 2]

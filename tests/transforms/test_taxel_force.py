@@ -26,11 +26,6 @@ def posed(out="x"):
     return Compose([TaxelPose(LAYOUT, HAND, tangent=True), TaxelForce(out)])
 
 
-def test_repr():
-    assert str(TaxelForce()) == "TaxelForce()"
-    assert str(TaxelForce("force")) == "TaxelForce('force')"
-
-
 def test_handedness_by_hand():
     """Pressure goes into the skin: against the normal, which is x times y."""
     tangent = torch.tensor([[[1.0, 0, 0], [0, 1, 0]], [[0, 1, 0], [0, 0, 1]]])

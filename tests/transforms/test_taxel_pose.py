@@ -46,10 +46,6 @@ class Grasps(StaticDataset):
         return recording(5), {}
 
 
-def test_taxel_pose_repr():
-    assert str(TaxelPose(LAYOUT, HAND)) == "TaxelPose('allegro_uskin', 'allegro_right')"
-
-
 def test_taxel_pose_is_that_of_the_covered_allegro_hand_unless_told_otherwise():
     stock, given = (t(Data(joint=angles(1))) for t in (TaxelPose(), TaxelPose(LAYOUT, HAND)))
     assert stock.pos.equal(given.pos)
@@ -138,16 +134,6 @@ def test_taxel_pose_gradients_are_exact():
 
     joint = torch.tensor([[0.3], [-0.4]], dtype=torch.double, requires_grad=True)
     assert torch.autograd.gradcheck(edge_attr, joint)
-
-
-def test_taxel_pose_caller_unedited():
-    data = recording()
-    data.pos = LAYOUT.pos.clone()
-    joint = data.joint.clone()
-    TaxelPose(LAYOUT, HAND)(data)
-    assert torch.equal(data.pos, LAYOUT.pos)
-    assert torch.equal(data.joint, joint)
-    assert "normal" not in data
 
 
 def test_taxel_pose_loaders_agree():

@@ -47,15 +47,6 @@ class Rows(StaticDataset):
         return samples(5), {}
 
 
-def test_topological_segmentation_repr():
-    assert (
-        str(TopologicalSegmentation("digit", LAYOUT))
-        == "TopologicalSegmentation('digit', num_segments=5, drop=True)"
-    )
-    transform = TopologicalSegmentation([3, 3, 8], drop=False)
-    assert str(transform) == "TopologicalSegmentation(numbers, num_segments=2, drop=False)"
-
-
 def test_topological_segmentation_by_hand():
     data = row(edge_attr=torch.arange(6.0).view(6, 1), edge_weight=torch.arange(6.0))
     out = TopologicalSegmentation(HALVES)(data)

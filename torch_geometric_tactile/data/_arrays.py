@@ -7,12 +7,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data._recording_arrays import checked_numbers, refuse_masked
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 
 _COLUMNS = ("y", "group", "trial", "session", "joint", "time")
-_NAMED = {"y": "class", "group": "group", "session": "session"}
 _MAY_MISS = ("x", "joint")
 _DOUBLE = ("time",)  # seconds since an epoch need more than single precision
 
@@ -37,7 +37,7 @@ def static_data_from_arrays(
     for key, value in columns.items():
         if value is None:
             continue
-        if key in _NAMED:
+        if key in NAMED:
             value = _numbered(key, value, found)
         values[key] = value if key in schema.get("shared", ()) else _as_column(key, value)
         if key in _COLUMNS:
@@ -132,7 +132,7 @@ def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
         return value
     if array.ndim != 1:
         raise ValueError(f"'{key}' must have one name for each sample (got shape {array.shape})")
-    what = _NAMED[key]
+    what = NAMED[key]
     names = found.setdefault(what, sorted(map(str, set(array.tolist()))))
     unknown = sorted({*array.tolist()} - {*names})
     if unknown:

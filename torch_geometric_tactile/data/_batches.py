@@ -7,10 +7,9 @@ import torch
 from torch import Tensor
 from torch.utils.data import ConcatDataset, Subset
 
+from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data.static_data import StaticData
 from torch_geometric_tactile.data.static_dataset import StaticDataset
-
-_NAMES = {"y": "class_names", "group": "group_names", "session": "session_names"}
 
 
 def static_parts(dataset: Any) -> Iterator[StaticDataset]:
@@ -78,13 +77,13 @@ def check_joinable(parts: Sequence[StaticDataset]) -> None:
 
 def check_names(first: StaticDataset, other: StaticDataset, keys: Iterable[str], what: str) -> None:
     r"""Checks that the numbers of classes, groups and sessions mean the same in two data sets."""
-    for key in sorted(_NAMES.keys() & {*keys}):
-        names, others = (getattr(part, _NAMES[key]) for part in (first, other))
+    for key in sorted(NAMED.keys() & {*keys}):
+        names, others = (getattr(part, f"{NAMED[key]}_names") for part in (first, other))
         if names != others:
             raise ValueError(
-                f"{what} must have the {_NAMES[key]} {names} of the first, since '{key}' holds "
-                f"their numbers (got {others}): give both one list, read both as one data set, or "
-                f"remove '{key}' by the 'transform' of each"
+                f"{what} must have the {NAMED[key]}_names {names} of the first, since '{key}' "
+                f"holds their numbers (got {others}): give both one list, read both as one data "
+                f"set, or remove '{key}' by the 'transform' of each"
             )
 
 

@@ -33,17 +33,6 @@ class FrameView(StaticDataset):
     r"""A data set whose samples are cut from the frames of another one, when they are asked for:
     the base class of :class:`~torch_geometric_tactile.data.Windows` and
     :class:`~torch_geometric_tactile.data.Trials`, which define :meth:`_choose`.
-
-    Args:
-        dataset (StaticDataset): The frames.
-        target (str): Name of the attribute that is :obj:`y`.
-        series (sequence of str): Names of the attributes of which a sample has all frames.
-        transform (callable, optional): Applied at every access.
-        pre_transform (callable, optional): Applied once.
-
-    Raises:
-        TypeError: If :obj:`dataset` is of another kind.
-        ValueError: If it holds no frames, or has no such attribute.
     """
 
     def __init__(

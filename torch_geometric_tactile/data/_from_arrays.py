@@ -1,7 +1,7 @@
 r"""Data sets of arrays and lists of your own."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Self
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, ClassVar, Self
 
 from torch_geometric.data import Data
 
@@ -15,16 +15,7 @@ class FromArrays:
     r"""The constructors of :class:`~torch_geometric_tactile.data.StaticDataset` for samples that
     are in memory already."""
 
-    @classmethod
-    def _of(
-        cls,
-        source: tuple[StaticData, dict[str, list[str]]],
-        layout: TaxelLayout,
-        transform: Transform | None,
-        pre_transform: Transform | None,
-        pre_filter: Filter | None,
-    ) -> Self:
-        raise NotImplementedError
+    _of: ClassVar[Callable[..., Any]]  # of the data set: one of samples, a layout and transforms
 
     @classmethod
     def from_arrays(
@@ -121,7 +112,8 @@ class FromArrays:
             {"class": class_names, "group": group_names, "session": session_names},
             {"node": tuple(node), "edge": tuple(edge), "shared": tuple(shared)},
         )
-        return cls._of(source, layout, transform, pre_transform, pre_filter)
+        dataset: Self = cls._of(source, layout, transform, pre_transform, pre_filter)
+        return dataset
 
     @classmethod
     def from_data_list(
@@ -165,4 +157,5 @@ class FromArrays:
         names = {"class": class_names, "group": group_names, "session": session_names}
         source = data, {key: list(value) for key, value in names.items() if value}
         layout = layout_of(data) if layout is None else as_layout(layout)
-        return cls._of(source, layout, transform, pre_transform, pre_filter)
+        dataset: Self = cls._of(source, layout, transform, pre_transform, pre_filter)
+        return dataset

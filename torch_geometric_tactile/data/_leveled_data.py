@@ -42,10 +42,8 @@ class CheckedStorage(GlobalStorage):
 class LeveledData(Data):
     r"""A :class:`~torch_geometric.data.Data` object whose attributes have levels, and belong to one
     sample each or to all of them: the base class of
-    :class:`~torch_geometric_tactile.data.StaticData`.
-
-    Args:
-        schema (Schema): The levels of attributes that are not known.
+    :class:`~torch_geometric_tactile.data.StaticData`. A schema has the levels of attributes that
+    are not known.
     """
 
     def __init__(self, schema: Schema) -> None:

@@ -50,6 +50,8 @@ KNOWN_ATTRIBUTES: Mapping[str, Known] = {
 }
 #: The topology, never one for each sample.
 TOPOLOGY = ("edge_index", "adj", "adj_t")
+#: What the numbers of an attribute have names for: those of :obj:`y` are `class_names`.
+NAMED = {"y": "class", "group": "group", "session": "session"}
 _OF_A_BATCH = ("batch", "ptr")
 
 

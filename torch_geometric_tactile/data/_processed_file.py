@@ -95,10 +95,3 @@ def _from_content(content: Mapping[str, Any]) -> ProcessedFile:
 
 def _are_texts(values: Any) -> bool:
     return isinstance(values, list) and all(isinstance(value, str) for value in values)
-
-
-def load_static(path: PathLike) -> tuple[StaticData, dict[str, list[str]]]:
-    r"""Reads the samples of a processed file, memory-mapped, and the names behind their integer
-    attributes.
-    """
-    return read_processed(path)[:2]

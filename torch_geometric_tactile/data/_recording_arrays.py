@@ -18,7 +18,7 @@ def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     r"""Returns an array of floating-point numbers, NaN where a masked array is masked; without a
     copy if the type fits.
     """
-    array = _array(name, value)
+    array = _array(f"'{name}' must be an array of numbers", value)
     if array.dtype.kind not in _NUMBERS:
         raise ValueError(f"'{name}' must be an array of numbers (got {array.dtype})")
     # A reading beyond float32 becomes infinite here and is reported as such by the caller.
@@ -38,7 +38,7 @@ def checked_time(value: Any) -> np.ndarray:
           :class:`numpy.timedelta64` :math:`(T,)`.
     """
     refuse_masked("time", value)
-    time = _array("time", value)
+    time = _array("'time' must be an array of numbers", value)
     if time.ndim != 1:
         raise ValueError(f"'time' must have shape (num_frames,) (got {time.shape})")
     if time.dtype.kind in "mM":
@@ -115,10 +115,7 @@ def refuse_masked(name: str, value: Any) -> None:
 
 def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarray:
     refuse_masked(name, value)
-    try:
-        array = np.asarray(value)
-    except (OverflowError, RuntimeError, TypeError, ValueError) as error:
-        raise ValueError(f"{kind} '{name}' must be an array ({error})") from error
+    array = _array(f"{kind} '{name}' must be an array", value)
     if array.dtype.kind not in "biufU":
         raise ValueError(
             f"{kind} '{name}' must hold numbers, truth values or texts (got {array.dtype})"
@@ -140,11 +137,11 @@ def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarr
     return array
 
 
-def _array(name: str, value: Any) -> np.ndarray:
+def _array(what: str, value: Any) -> np.ndarray:
     try:
         return np.asarray(value)
     except (OverflowError, RuntimeError, TypeError, ValueError) as error:
-        raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
+        raise ValueError(f"{what} ({error})") from error
 
 
 def _seconds(time: np.ndarray) -> np.ndarray:

@@ -1,11 +1,15 @@
 r"""Files of :func:`torch.save` that may be damaged, or anyone's."""
 
+import ctypes
 import io
 import json
+import logging
+import mmap as maps
 import os
 import pickle
 import time
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +18,6 @@ from torch import Tensor
 
 from torch_geometric_tactile._files import atomic_path, check_zip
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data._mapped_file import load_mapped
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
 _SMALL = 2**24  # bytes, up to which a file is checked whenever it is opened
 _FRESH = 100_000_000  # nanoseconds within which a file may change without another time
 _MAX_VALUES = 1_000_000
+_logger = logging.getLogger(__name__)
 
 
 def write_torch_file(content: Any, path: PathLike, *, check: bool = False) -> None:
@@ -106,30 +110,81 @@ def mark_path(path: PathLike) -> Path:
     return Path(f"{path}.checked")
 
 
+def load_mapped(path: PathLike, map_location: Any = "cpu") -> Any:
+    r"""Loads a file of :func:`torch.save` memory-mapped, as :obj:`torch.load(path, mmap=True)`.
+
+    PyTorch maps it such that tensors may be written to, without a change of the file. The system
+    counts all of such a mapping as memory that may be needed, and refuses it where the file is
+    larger than memory, or than a limit of the process (:obj:`ulimit -d`). Then it is mapped to be
+    read only: writing to a tensor in place would end the process.
+    """
+    try:
+        return torch.load(path, map_location=map_location, mmap=True, weights_only=True)
+    except RuntimeError as error:
+        if "unable to mmap" not in str(error) or not hasattr(maps, "MAP_SHARED"):
+            raise
+    content = _load_shared(path, map_location)
+    _logger.info("'%s' is larger than memory, and mapped to be read only", path)
+    return content
+
+
+def _load_shared(path: PathLike, map_location: Any) -> Any:
+    before: Any = torch.serialization.get_default_mmap_options()
+    torch.serialization.set_default_mmap_options(maps.MAP_SHARED)
+    try:
+        content = torch.load(path, map_location=map_location, mmap=True, weights_only=True)
+    finally:
+        torch.serialization.set_default_mmap_options(before)
+    for value in _values(content):
+        if _is_strided(value) and value.device.type == "cpu" and value.numel():
+            storage = value.untyped_storage()
+            _protect(storage.data_ptr(), storage.nbytes())
+    return content
+
+
+def _protect(address: int, size: int) -> None:
+    # Otherwise a tensor that is written to would change the file.
+    start = address - address % maps.PAGESIZE
+    libc = ctypes.CDLL(None, use_errno=True)
+    pointer, length = ctypes.c_void_p(start), ctypes.c_size_t(address + size - start)
+    if libc.mprotect(pointer, length, maps.PROT_READ):
+        raise OSError(ctypes.get_errno(), "a mapped file cannot be made read-only")
+
+
 def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
     # A view of few numbers may claim to be large, and takes the memory where it is copied. A part
     # of the file that is shorter than its tensors would be read on beyond its end.
-    waiting, num_values = [content], 0
     storages: dict[int, int] = {}
+    for number, value in enumerate(_values(content), 1):
+        if number > _MAX_VALUES:
+            raise ValueError(f"'{path}' must hold at most {_MAX_VALUES} values")
+        if not _is_strided(value):
+            continue
+        size = value.numel() * value.element_size()
+        held = 0 if value.is_meta else value.untyped_storage().nbytes()
+        if held:
+            storages[value.untyped_storage().data_ptr()] = held
+        if size > held:
+            raise ValueError(
+                f"'{path}' must hold the {size} bytes of its tensor of shape "
+                f"{tuple(value.shape)} (got {held})"
+            )
+    held = sum(storages.values())
+    if held > stored:
+        raise ValueError(f"'{path}' must hold the {held} bytes of its tensors (got {stored})")
+
+
+def _values(content: Any) -> Iterator[Any]:
+    # All values, those of dictionaries and lists behind these.
+    waiting = [content]
     while waiting:
         value = waiting.pop()
-        num_values += 1
-        if num_values > _MAX_VALUES:
-            raise ValueError(f"'{path}' must hold at most {_MAX_VALUES} values")
+        yield value
         if isinstance(value, dict):
             waiting.extend(value.values())
         elif isinstance(value, list | tuple):
             waiting.extend(value)
-        elif isinstance(value, Tensor) and value.layout == torch.strided:
-            size = value.numel() * value.element_size()
-            held = 0 if value.is_meta else value.untyped_storage().nbytes()
-            if held:
-                storages[value.untyped_storage().data_ptr()] = held
-            if size > held:
-                raise ValueError(
-                    f"'{path}' must hold the {size} bytes of its tensor of shape "
-                    f"{tuple(value.shape)} (got {held})"
-                )
-    held = sum(storages.values())
-    if held > stored:
-        raise ValueError(f"'{path}' must hold the {held} bytes of its tensors (got {stored})")
+
+
+def _is_strided(value: Any) -> bool:
+    return isinstance(value, Tensor) and value.layout == torch.strided

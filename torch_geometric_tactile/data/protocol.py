@@ -12,8 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.data._sample_classes import Classes, Samples, column, label_classes
-from torch_geometric_tactile.data._unit_draws import Folds, Fractions
+from torch_geometric_tactile.data._unit_draws import (
+    Classes,
+    Folds,
+    Fractions,
+    Samples,
+    column,
+    label_classes,
+)
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
 #: What a split keeps together.

@@ -1,78 +1,90 @@
-r"""Recordings one after the other, as frames and trials."""
+r"""Recordings one after the other, as frames on disk and trials."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
 
+import numpy as np
+import torch
 from torch import Tensor
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._column_order import column_names, in_column_order
-from torch_geometric_tactile.datasets._frame_files import FrameFiles
 from torch_geometric_tactile.datasets._trial import Trial, check_together, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
-SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv")
 _logger = logging.getLogger(__name__)
 
 
-def trial_files(folder: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> list[str]:
-    r"""Returns the names of the recordings in a folder, in order; also those in its subfolders,
-    with their names in front, if the pattern has a :obj:`"/"`.
+class FrameFiles:
+    r"""Named arrays with a row for each frame, each in a temporary file that nothing else sees and
+    that is gone at the end.
     """
-    if not folder.is_dir():
-        return []
-    found = list(folder.rglob("*") if "/" in pattern else folder.iterdir())
-    for path in found:
-        if path.suffix.lower() in suffixes and path.is_symlink() and not path.exists():
-            raise FileNotFoundError(f"'{path}' is a link to a file that is not there: remove it")
-    names = [
-        path.relative_to(folder)
-        for path in found
-        if path.suffix.lower() in suffixes and path.is_file()
-    ]
-    return sorted(
-        name.as_posix()
-        for name in names
-        if name.parts[0] != "processed" and not any(part.startswith(".") for part in name.parts)
-    )
 
+    def __init__(self, folder: Path | None = None) -> None:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._open = ExitStack()
+        self._files: dict[str, IO[bytes]] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._types: dict[str, np.dtype] = {}
 
-def trial_folder(root: Path, pattern: str, suffixes: Sequence[str] = SUFFIXES) -> Path:
-    r"""Returns the folder of the recordings: :obj:`root/raw`, or :obj:`root` where only that has
-    some.
-    """
-    inner = root / "raw"
-    if not trial_files(inner, pattern, suffixes) and trial_files(root, pattern, suffixes):
-        return root
-    return inner
+    def add(self, name: str, rows: np.ndarray) -> None:
+        r"""Writes rows behind those that there are.
 
+        Shapes:
+            - **rows:** The rows :math:`(T, ...)`, of the shape and type of the first.
+        """
+        if name not in self._files:
+            self._files[name] = self._open.enter_context(
+                tempfile.TemporaryFile(dir=self._folder, buffering=0)  # noqa: SIM115
+            )
+            self._shapes[name] = (0, *rows.shape[1:])
+            self._types[name] = rows.dtype
+        length, *shape = self._shapes[name]
+        if rows.shape[1:] != (*shape,):
+            raise ValueError(f"'{name}' must have rows of shape {(*shape,)} (got {rows.shape[1:]})")
+        rows = np.ascontiguousarray(rows, dtype=self._types[name])
+        left = rows.reshape(-1).view(np.uint8).data
+        try:
+            while len(left):
+                left = left[self._files[name].write(left) :]
+        except OSError as error:
+            place = str(self._folder or tempfile.gettempdir())
+            raise OSError(error.errno, os.strerror(error.errno or 0), place) from error
+        self._shapes[name] = (length + len(rows), *shape)
 
-def opened_files(
-    folder: Path, paths: Sequence[str], read: Callable[[str], Recording]
-) -> Iterator[tuple[str, str, Recording]]:
-    r"""Yields what to call each recording in messages, its name, and the recording."""
-    for path in paths:
-        name = Path(path).relative_to(folder).with_suffix("").as_posix()
-        yield f"'{path}'", name, read(path)
+    def shape(self, name: str) -> tuple[int, ...] | None:
+        r"""Returns the shape of an array, or nothing if it has no rows yet."""
+        return self._shapes.get(name)
 
+    def tensor(self, name: str) -> Tensor:
+        r"""Returns an array, memory-mapped; what is written to it stays in memory."""
+        shape, dtype = self._shapes[name], self._types[name]
+        if 0 in shape:  # which cannot be mapped
+            return torch.from_numpy(np.zeros(shape, dtype))
+        return torch.from_numpy(np.memmap(self._files[name], dtype, mode="c", shape=shape))
 
-def opened_recordings(
-    recordings: Sequence[Recording],
-) -> Iterator[tuple[str, str, Recording]]:
-    r"""Yields what to call each recording in messages, its name, and the recording."""
-    for i, recording in enumerate(recordings):
-        yield f"recording {i}", str(i), recording
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
 
+    def __enter__(self) -> Self:
+        return self
 
-def no_trials(root: PathLike) -> str:
-    r"""Returns the message of an error about a data set without recordings."""
-    return (
-        f"there are no trials in '{Path(root, 'raw')}' or '{root}': put recordings there, "
-        f"<object>_<number> with one of {', '.join(SUFFIXES)}"
-    )
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._open.close()
 
 
 @dataclass(frozen=True)

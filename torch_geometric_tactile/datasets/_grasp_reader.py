@@ -4,14 +4,14 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from torch import Tensor
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.datasets._frame_files import FrameFiles
-from torch_geometric_tactile.datasets._trial import Trial, make_trial
+from torch_geometric_tactile.datasets._frame_reader import FrameFiles
+from torch_geometric_tactile.datasets._trial import Trial, check_one_file_each, make_trial
 from torch_geometric_tactile.sensors import TaxelLayout
 
 OUTCOMES = ("failure", "success")
@@ -24,20 +24,6 @@ SIGNALS: Mapping[str, tuple[int | None, ...]] = {
     "finger_joint": (None, None),
     "object_pose": (7,),
 }
-
-
-class Grasp(NamedTuple):
-    r"""A grasp without its frames."""
-
-    where: str
-    name: str
-    object_name: str
-    number: int | None
-    session: str | int | None
-    outcome: str
-    num_frames: int
-    synthetic: bool
-    ends_after_pickup: str
 
 
 class GraspReader:
@@ -53,22 +39,33 @@ class GraspReader:
 
     def read(
         self, recordings: Iterable[tuple[str, str, Recording]], folder: Path | None
-    ) -> tuple[dict[str, Tensor], list[Grasp], list[str]]:
-        r"""Returns the attributes of all frames, mapped from temporary files, the grasps, and the
-        names of the objects.
+    ) -> tuple[dict[str, Tensor], dict[str, list[str]]]:
+        r"""Returns the attributes of all frames, mapped from temporary files, and the names behind
+        their numbers.
         """
         with FrameFiles(folder) as files:
             grasps = [self._grasp(files, *given) for given in recordings]
-            _check_numbers(grasps)
-            objects = sorted({grasp.object_name for grasp in grasps})
+            if not grasps:
+                raise ValueError("there must be at least one grasp (got none)")
+            check_one_file_each(
+                (
+                    (t.object_name, t.number, t.meta.get("session")),
+                    f"trial {t.number} of '{t.object_name}'",
+                    t.where,
+                )
+                for t in grasps
+                if t.number is not None
+            )
+            names = self._names(grasps)
             columns = {
-                "y": [OUTCOMES.index(grasp.outcome) for grasp in grasps],
+                "y": [OUTCOMES.index(str(grasp.label)) for grasp in grasps],
                 "trial": range(len(grasps)),
-                "group": [objects.index(grasp.object_name) for grasp in grasps],
+                "group": [names["group"].index(str(grasp.object_name)) for grasp in grasps],
             }
-            if all(grasp.session is not None for grasp in grasps):
-                sessions = session_names(grasps)
-                columns["session"] = [sessions.index(str(grasp.session)) for grasp in grasps]
+            if names["session"]:
+                columns["session"] = [
+                    names["session"].index(str(grasp.meta["session"])) for grasp in grasps
+                ]
             for name, values in columns.items():
                 for value, grasp in zip(values, grasps, strict=True):
                     files.add(name, np.full(grasp.num_frames, value))
@@ -76,9 +73,25 @@ class GraspReader:
         if "finger_joint" in out:
             joint = out.pop("finger_joint")
             out["joint"] = joint.view(len(joint), -1)
-        return out, grasps, objects
+        return out, names
 
-    def _grasp(self, files: FrameFiles, where: str, name: str, recording: Recording) -> Grasp:
+    def _names(self, grasps: Sequence[Trial]) -> dict[str, list[str]]:
+        sessions = {grasp.meta.get("session") for grasp in grasps}
+        # Integers in their order, before texts.
+        ordered = sorted(sessions - {None}, key=lambda s: (isinstance(s, str), s))
+        ends = [_seconds(grasp.where, grasp.meta, "ends_after_pickup") for grasp in grasps]
+        return {
+            "class": list(OUTCOMES),
+            "group": sorted({str(grasp.object_name) for grasp in grasps}),
+            "trial": [grasp.name for grasp in grasps],
+            "session": [] if None in sessions else list(dict.fromkeys(map(str, ordered))),
+            "phase": self.phase_names,
+            "property": [],
+            "synthetic": [grasp.name for grasp in grasps if grasp.meta.get("synthetic", False)],
+            "ends_after_pickup": ["" if end is None else repr(end) for end in ends],
+        }
+
+    def _grasp(self, files: FrameFiles, where: str, name: str, recording: Recording) -> Trial:
         trial = self._trial(where, name, recording)
         if recording.num_channels != len(FINGERS):
             raise ValueError(
@@ -105,18 +118,8 @@ class GraspReader:
         files.add("phase", self._phase(trial))
         files.add("slip", _slip(where, recording))
         self._add_signals(files, where, recording)
-        end = _seconds(where, recording.meta, "ends_after_pickup")
-        return Grasp(
-            where=where,
-            name=name,
-            object_name=str(trial.object_name),
-            number=trial.number,
-            session=recording.meta.get("session"),
-            outcome=str(trial.label),
-            num_frames=recording.num_frames,
-            synthetic=bool(recording.meta.get("synthetic", False)),
-            ends_after_pickup="" if end is None else repr(end),
-        )
+        _seconds(where, recording.meta, "ends_after_pickup")  # checked with the file
+        return trial
 
     def _trial(self, where: str, name: str, recording: Recording) -> Trial:
         phase = {k: v for k, v in recording.privileged.items() if k == "phase"}
@@ -157,28 +160,6 @@ class GraspReader:
             if np.isinf(signal).any():
                 raise ValueError(f"{where} must hold finite numbers, or NaN, in '{name}' (got inf)")
             files.add(name, signal)
-
-
-def session_names(grasps: Sequence[Grasp]) -> list[str]:
-    r"""Returns the names of the sessions, integers in their order before texts."""
-    found = {grasp.session for grasp in grasps if grasp.session is not None}
-    return list(dict.fromkeys(map(str, sorted(found, key=lambda s: (isinstance(s, str), s)))))
-
-
-def _check_numbers(grasps: Sequence[Grasp]) -> None:
-    if not grasps:
-        raise ValueError("there must be at least one grasp (got none)")
-    seen: dict[tuple[Any, ...], str] = {}
-    for grasp in grasps:
-        if grasp.number is None:
-            continue
-        key = (grasp.object_name, grasp.number, grasp.session)
-        other = seen.setdefault(key, grasp.where)
-        if other is not grasp.where:
-            raise ValueError(
-                f"trial {grasp.number} of '{grasp.object_name}' must be in one file (got {other} "
-                f"and {grasp.where})"
-            )
 
 
 def _seconds(where: str, meta: Mapping[str, Any], key: str) -> float | None:

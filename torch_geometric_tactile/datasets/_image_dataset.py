@@ -7,15 +7,16 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
-from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
+from torch_geometric_tactile.data import Protocol, StaticData
 from torch_geometric_tactile.data.image_data import COLUMNS, ROWS, StaticImages, image_of
+from torch_geometric_tactile.datasets._raw_files import RawFiles
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors.letter_array import letter_array
 
 _PARTS = ("train", "test")
 
 
-class ImageDataset(StaticDataset):
+class ImageDataset(RawFiles):
     r"""A data set whose samples are images of 32 x 32 pixels, of which some are held out by folds.
     Base class of :class:`~torch_geometric_tactile.datasets.LetterShape` and
     :class:`~torch_geometric_tactile.datasets.DigitImages`, which set the attributes.
@@ -82,11 +83,6 @@ class ImageDataset(StaticDataset):
         x = self.column("x")
         assert x is not None
         return image_of(x)
-
-    @property
-    def num_classes(self) -> int:
-        r"""The number of classes, also where a selection lacks one of them."""
-        return len(self.class_names)
 
 
 def has_image(layout: TaxelLayout) -> bool:

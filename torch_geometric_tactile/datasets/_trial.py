@@ -1,7 +1,7 @@
 r"""One recording as a trial of a data set: its object, labels and phases, checked."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -184,16 +184,13 @@ def _phase(where: str, recording: Recording) -> tuple[np.ndarray | None, tuple[s
 
 def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
     r"""Checks that recordings go together."""
-    seen: dict[tuple[str, int], str] = {}
+    check_one_file_each(
+        ((t.object_name, t.number), f"trial {t.number} of '{t.object_name}'", t.where)
+        for t in trials
+        if t.object_name is not None and t.number is not None
+    )
     units: dict[str | None, str] = {}
     for trial in trials:
-        if trial.object_name is not None and trial.number is not None:
-            other = seen.setdefault((trial.object_name, trial.number), trial.where)
-            if other is not trial.where:
-                raise ValueError(
-                    f"trial {trial.number} of '{trial.object_name}' must be in one file (got "
-                    f"{other} and {trial.where})"
-                )
         units.setdefault(trial.meta.get("unit", unit), trial.where)
         if trial.num_joints != trials[0].num_joints:
             raise ValueError(
@@ -207,6 +204,15 @@ def check_together(trials: Sequence[Trial], unit: str | None = None) -> None:
             "unit as 'unit' in its metadata, or in the data set's argument 'unit' for all that "
             "name none"
         )
+
+
+def check_one_file_each(trials: Iterable[tuple[Hashable, str, str]]) -> None:
+    r"""Checks that no trial is in two files: of each its key, what to call it, and its file."""
+    seen: dict[Hashable, str] = {}
+    for key, trial, where in trials:
+        other = seen.setdefault(key, where)
+        if other is not where:
+            raise ValueError(f"{trial} must be in one file (got {other} and {where})")
 
 
 def checked_labels(trial: Trial, names: Sequence[str]) -> tuple[int, ...]:

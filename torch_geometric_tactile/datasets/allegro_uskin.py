@@ -7,9 +7,11 @@ from torch import Tensor
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.datasets._allegro_labels import AllegroLabels
-from torch_geometric_tactile.datasets._allegro_objects import PROPERTIES
-from torch_geometric_tactile.datasets._grasp_targets import GRASP_TARGETS
+from torch_geometric_tactile.datasets._allegro_labels import (
+    GRASP_TARGETS,
+    PROPERTIES,
+    AllegroLabels,
+)
 from torch_geometric_tactile.datasets.recording_frames import RecordingFrames
 from torch_geometric_tactile.datasets.root import default_root
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
@@ -160,6 +162,7 @@ class AllegroUSkin(RecordingFrames):
     _needs = ("object", "trial")
     _labels = AllegroLabels()
     _other_target = "task='property' or task='shape'"
+    _processed_name = "allegro_uskin.pt"
 
     def __init__(
         self,
@@ -214,11 +217,6 @@ class AllegroUSkin(RecordingFrames):
         )
 
     @property
-    def processed_file_names(self) -> str:
-        r"""One file for all splits, phases and strides."""
-        return "allegro_uskin.pt"
-
-    @property
     def class_names(self) -> list[str]:
         r"""The names of the classes, labels or numbers of :obj:`y`."""
         if self.task in GRASP_TARGETS:
@@ -249,8 +247,8 @@ class AllegroUSkin(RecordingFrames):
                 f"{error}: record more, or choose split_by='frame' or split=None"
             ) from error
 
-    def _no_trials(self) -> str:
-        return f"{super()._no_trials()}, or simulate some: tactile simulate --out '{self.root}'"
+    def _no_files(self) -> str:
+        return f"{super()._no_files()}, or simulate some: tactile simulate --out '{self.root}'"
 
 
 def _checked_fractions(fractions: Any) -> tuple[float, float, float]:

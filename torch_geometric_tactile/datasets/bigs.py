@@ -6,15 +6,8 @@ from pathlib import Path
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData
-from torch_geometric_tactile.datasets._frame_reader import opened_files
-from torch_geometric_tactile.datasets._grasp_reader import (
-    OUTCOMES,
-    SIGNALS,
-    GraspReader,
-    session_names,
-)
-from torch_geometric_tactile.datasets._trial_folder import TrialFolder
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets._grasp_reader import SIGNALS, GraspReader
+from torch_geometric_tactile.datasets._trial_frames import TrialFrames
 from torch_geometric_tactile.io import BiGSFormat, read_bigs, read_recording
 from torch_geometric_tactile.sensors import biotac
 
@@ -23,7 +16,7 @@ _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
 _ROUNDING = 1e-6  # seconds
 
 
-class BiGS(TrialFolder):
+class BiGS(TrialFrames):
     r"""The BiGS data set of the "Tactile Grasp Stability Classification Based on Graph
     Convolutional Networks" paper, or one of the same form: grasps with three BioTac fingertips that
     close, lift and shake an object, which holds or falls.
@@ -121,6 +114,8 @@ class BiGS(TrialFolder):
     suffixes = _SUFFIXES
     selection_args = ("until",)
     _content = "content=1"
+    _folder = "BiGS"
+    _processed_name = "bigs.pt"
 
     def __init__(
         self,
@@ -140,27 +135,11 @@ class BiGS(TrialFolder):
         self.until = _checked_until(until)
         self.pattern = _PATTERN
         self._format = None if fields is None else BiGSFormat(fields=fields)
-        super().__init__(
-            default_root("BiGS") if root is None else root,
-            transform,
-            pre_transform,
-            pre_filter,
-            force_reload,
-        )
+        super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if self.until is not None:
             self._select_until(self.until)
 
-    @property
-    def processed_file_names(self) -> str:
-        r"""One file for all moments to end at."""
-        return "bigs.pt"
-
-    @property
-    def num_classes(self) -> int:
-        r"""Two, also where all grasps ended alike."""
-        return len(self.class_names)
-
-    def _no_trials(self) -> str:
+    def _no_files(self) -> str:
         return (
             f"there are no grasps in '{self.raw_dir}' or '{self.root}': put files there, "
             f"<object>_<number> with one of {', '.join(_SUFFIXES)}. The original is not public; "
@@ -178,19 +157,8 @@ class BiGS(TrialFolder):
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all grasps."""
         reader = GraspReader(self.layout, self.pattern, self.signals)
-        files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
-        columns, grasps, objects = reader.read(files, Path(self.processed_dir))
+        columns, names = reader.read(self._opened(), Path(self.processed_dir))
         data = StaticData(**columns, pos=self.layout.pos, normal=self.layout.normal)
-        names = {
-            "class": list(OUTCOMES),
-            "group": objects,
-            "trial": [grasp.name for grasp in grasps],
-            "session": session_names(grasps) if "session" in columns else [],
-            "phase": reader.phase_names,
-            "property": [],
-            "synthetic": [grasp.name for grasp in grasps if grasp.synthetic],
-            "ends_after_pickup": [grasp.ends_after_pickup for grasp in grasps],
-        }
         return data, names
 
     def _select_until(self, until: float) -> None:

@@ -11,9 +11,7 @@ import torch
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data._file_state import file_state
-from torch_geometric_tactile.datasets._downloads import download_files, verify_file
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.io import read_biotac_sp_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
@@ -29,7 +27,7 @@ _SHA256 = {
 }
 
 
-class BioTacSP(StaticDataset):
+class BioTacSP(PublishedFiles):
     r"""The BioTac SP stability set v2 (BTS3) of the `"TactileGCN: A Graph Convolutional Network for
     Predicting Grasp Stability with Tactile Sensors" <https://arxiv.org/abs/1901.06181>`_ paper:
     real grasps with a Shadow hand, one reading each of three BioTac SP fingertips, before the lift
@@ -90,6 +88,10 @@ class BioTacSP(StaticDataset):
 
     url = "https://raw.githubusercontent.com/3dperceptionlab/biotacsp-stability-set-v2/master"
     selection_args = ("split", "palm")
+    _folder = "BioTacSP"
+    _processed_name = "biotac_sp"
+    _sha256 = _SHA256
+    num_classes = StaticDataset.num_classes  # of the samples, which may be none
 
     def __init__(
         self,
@@ -111,13 +113,7 @@ class BioTacSP(StaticDataset):
         self.split = split
         self.palm = palm
         self.checksum = checksum
-        super().__init__(
-            default_root("BioTacSP") if root is None else root,
-            transform,
-            pre_transform,
-            pre_filter,
-            force_reload,
-        )
+        super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         wanted = [
             i
             for i, name in enumerate(self.session_names)
@@ -138,35 +134,17 @@ class BioTacSP(StaticDataset):
         assert session is not None
         return 2 * is_test[session].long()
 
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The six CSV files."""
-        return list(_SHA256)
-
-    @property
-    def processed_file_names(self) -> str:
-        r"""One file for all splits and palm poses."""
-        return "biotac_sp.pt" if self.checksum else "biotac_sp_unverified.pt"
-
     def download(self) -> None:
         r"""Takes the raw files that are in :obj:`root` or in a folder :obj:`biotacsp` beside it,
         downloads those that are still missing, and verifies their checksums.
         """
         for folder in (Path(self.root), Path(self.root).parent):
             self.import_raw(folder, self.root)
-        download_files(self.url, Path(self.raw_dir), _SHA256, self.log)
-
-    def raw_state(self) -> list[str]:
-        r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data._file_state.file_state`.
-        """
-        return [f"{Path(path).name}={file_state(path)}" for path in self.raw_paths]
+        super().download()
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads the six files."""
-        if self.checksum:
-            for path in self.raw_paths:
-                verify_file(Path(path), _SHA256[Path(path).name])
+        self._verify()
         tables = [read_biotac_sp_csv(path) for path in self.raw_paths]
         objects = sorted({name for table in tables for name in table.object_names})
         number = {name: i for i, name in enumerate(objects)}

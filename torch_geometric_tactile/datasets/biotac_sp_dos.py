@@ -8,9 +8,9 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
-from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data._file_state import file_state
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_biotac_sp_dos_csv
 from torch_geometric_tactile.sensors import biotac_sp
 
@@ -43,7 +43,7 @@ class _Sequence(NamedTuple):
     path: Path
 
 
-class BioTacSPDoS(StaticDataset):
+class BioTacSPDoS(RawFiles):
     r"""The BioTac SP DoS data set (`BioTacSP-DoS <https://github.com/yayaneath/BioTacSP-DoS>`_,
     Zapata-Impata, Gil and Torres, 2018): an object is moved on one BioTac SP in a direction, turned
     on it, or held still; about three seconds at 100 readings a second.
@@ -98,6 +98,9 @@ class BioTacSPDoS(StaticDataset):
         >>> Protocol("trial", folds=5, stratify="y").split(dataset)  # doctest: +SKIP
     """
 
+    _folder = "BioTacSPDoS"
+    _processed_name = "biotac_sp_dos_sets.pt"
+
     def __init__(
         self,
         root: PathLike | None = None,
@@ -108,13 +111,7 @@ class BioTacSPDoS(StaticDataset):
         force_reload: bool = False,
     ) -> None:
         self.layout = biotac_sp()
-        super().__init__(
-            default_root("BioTacSPDoS") if root is None else root,
-            transform,
-            pre_transform,
-            pre_filter,
-            force_reload,
-        )
+        super().__init__(root, transform, pre_transform, pre_filter, force_reload)
 
     @property
     def raw_dir(self) -> str:
@@ -131,35 +128,7 @@ class BioTacSPDoS(StaticDataset):
         folder = Path(self.raw_dir)
         return [s.path.relative_to(folder).as_posix() for s in _sequences(folder)]
 
-    @property
-    def processed_file_names(self) -> str:
-        r"""One file."""
-        return "biotac_sp_dos_sets.pt"
-
-    @property
-    def num_classes(self) -> int:
-        r"""The number of directions."""
-        return len(self.class_names)
-
-    @property
-    def trial_names(self) -> list[str]:
-        r"""The names of the files behind :obj:`trial`, with that of their direction in front."""
-        return list(self._names["trial"])
-
-    def raw_state(self) -> list[str]:
-        r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data._file_state.file_state`.
-        """
-        folder = Path(self.raw_dir)
-        return [f"{name}={file_state(folder / name)}" for name in self.raw_file_names]
-
-    def _process(self) -> None:
-        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
-        if not is_processed:
-            self._check_there()
-        super()._process()
-
-    def _check_there(self) -> None:
+    def _need_files(self) -> None:
         folder = Path(self.raw_dir)
         there = {sequence.direction for sequence in _sequences(folder)}
         missing = [name for name in _DIRECTIONS if name not in there]
@@ -205,7 +174,6 @@ def _folders(parent: Path) -> list[Path]:
 
 def _sequences(parent: Path) -> list[_Sequence]:
     found = []
-    seen: dict[tuple[str, str, int], Path] = {}
     for folder in _folders(parent):
         for path in sorted(folder.iterdir()):
             if path.suffix.lower() != ".csv" or path.name.startswith("."):
@@ -213,13 +181,9 @@ def _sequences(parent: Path) -> list[_Sequence]:
             name = _NAME.fullmatch(path.stem)
             if name is None:
                 raise ValueError(f"'{path}' must be named <object><number>.csv, as 'bottle0.csv'")
-            key = (folder.name.lower(), name["object"], int(name["number"]))
-            other = seen.setdefault(key, path)
-            if other is not path:
-                raise ValueError(
-                    f"sequence {key[2]} of '{key[1]}' must be in one file (got '{other}' and "
-                    f"'{path}')"
-                )
-            found.append(_Sequence(*key, path))
+            found.append(_Sequence(folder.name.lower(), name["object"], int(name["number"]), path))
+    check_one_file_each(
+        (s[:3], f"sequence {s.number} of '{s.object_name}'", f"'{s.path}'") for s in found
+    )
     order = [*_DIRECTIONS]
     return sorted(found, key=lambda s: (order.index(s.direction), s.object_name, s.number))

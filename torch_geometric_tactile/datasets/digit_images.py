@@ -1,6 +1,5 @@
 r"""Handwritten digits as images of pressure."""
 
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,10 +10,8 @@ from torch.nn.functional import interpolate, pad
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.data._file_state import file_state
-from torch_geometric_tactile.datasets._downloads import download_files, verify_file
 from torch_geometric_tactile.datasets._image_dataset import ImageDataset
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.datasets._raw_files import PublishedFiles
 from torch_geometric_tactile.io.idx_file import read_idx
 from torch_geometric_tactile.sensors import letter_array
 
@@ -37,7 +34,7 @@ _SHA256 = {
 }
 
 
-class DigitImages(ImageDataset):
+class DigitImages(PublishedFiles, ImageDataset):
     r"""Handwritten digits as images of 32 x 32 pixels on the array of
     :class:`~torch_geometric_tactile.datasets.LetterShape`: real data of the same shape for the same
     models. They are ink, not touch.
@@ -102,6 +99,8 @@ class DigitImages(ImageDataset):
     """
 
     url = "https://ossci-datasets.s3.amazonaws.com/mnist"
+    _processed_name = "mnist"
+    _sha256 = _SHA256
 
     def __init__(
         self,
@@ -124,7 +123,7 @@ class DigitImages(ImageDataset):
         if source == "sklearn" and root is not None:
             raise ValueError(f"'root' must be None with source='sklearn' (got '{root}')")
         if source == "mnist":
-            root = Path(default_root("DigitImages") if root is None else root).expanduser()
+            self._folder = "DigitImages"
         self.fold, self.split, self.folds, self.split_seed = fold, split, folds, split_seed
         self.source = source
         self._has_parts = source == "mnist"
@@ -148,26 +147,6 @@ class DigitImages(ImageDataset):
         r"""Whether there are files to download: not so for the digits of scikit-learn."""
         return self.source == "mnist"
 
-    @property
-    def raw_file_names(self) -> list[str]:
-        r"""The four files of MNIST."""
-        return list(_SHA256)
-
-    @property
-    def processed_file_names(self) -> str:
-        r"""One file for all folds and parts."""
-        return "mnist.pt" if self.checksum else "mnist_unverified.pt"
-
-    def download(self) -> None:
-        r"""Downloads the files that are missing, and verifies their checksums."""
-        download_files(self.url, Path(self.raw_dir), _SHA256, self.log)
-
-    def raw_state(self) -> list[str]:
-        r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data._file_state.file_state`.
-        """
-        return [f"{Path(path).name}={file_state(path)}" for path in self.raw_paths]
-
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all images."""
         names = {"class": list(_DIGITS), "group": [], "session": []}
@@ -176,9 +155,7 @@ class DigitImages(ImageDataset):
             images = torch.from_numpy(digits.images / 16).float().unsqueeze(1)
             large = interpolate(images, size=(_SIZE, _SIZE), mode="bilinear", align_corners=False)
             return self._of_images(large, digits.target), names
-        if self.checksum:
-            for path in self.raw_paths:
-                verify_file(Path(path), _SHA256[Path(path).name])
+        self._verify()
         parts = [self._part(*self.raw_paths[:2]), self._part(*self.raw_paths[2:])]
         images = torch.from_numpy(np.concatenate([images for images, _ in parts]))
         data = self._of_images(

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from torch_geometric_tactile._typing import Filter, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.datasets.biotac_sp import BioTacSP
 from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp
 
 _SESSIONS = ("palm_down", "palm_side", "palm_45")
@@ -79,14 +80,7 @@ class FakeTactileDataset(StaticDataset):
         self.seed = seed
         super().__init__(None, transform, pre_transform, pre_filter)
 
-    @property
-    def part(self) -> Tensor:
-        r"""The part of each sample of this selection :math:`(S,)`: 0 to train and 2 to test on, for
-        :class:`Protocol("given") <torch_geometric_tactile.data.Protocol>`.
-        """
-        session = self.column("session")
-        assert session is not None
-        return 2 * (session >= len(_SESSIONS)).long()
+    part = BioTacSP.part
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Generates the samples."""

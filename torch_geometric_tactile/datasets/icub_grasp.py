@@ -1,7 +1,6 @@
 r"""Real grasps with the hand of an iCub robot."""
 
 import re
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,9 +8,9 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
-from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.data._file_state import file_state
-from torch_geometric_tactile.datasets.root import default_root
+from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.datasets._raw_files import RawFiles
+from torch_geometric_tactile.datasets._trial import check_one_file_each
 from torch_geometric_tactile.io import read_icub_grasp_txt
 from torch_geometric_tactile.sensors import icub_hand
 
@@ -27,7 +26,7 @@ class _TrialFile(NamedTuple):
     path: Path
 
 
-class ICubGrasp(StaticDataset):
+class ICubGrasp(RawFiles):
     r"""The iCub Grasp data set of the "Online Spatio-Temporal Gaussian Process Experts with
     Application to Tactile Classification" paper (Soh, Su and Demiris, IROS 2012): real grasps with
     a hand of the iCub robot of ten everyday objects, and of none.
@@ -100,6 +99,7 @@ class ICubGrasp(StaticDataset):
     """
 
     selection_args = ("unreliable",)
+    _folder = "ICubGrasp"
 
     def __init__(
         self,
@@ -115,13 +115,7 @@ class ICubGrasp(StaticDataset):
         self.layout = icub_hand()
         self.unreliable = unreliable
         self.contact = contact
-        super().__init__(
-            default_root("ICubGrasp") if root is None else root,
-            transform,
-            pre_transform,
-            pre_filter,
-            force_reload,
-        )
+        super().__init__(root, transform, pre_transform, pre_filter, force_reload)
         if not unreliable and _UNRELIABLE in self._names["group"]:
             number = self._names["group"].index(_UNRELIABLE)
             kept = self._data.group != number
@@ -161,43 +155,19 @@ class ICubGrasp(StaticDataset):
         r"""The names of the objects; an unreliable one is the last."""
         return [name for name in super().group_names if self.unreliable or name != _UNRELIABLE]
 
-    @property
-    def num_classes(self) -> int:
-        r"""The number of objects."""
-        return len(self.class_names)
-
-    @property
-    def trial_names(self) -> list[str]:
-        r"""The names of the files behind :obj:`trial`, without their suffix."""
-        return list(self._names["trial"])
-
-    def raw_state(self) -> list[str]:
-        r"""Returns the raw files with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data._file_state.file_state`.
-        """
-        return [
-            f"{file.path.name}={file_state(file.path)}" for file in _trial_files(Path(self.raw_dir))
-        ]
-
-    def _process(self) -> None:
-        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
-        if not is_processed and not self.raw_file_names:
-            raise FileNotFoundError(
-                f"there are no trials in '{self.raw_dir}' or '{self.root}': put the files of the "
-                "iCub Grasp data set there, <object>_<number>.txt (its author gives them away on "
-                "http://www.haroldsoh.com)"
-            )
-        super()._process()
+    def _no_files(self) -> str:
+        return (
+            f"there are no trials in '{self.raw_dir}' or '{self.root}': put the files of the "
+            "iCub Grasp data set there, <object>_<number>.txt (its author gives them away on "
+            "http://www.haroldsoh.com)"
+        )
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all files."""
         files = _trial_files(Path(self.raw_dir))
-        for first, other in pairwise(files):
-            if first[:2] == other[:2]:
-                raise ValueError(
-                    f"trial {first.number} of '{first.object_name}' must be in one file (got "
-                    f"'{first.path}' and '{other.path}')"
-                )
+        check_one_file_each(
+            (f[:2], f"trial {f.number} of '{f.object_name}'", f"'{f.path}'") for f in files
+        )
         objects = sorted({file.object_name for file in files}, key=lambda n: (n == _UNRELIABLE, n))
         trials = [read_icub_grasp_txt(file.path) for file in files]
         num_frames = torch.tensor([len(trial.reading) for trial in trials])

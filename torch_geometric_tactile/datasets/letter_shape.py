@@ -14,7 +14,6 @@ from torch_geometric.transforms import Compose
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, apply_transform
-from torch_geometric_tactile.data._file_state import file_state
 from torch_geometric_tactile.datasets._image_dataset import ImageDataset, has_image
 from torch_geometric_tactile.datasets._letter_files import (
     LAYOUT,
@@ -134,7 +133,7 @@ class LetterShape(ImageDataset):
         torch.Size([1, 1, 32, 32])
     """
 
-    force_reload: bool
+    _folder = "LetterShape"
 
     def __init__(
         self,
@@ -162,7 +161,7 @@ class LetterShape(ImageDataset):
             raise ValueError(f"'copies' must be a whole number, at least 1 (got {copies})")
         if not 0 < full_scale < float("inf"):
             raise ValueError(f"'full_scale' must be a positive pressure (got {full_scale})")
-        root = Path(default_root("LetterShape") if root is None else root).expanduser()
+        root = Path(default_root(self._folder) if root is None else root).expanduser()
         self.fold, self.split, self.folds, self.split_seed = fold, split, folds, split_seed
         self.copies = copies
         self.full_scale = float(full_scale)
@@ -192,26 +191,23 @@ class LetterShape(ImageDataset):
         return f"letter_shape_{self.copies}.pt"
 
     def raw_state(self) -> list[str]:
-        r"""Returns the files of all letters with what their contents are known by, see
-        :func:`~torch_geometric_tactile.data._file_state.file_state`.
+        r"""Returns the folders of the letters, and their files with what their contents are known
+        by.
         """
-        folder = Path(self.raw_dir)
-        also = [name for name in (LAYOUT, SIMULATION) if (folder / name).is_file()]
-        files = [name for name in [*also, *self.raw_file_names] if (folder / name).is_file()]
-        listed = ", ".join(folders(folder))
-        states = [f"{name}={file_state(folder / name)}" for name in files]
-        return [_CONTENT, f"folders={listed}", *states]
+        listed = ", ".join(folders(Path(self.raw_dir)))
+        return [_CONTENT, f"folders={listed}", *super().raw_state()]
 
-    def _process(self) -> None:
-        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
-        if not folders(Path(self.raw_dir)) and not is_processed:
+    def _state_names(self) -> list[str]:
+        return [LAYOUT, SIMULATION, *self.raw_file_names]
+
+    def _need_files(self) -> None:
+        if not folders(Path(self.raw_dir)):
             raise FileNotFoundError(
                 f"there are no letters in '{self.raw_dir}': put a folder for each there, "
                 f"'{self.letters[0]}' to '{self.letters[-1]}', with CSV, npy, PNG or MAT files of "
                 "its presses. The original is not public; simulated presses are made by: tactile "
                 "simulate --objects letters"
             )
-        super()._process()
 
     def read(self) -> tuple[StaticData, dict[str, list[str]]]:
         r"""Reads all presses, and makes the copies."""

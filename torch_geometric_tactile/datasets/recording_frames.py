@@ -11,17 +11,14 @@ import numpy as np
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
-from torch_geometric_tactile.datasets._chosen_frames import check_choice
-from torch_geometric_tactile.datasets._frame_labels import frame_labels
-from torch_geometric_tactile.datasets._frame_reader import (
-    FrameReader,
-    opened_files,
-    opened_recordings,
-)
-from torch_geometric_tactile.datasets._object_labels import ObjectLabels
-from torch_geometric_tactile.datasets._selected_frames import PARTS
+from torch_geometric_tactile.datasets._frame_labels import ObjectLabels, frame_labels
+from torch_geometric_tactile.datasets._frame_reader import FrameReader
 from torch_geometric_tactile.datasets._trial import checked_pattern
-from torch_geometric_tactile.datasets._trial_folder import TrialFolder
+from torch_geometric_tactile.datasets._trial_frames import (
+    PARTS,
+    TrialFrames,
+    check_choice,
+)
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
@@ -44,7 +41,7 @@ _SELECTION_ARGS = (
 _logger = logging.getLogger(__name__)
 
 
-class RecordingFrames(TrialFolder):
+class RecordingFrames(TrialFrames):
     r"""The frames of a folder of recordings, or of recordings in memory, for any layout, any number
     of channels and any number of joints (or none). A sample is a frame.
 
@@ -140,6 +137,7 @@ class RecordingFrames(TrialFolder):
     _needs: tuple[str, ...] = ()  # "object" and "trial", if every recording must know them
     _labels = ObjectLabels()
     _other_target = "target='label' or target='property'"
+    _processed_name = "recording_frames.pt"
 
     def __init__(
         self,
@@ -210,11 +208,6 @@ class RecordingFrames(TrialFolder):
         return str(folder / own if self._is_filtered else folder)
 
     @property
-    def processed_file_names(self) -> str:
-        r"""One file for all splits, phases and strides."""
-        return "recording_frames.pt"
-
-    @property
     def _is_filtered(self) -> bool:
         return self.pre_transform is not None or self.pre_filter is not None
 
@@ -248,10 +241,10 @@ class RecordingFrames(TrialFolder):
             self.layout, self.pattern, tuple(needs), self.num_channels, self.num_joints, self.unit
         )
         if self._recordings is None:
-            files = opened_files(Path(self.raw_dir), self.raw_paths, self.read_trial)
-            x, trials = reader.read(files, Path(self.processed_dir))
+            x, trials = reader.read(self._opened(), Path(self.processed_dir))
         else:
-            x, trials = reader.read(opened_recordings(self._recordings), None)
+            given = ((f"recording {i}", str(i), r) for i, r in enumerate(self._recordings))
+            x, trials = reader.read(given, None)
         target = None if self.target in self._stored else self.target
         names, labels = frame_labels(trials, self._labels, target)
         for trial in reversed(trials):
@@ -281,11 +274,6 @@ class RecordingFrames(TrialFolder):
         if self.target == "object":
             return self.group_names
         return self.property_names if self.target == "property" else super().class_names
-
-    @property
-    def num_classes(self) -> int:
-        r"""The number of classes or labels, also where a split lacks one of them."""
-        return len(self.class_names)
 
 
 def _check_arguments(

@@ -5,7 +5,7 @@ import inspect
 import torch_geometric.transforms
 
 from torch_geometric_tactile import transforms
-from torch_geometric_tactile.data._pyg_transforms import IN_FILES
+from torch_geometric_tactile.data._transform_rules import IN_FILES
 from torch_geometric_tactile.nn import models
 
 

@@ -7,18 +7,17 @@ from torch_geometric_tactile.sensors.allegro import (
 )
 from torch_geometric_tactile.sensors.biotac import biotac, biotac_sp
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment
-from torch_geometric_tactile.sensors.grid import grid
-from torch_geometric_tactile.sensors.hexagonal import hexagonal
 from torch_geometric_tactile.sensors.icub import icub_fingertip, icub_hand
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.kinematics import HandKinematics, LinkPose, PosedTaxels
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.letter_array import letter_array
 from torch_geometric_tactile.sensors.patches import expand_patches
+from torch_geometric_tactile.sensors.planar_arrays import grid, hexagonal
 from torch_geometric_tactile.sensors.sector_edges import SectorEdges, layout_sectors, sector_edges
+from torch_geometric_tactile.sensors.select_taxels import select_taxels, thinned
 from torch_geometric_tactile.sensors.stock import as_layout, stock_layout, stock_names, stock_path
 from torch_geometric_tactile.sensors.taxel_clusters import TaxelClusters, taxel_clusters
-from torch_geometric_tactile.sensors.thinned import select_taxels, thinned
 
 __all__ = [
     "HandKinematics",

@@ -1,7 +1,7 @@
-r"""A layout as plain data: what its JSON file holds."""
+r"""The arguments of a layout from plain data: what its JSON file holds."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,12 +18,14 @@ from torch_geometric_tactile.sensors._content_checks import (
 )
 from torch_geometric_tactile.sensors.patches import expand_patches
 
-if TYPE_CHECKING:
-    from torch_geometric_tactile.sensors.layout import TaxelLayout
-
 _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 INDEX_KEYS = ("link", "patch", "digit")
 _TAXEL_KEYS = ("pos", "normal", "tangent", *INDEX_KEYS, "cell")
+_VALUES = {
+    "normal": (lambda value: are_numbers(value, 3), "three numbers"),
+    "tangent": (lambda value: _are_axes(value), "two axes of three numbers"),
+    "cell": (lambda value: are_whole(value, 2), "a row and a column"),
+}
 _KEYS = (
     "name",
     "source",
@@ -32,34 +34,6 @@ _KEYS = (
     "taxels",
     "adjacency",
 )
-
-
-def layout_to_content(layout: "TaxelLayout") -> dict[str, Any]:
-    r"""Returns a layout as numbers, texts, lists and dictionaries, in metres."""
-    taxels: list[dict[str, Any]] = [{"pos": pos} for pos in layout.pos.tolist()]
-    columns: dict[str, list[Any]] = {}
-    if layout.normal is not None:
-        columns["normal"] = layout.normal.tolist()
-    if layout.tangent is not None:
-        columns["tangent"] = layout.tangent.tolist()
-    for key in INDEX_KEYS:
-        names = getattr(layout, f"{key}_names")
-        columns[key] = [names[i] for i in getattr(layout, key).tolist()]
-    if layout.image_map is not None:
-        columns["cell"] = layout.image_map.tolist()
-    for key, values in columns.items():
-        for taxel, value in zip(taxels, values, strict=True):
-            taxel[key] = value
-    return {
-        "name": layout.name,
-        "source": layout.source,
-        "unit": "m",
-        "link_names": list(layout.link_names),
-        "patch_names": list(layout.patch_names),
-        "digit_names": list(layout.digit_names),
-        "taxels": taxels,
-        "adjacency": {name: edges.t().tolist() for name, edges in layout.adjacency.items()},
-    }
 
 
 def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,25 +121,20 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
                 f"taxel {i} must have a 'pos' of two or three numbers (got {short_repr(place)})"
             )
         only_keys(taxel, _TAXEL_KEYS, f"taxel {i}")
-        if "normal" in taxel and not are_numbers(taxel["normal"], 3):
-            raise ValueError(
-                f"'normal' of taxel {i} must be three numbers (got {short_repr(taxel['normal'])})"
-            )
-        tangent = taxel.get("tangent", ([0.0] * 3,) * 2)
-        is_pair = isinstance(tangent, list | tuple) and len(tangent) == 2
-        if not is_pair or not all(are_numbers(axis, 3) for axis in tangent):
-            raise ValueError(
-                f"'tangent' of taxel {i} must be two axes of three numbers (got "
-                f"{short_repr(tangent)})"
-            )
-        if "cell" in taxel and not are_whole(taxel["cell"], 2):
-            raise ValueError(
-                f"'cell' of taxel {i} must be a row and a column (got {short_repr(taxel['cell'])})"
-            )
+        for key, (is_right, what) in _VALUES.items():
+            if key in taxel and not is_right(taxel[key]):
+                raise ValueError(
+                    f"'{key}' of taxel {i} must be {what} (got {short_repr(taxel[key])})"
+                )
         dims.add(len(taxel["pos"]))
     if len(dims) > 1:
         raise ValueError("'pos' must have as many numbers at every taxel (got two and three)")
     return list(taxels)
+
+
+def _are_axes(value: Any) -> bool:
+    is_pair = isinstance(value, list | tuple) and len(value) == 2
+    return is_pair and all(are_numbers(axis, 3) for axis in value)
 
 
 def _column(taxels: list[Mapping[str, Any]], key: str) -> list[Any] | None:

@@ -1,33 +1,27 @@
 r"""The axes of taxels: given, or found from normals and places."""
 
-from typing import TYPE_CHECKING
-
 import torch
 from torch import Tensor
 from torch.nn.functional import normalize
-
-if TYPE_CHECKING:
-    from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _NEIGHBOURS = 8  # of a taxel, through which its plane is laid
 _CHUNK = 1 << 22  # distances between taxels at a time
 _PARALLEL = 1e-3  # sine of the angle below which directions are one
 
 
-def taxel_axes(layout: "TaxelLayout") -> Tensor:
-    r"""Returns the axes of each taxel; see :meth:`TaxelLayout.axes`.
+def taxel_axes(pos: Tensor, link: Tensor, normal: Tensor | None, tangent: Tensor | None) -> Tensor:
+    r"""Returns the axes of each taxel of a layout; see :meth:`TaxelLayout.axes`.
 
     Shapes:
         - **output:** the unit axes :math:`x`, :math:`y` and normal as rows, double
           :math:`(N, 3, 3)`
     """
-    tangent = layout.tangent
-    if layout.normal is not None:
-        normal = layout.normal.double()
+    if normal is not None:
+        normal = normal.double()
     elif tangent is not None:
         normal = torch.linalg.cross(tangent[:, 0], tangent[:, 1])
     else:
-        normal = _normals(layout)
+        normal = _normals(pos.double(), link)
     if tangent is None:
         tangent = _tangents(normal)
     return torch.cat([tangent, normal.unsqueeze(1)], dim=1)
@@ -42,12 +36,11 @@ def _tangents(normal: Tensor) -> Tensor:
     return torch.stack([x, torch.linalg.cross(unit, x)], dim=1)
 
 
-def _normals(layout: "TaxelLayout") -> Tensor:
-    assert layout.link is not None
-    out = torch.empty(layout.num_taxels, 3, dtype=torch.double)
-    for link in layout.link.unique():
-        taxels = (layout.link == link).nonzero().view(-1)
-        out[taxels] = _local_normals(layout.pos[taxels].double())
+def _normals(pos: Tensor, link: Tensor) -> Tensor:
+    out = torch.empty_like(pos)
+    for number in link.unique():
+        taxels = (link == number).nonzero().view(-1)
+        out[taxels] = _local_normals(pos[taxels])
     return out
 
 

@@ -2,7 +2,7 @@ r"""The forward kinematics of a hand."""
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -12,10 +12,10 @@ from torch import Tensor
 from torch_geometric_tactile._texts import read_json, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, only_keys
-from torch_geometric_tactile.sensors._joint_turns import link_tree
 from torch_geometric_tactile.sensors._pose_tables import (
     few_tables,
     link_tables,
+    link_tree,
     pose_few,
     pose_links,
     pose_tables,
@@ -32,6 +32,7 @@ _CHUNK = 4096  # frames worked on at a time: the intermediate results then fit i
 
 
 _Kept = tuple[TaxelLayout, tuple[torch.dtype, torch.device], Any]
+_Make = Callable[[Mapping[str, int]], Any]  # of the numbers of the links
 
 
 class LinkPose(NamedTuple):
@@ -103,11 +104,10 @@ class HandKinematics:
         tree = link_tree(self.joints)
         self.link_names = tree.names
         self._levels = tree_levels(tree, moving)
-        self._kept: dict[bool, _Kept] = {}
-        self._axes: _Kept | None = None
+        self._kept: dict[str, _Kept] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": {}, "_axes": None}  # caches are no part of a copy
+        return {**self.__dict__, "_kept": {}}  # a cache is no part of a copy
 
     @property
     def num_joints(self) -> int:
@@ -286,32 +286,30 @@ class HandKinematics:
         return used
 
     def _kept_tables(self, layout: TaxelLayout, like: Tensor, few: bool) -> Any:
-        # Kept, since a layout is frozen, and making them costs more than the pose of a frame.
-        kept = self._kept.get(few)
+        if few:
+            return self._kept_for(
+                "few", layout, like, lambda of: few_tables(self._levels, of, layout, like)
+            )
+        return self._kept_for("many", layout, like, lambda of: link_tables(of, layout, like))
+
+    def _kept_axes(self, layout: TaxelLayout, like: Tensor) -> Any:
+        # The link of each taxel, and its axes in this link's frame.
+        def made(numbers: Mapping[str, int]) -> tuple[Tensor, Tensor]:
+            assert layout.link is not None
+            with torch.inference_mode(False):  # or no gradient could pass through them later
+                links = torch.tensor([numbers.get(name, 0) for name in layout.link_names])
+                return links[layout.link].to(like.device), layout.axes(torch.double).to(like)
+
+        return self._kept_for("axes", layout, like, made)
+
+    def _kept_for(self, what: str, layout: TaxelLayout, like: Tensor, make: _Make) -> Any:
+        # Kept, since a layout is frozen, and making it costs more than the pose of a frame.
+        kept = self._kept.get(what)
         if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
             names = self.require_links(layout)
-            numbers = {name: self.link_names.index(name) for name in names}
-            made = (
-                few_tables(self._levels, numbers, layout, like)
-                if few
-                else link_tables(numbers, layout, like)
-            )
-            self._kept[few] = kept = (layout, (like.dtype, like.device), made)
+            made = make({name: self.link_names.index(name) for name in names})
+            self._kept[what] = kept = (layout, (like.dtype, like.device), made)
         return kept[2]
-
-    def _kept_axes(self, layout: TaxelLayout, like: Tensor) -> tuple[Tensor, Tensor]:
-        # The link of each taxel, and its axes in this link's frame.
-        kept = self._axes
-        if kept is None or kept[0] is not layout or kept[1] != (like.dtype, like.device):
-            self.require_links(layout)
-            assert layout.link is not None
-            number = {name: i for i, name in enumerate(self.link_names)}
-            with torch.inference_mode(False):  # or no gradient could pass through them later
-                links = torch.tensor([number.get(name, 0) for name in layout.link_names])
-                made = links[layout.link].to(like.device), layout.axes(torch.double).to(like)
-            self._axes = kept = (layout, (like.dtype, like.device), made)
-        links, axes = kept[2]
-        return links, axes
 
     def __repr__(self) -> str:
         return (

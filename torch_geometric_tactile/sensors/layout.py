@@ -13,11 +13,7 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, need_texts
-from torch_geometric_tactile.sensors._layout_content import (
-    INDEX_KEYS,
-    layout_arguments,
-    layout_to_content,
-)
+from torch_geometric_tactile.sensors._layout_content import INDEX_KEYS, layout_arguments
 from torch_geometric_tactile.sensors._layout_join import join_arguments
 from torch_geometric_tactile.sensors._taxel_axes import taxel_axes
 from torch_geometric_tactile.sensors.checks import check_edges, check_segment, is_whole_tensor
@@ -88,7 +84,11 @@ class TaxelLayout:
         for key, checked in _OPTIONAL.items():
             if getattr(self, key) is not None:
                 self._set(key, checked(self, getattr(self, key)))
-        self._set("adjacency", MappingProxyType(_checked_adjacency(self)))
+        adjacency = {
+            name: check_edges(edges, self.num_taxels, f"adjacency '{name}'")
+            for name, edges in self.adjacency.items()
+        }
+        self._set("adjacency", MappingProxyType(adjacency))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "adjacency": dict(self.adjacency)}  # proxies are not pickled
@@ -170,7 +170,8 @@ class TaxelLayout:
         Shapes:
             - **output:** the three as rows :math:`(N, 3, 3)`
         """
-        return taxel_axes(self).to(dtype)
+        assert self.link is not None
+        return taxel_axes(self.pos, self.link, self.normal, self.tangent).to(dtype)
 
     def matches(self, other: "TaxelLayout") -> bool:
         r"""Tells whether both layouts have the same taxels at the same places (to a nanometre).
@@ -184,7 +185,7 @@ class TaxelLayout:
 
     def to_dict(self) -> dict[str, Any]:
         r"""Returns the layout as numbers, strings, lists and dictionaries, in metres."""
-        return layout_to_content(self)
+        return _content(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
@@ -289,6 +290,26 @@ class TaxelLayout:
         )
 
 
+def _content(layout: TaxelLayout) -> dict[str, Any]:
+    columns = {"pos": layout.pos, "normal": layout.normal, "tangent": layout.tangent}
+    values = {key: value.tolist() for key, value in columns.items() if value is not None}
+    names = {f"{key}_names": list(getattr(layout, f"{key}_names")) for key in INDEX_KEYS}
+    for key in INDEX_KEYS:
+        values[key] = [names[f"{key}_names"][i] for i in getattr(layout, key).tolist()]
+    if layout.image_map is not None:
+        values["cell"] = layout.image_map.tolist()
+    return {
+        "name": layout.name,
+        "source": layout.source,
+        "unit": "m",
+        **names,
+        "taxels": [
+            dict(zip(values, taxel, strict=True)) for taxel in zip(*values.values(), strict=True)
+        ],
+        "adjacency": {name: edges.t().tolist() for name, edges in layout.adjacency.items()},
+    }
+
+
 def _checked_pos(pos: Tensor) -> Tensor:
     pos = torch.as_tensor(pos, dtype=torch.float)
     if pos.dim() != 2 or pos.size(0) == 0 or pos.size(1) not in (2, 3):
@@ -309,13 +330,17 @@ def _checked_normal(layout: TaxelLayout, normal: Tensor) -> Tensor:
         raise ValueError(
             f"'normal' must have shape {tuple(layout.pos.shape)} (got {tuple(normal.shape)})"
         )
-    length = normal.norm(dim=1)
+    _check_unit_vectors("normal", normal)
+    return normal
+
+
+def _check_unit_vectors(key: str, vectors: Tensor) -> None:
+    length = vectors.norm(dim=-1).view(-1)
     if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
         raise ValueError(
-            "'normal' must hold unit vectors (got a length of "
+            f"'{key}' must hold unit vectors (got a length of "
             f"{float(length[(length - 1).abs().argmax()]):.4g})"
         )
-    return normal
 
 
 def _checked_tangent(layout: TaxelLayout, tangent: Tensor) -> Tensor:
@@ -324,12 +349,7 @@ def _checked_tangent(layout: TaxelLayout, tangent: Tensor) -> Tensor:
         raise ValueError(
             f"'tangent' must have shape ({layout.num_taxels}, 2, 3) (got {tuple(tangent.shape)})"
         )
-    length = tangent.norm(dim=2)
-    if not torch.allclose(length, torch.ones_like(length), atol=1e-3):
-        raise ValueError(
-            "'tangent' must hold unit vectors (got a length of "
-            f"{float(length.view(-1)[(length - 1).abs().argmax()]):.4g})"
-        )
+    _check_unit_vectors("tangent", tangent)
     axes = tangent if layout.normal is None else torch.cat([tangent, layout.normal[:, None]], dim=1)
     cosine = (axes @ axes.mT).triu(diagonal=1).abs().amax()
     if cosine > 1e-3:
@@ -351,13 +371,6 @@ def _checked_index(layout: TaxelLayout, key: str) -> Tensor:
             f"(got {int(value.min())} to {int(value.max())})"
         )
     return value
-
-
-def _checked_adjacency(layout: TaxelLayout) -> dict[str, Tensor]:
-    return {
-        name: check_edges(edges, layout.num_taxels, f"adjacency '{name}'")
-        for name, edges in layout.adjacency.items()
-    }
 
 
 def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:

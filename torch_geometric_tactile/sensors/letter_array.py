@@ -2,8 +2,8 @@ r"""The pressure array that letters are pressed on."""
 
 from dataclasses import replace
 
-from torch_geometric_tactile.sensors.grid import grid
 from torch_geometric_tactile.sensors.layout import TaxelLayout
+from torch_geometric_tactile.sensors.planar_arrays import grid
 
 
 def letter_array() -> TaxelLayout:

@@ -49,6 +49,12 @@ def require_x(transform: object, data: Data) -> Tensor:
     return x
 
 
+def require_floats(transform: object, data: Data) -> Tensor:
+    r"""Returns the readings in floating point; counts may be integers."""
+    x = require_x(transform, data)
+    return x if x.is_floating_point() else x.float()
+
+
 def check_num_taxels(data: Data, num_taxels: int, model: str) -> None:
     r"""Checks that each sample has as many taxels as something else."""
     x = getattr(data, "x", None)

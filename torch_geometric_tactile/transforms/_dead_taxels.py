@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
-from torch_geometric_tactile.transforms._attributes import add_mark, require_x
+from torch_geometric_tactile.transforms._attributes import add_mark, require_floats
 from torch_geometric_tactile.transforms._random import check_probability, uniform
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
@@ -14,15 +14,8 @@ _P = 0.1
 
 
 class DeadTaxels(TactileTransform):
-    r"""Sets the readings of some taxels to a value and marks them as :obj:`dropped`.
-
-    Args:
-        p (float, optional): Probability to drop each.
-        chosen (object, optional): What is dropped always, in place of :obj:`p`. If both are left
-            out, :obj:`p` is 0.1.
-        chosen_name (str): The name of the argument :obj:`chosen`, for messages.
-        value (float): The reading of a dead taxel.
-        generator (torch.Generator, optional): The source of random numbers.
+    r"""Sets the readings of some taxels, drawn or :obj:`chosen`, to a value and marks them as
+    :obj:`dropped`.
     """
 
     reads = writes = ("x", "dropped")
@@ -50,13 +43,8 @@ class DeadTaxels(TactileTransform):
     def draw(self, count: int, x: Tensor) -> Tensor:
         r"""Returns which of some things are dropped, each with the probability :obj:`p`.
 
-        Args:
-            count (int): Their number.
-            x (torch.Tensor): The readings, for the device.
-
         Shapes:
-            - **output:** booleans :math:`(count,)`, the same for one seed however samples are
-              arranged
+            - **output:** booleans :math:`(count,)`
         """
         assert self.p is not None
         return uniform(count, x, self.generator) < self.p
@@ -64,20 +52,16 @@ class DeadTaxels(TactileTransform):
     def dead(self, data: Data, x: Tensor) -> Tensor:
         r"""Returns which taxels are dropped.
 
-        Args:
-            data (torch_geometric.data.Data): The data.
-            x (torch.Tensor): Its readings :math:`(N, F)` or :math:`(B, N, F)`.
-
         Shapes:
+            - **x:** Readings :math:`(N, F)` or :math:`(B, N, F)`.
             - **output:** booleans :math:`(N,)` or :math:`(B, N)`
         """
         raise NotImplementedError
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x` and :obj:`dropped`."""
-        x = require_x(self, data)
+        x = require_floats(self, data)
         dead = self.dead(data, x)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
         data.x = x.masked_fill(dead.unsqueeze(-1), self.value)
         add_mark(data, "dropped", dead)
         return data

@@ -36,6 +36,31 @@ def segment_numbers(
     return numbers.unique(return_inverse=True)[1]
 
 
+def samples_of_rows(data: Data, x: Tensor) -> tuple[Tensor, int]:
+    r"""Returns the sample of each row of readings, and the number of samples.
+
+    Shapes:
+        - **x:** The readings :math:`(N, F)` or :math:`(B, N, F)`.
+    """
+    if isinstance(data, Batch):
+        return data.batch, data.num_graphs
+    num_samples = x.shape[:-2].numel()
+    return torch.arange(num_samples, device=x.device).repeat_interleave(x.size(-2)), num_samples
+
+
+def segment_means(rows: Tensor, segment: Tensor, count: int) -> Tensor:
+    r"""Returns the mean of each segment without missing readings, zero where there is none.
+
+    Shapes:
+        - **rows:** The readings, in double :math:`(R, F)`.
+        - **output:** :math:`(count, F)`
+    """
+    valid, shape = ~rows.isnan(), (count, rows.size(1))
+    total = rows.new_zeros(shape).index_add_(0, segment, torch.where(valid, rows, 0.0))
+    num_valid = rows.new_zeros(shape).index_add_(0, segment, valid.double())
+    return total / num_valid.clamp(min=1)
+
+
 class Segments:
     r"""The segments that a transform works on: some of each sample, or each sample whole."""
 
@@ -66,11 +91,7 @@ class Segments:
         Shapes:
             - **x:** Their readings :math:`(N, F)` or :math:`(B, N, F)`.
         """
-        if isinstance(data, Batch):
-            sample, num_samples = data.batch, data.num_graphs
-        else:
-            num_samples = x.shape[:-2].numel()
-            sample = torch.arange(num_samples, device=x.device).repeat_interleave(x.size(-2))
+        sample, num_samples = samples_of_rows(data, x)
         if self.segment is None:
             return sample, num_samples
         check_num_taxels(data, len(self.segment), "its segments have")

@@ -76,6 +76,3 @@ class AbsoluteMorphology(TactileTransform):
         parts = [x.expand(*lead, -1), absolute.to(x.dtype).expand(*lead, -1)]
         data.x = torch.cat(parts, dim=-1)
         return data
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(origin={self.origin}, cat={self.cat})"

@@ -11,20 +11,17 @@ from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import FRAMES, require
-from torch_geometric_tactile.transforms._moments import (
-    center_and_scale,
-    check_size,
-    mean_and_deviation,
-)
-from torch_geometric_tactile.transforms._sample_tables import (
+from torch_geometric_tactile.transforms._samples import AnySamples, Samples
+from torch_geometric_tactile.transforms._scaling import (
     KeptTables,
     by_sample,
+    center_and_scale,
+    check_size,
     expand_shared,
-    num_frames_of,
+    mean_and_deviation,
     tables_like,
 )
-from torch_geometric_tactile.transforms._samples import AnySamples, Samples
-from torch_geometric_tactile.transforms._windows import repeated
+from torch_geometric_tactile.transforms._windows import repeated, require_num_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _CHUNK = 8192  # samples read at a time, at most
@@ -266,7 +263,7 @@ class FittedTransform(TactileTransform):
             raise RuntimeError(f"{type(self).__name__} must be fitted before it is applied")
         x = require(self, data, self.attr)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
-        frames = num_frames_of(self, data)
+        frames = require_num_frames(self, data) if self.per == "signal" else None
         size = self.center.shape[1:]  # of one sample
         if frames is not None:
             size = torch.Size((*size[:-1], frames * size[-1]))

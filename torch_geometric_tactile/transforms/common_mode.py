@@ -3,7 +3,6 @@ r"""Readings relative to those of their neighbours in the same moment."""
 from collections.abc import Sequence
 from typing import Any
 
-import torch
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
@@ -11,7 +10,7 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import require_x
-from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms._segments import Segments, segment_means
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
@@ -51,6 +50,7 @@ class CommonMode(TactileTransform):
             a sample has another number of taxels or no readings.
 
     Examples:
+        >>> import torch
         >>> x = torch.tensor([[11.0], [13.0], [50.0]])
         >>> CommonMode([0, 0, 1])(Data(x=x)).x.view(-1)
         tensor([-1.,  1.,  0.])
@@ -75,11 +75,7 @@ class CommonMode(TactileTransform):
         x = require_x(self, data)
         rows = x.reshape(-1, x.size(-1)).double()  # sums of counts are exact, in any order
         segment, count = self._segments.of_rows(data, x)
-        valid = ~rows.isnan()
-        shape = count, rows.size(1)
-        total = rows.new_zeros(shape).index_add_(0, segment, torch.where(valid, rows, 0.0))
-        num_valid = rows.new_zeros(shape).index_add_(0, segment, valid.double())
-        mean = total / num_valid.clamp(min=1)
+        mean = segment_means(rows, segment, count)
         x = x if x.is_floating_point() else x.float()  # counts may be integers
         data.x = (rows - mean[segment]).to(x).reshape(x.shape)
         return data

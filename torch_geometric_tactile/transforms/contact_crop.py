@@ -184,12 +184,6 @@ class ContactCrop(TactileTransform):
             f"{self!r} cannot be exported: the length of its windows depends on the readings"
         )
 
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}(rest={self.rest}, k={self.k}, floor={self.floor}, "
-            f"sustain={self.sustain}, before={self.before}, missing='{self.missing}')"
-        )
-
 
 def _median(values: Tensor) -> Tensor:
     # Over the last dimension, without what is missing; of two in the middle their mean.

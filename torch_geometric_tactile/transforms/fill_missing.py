@@ -58,6 +58,3 @@ class FillMissing(TactileTransform):
         padding = padded_frames(self, data)
         add_mark(data, "missing", (nan if padding is None else nan & ~padding).any(dim=-1))
         return data
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(value={self.value})"

@@ -100,8 +100,3 @@ class GeometricEdgeAttr(TactileTransform):
         else:
             unit = length.amax(dim=-2, keepdim=True)
         return torch.where(unit > 0, unit, 1.0)  # loops only
-
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}(norm={self.norm}, max_value={self.max_value}, cat={self.cat})"
-        )

@@ -90,6 +90,3 @@ class KNNGraph(TactileTransform):
             edge_index = torch.cat([edge_index, edge_index.flip(0)], dim=1)
         out: Tensor = coalesce(edge_index, num_nodes=num_taxels)
         return out
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(k={self.k}, symmetric={self.symmetric})"

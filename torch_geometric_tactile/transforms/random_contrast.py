@@ -7,14 +7,12 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._attributes import require_x
-from torch_geometric_tactile.transforms._random import uniform
-from torch_geometric_tactile.transforms._segments import Segments
-from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
+from torch_geometric_tactile.transforms._random import RandomTransform, uniform
+from torch_geometric_tactile.transforms._segments import samples_of_rows, segment_means
 
 
 @functional_transform("random_contrast")
-class RandomContrast(TactileTransform):
+class RandomContrast(RandomTransform):
     r"""Stretches the grey values of each sample about a centre by a random factor (functional name:
     :obj:`random_contrast`), as an augmentation: a :obj:`train_transform`.
 
@@ -47,10 +45,6 @@ class RandomContrast(TactileTransform):
         tensor([0.0000, 0.2500, 0.7500])
     """
 
-    reads = writes = ("x",)
-    per_frame = False  # one number for all frames
-    is_random = True
-
     def __init__(
         self,
         low: float = 1.0,
@@ -68,27 +62,14 @@ class RandomContrast(TactileTransform):
         self.high = float(high)
         self.center = None if center is None else float(center)
         self.generator = generator
-        self._samples = Segments(None, None)
 
-    def forward(self, data: Data) -> Data:
+    def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Stretches the readings."""
-        x = require_x(self, data)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
-        sample, count = self._samples.of_rows(data, x)
+        sample, count = samples_of_rows(data, x)
         factor = self.low + (self.high - self.low) * uniform(count, x, self.generator)
         rows = x.reshape(-1, x.size(-1))
-        center = self._means(rows, sample, count)[sample] if self.center is None else self.center
+        center: Tensor | float | None = self.center
+        if center is None:
+            center = segment_means(rows.double(), sample, count)[sample]
         stretched = center + factor.to(x)[sample].unsqueeze(1) * (rows - center)
-        data.x = stretched.to(x).clamp(0, 1).reshape(x.shape)
-        return data
-
-    def _means(self, rows: Tensor, sample: Tensor, count: int) -> Tensor:
-        rows = rows.double()
-        valid = ~rows.isnan()
-        shape = count, rows.size(1)
-        total = rows.new_zeros(shape).index_add_(0, sample, torch.where(valid, rows, 0.0))
-        num_valid = rows.new_zeros(shape).index_add_(0, sample, valid.double())
-        return total / num_valid.clamp(min=1)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(low={self.low}, high={self.high}, center={self.center})"
+        return stretched.to(x).clamp(0, 1).reshape(x.shape)

@@ -3,7 +3,7 @@ r"""Gains of fingers."""
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._segment_draws import SegmentDraws
+from torch_geometric_tactile.transforms._random import SegmentDraws
 
 
 @functional_transform("random_gain")
@@ -47,6 +47,6 @@ class RandomGain(SegmentDraws):
         tensor([1., 1.])
     """
 
-    def changed(self, x: Tensor, segment: Tensor, drawn: Tensor) -> Tensor:
+    def combined(self, x: Tensor, segment: Tensor, drawn: Tensor) -> Tensor:
         r"""Multiplies by the gains."""
         return x * drawn.exp()[segment].view(x.shape).to(x)

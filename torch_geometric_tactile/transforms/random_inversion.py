@@ -3,17 +3,16 @@ r"""Inverted grey images."""
 import math
 
 import torch
+from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._attributes import require_x
-from torch_geometric_tactile.transforms._random import check_probability, uniform
-from torch_geometric_tactile.transforms._segments import Segments
-from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
+from torch_geometric_tactile.transforms._random import RandomTransform, check_probability, uniform
+from torch_geometric_tactile.transforms._segments import samples_of_rows
 
 
 @functional_transform("random_inversion")
-class RandomInversion(TactileTransform):
+class RandomInversion(RandomTransform):
     r"""Inverts the grey values of some samples (functional name: :obj:`random_inversion`), as an
     augmentation: a :obj:`train_transform`. Black becomes white.
 
@@ -46,10 +45,6 @@ class RandomInversion(TactileTransform):
         tensor([1.0000, 0.7500])
     """
 
-    reads = writes = ("x",)
-    per_frame = False  # all frames or none
-    is_random = True
-
     def __init__(
         self,
         p: float = 0.5,
@@ -63,17 +58,10 @@ class RandomInversion(TactileTransform):
         self.low = float(low)
         self.high = float(high)
         self.generator = generator
-        self._samples = Segments(None, None)
 
-    def forward(self, data: Data) -> Data:
+    def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Inverts the readings."""
-        x = require_x(self, data)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
-        sample, count = self._samples.of_rows(data, x)
+        sample, count = samples_of_rows(data, x)
         chosen = (uniform(count, x, self.generator) < self.p)[sample]
         inverted = self.low + self.high - x
-        data.x = torch.where(chosen.view(*x.shape[:-1], 1), inverted, x)
-        return data
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(p={self.p}, low={self.low}, high={self.high})"
+        return torch.where(chosen.view(*x.shape[:-1], 1), inverted, x)

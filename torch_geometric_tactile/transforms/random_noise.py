@@ -1,16 +1,15 @@
 r"""Noise on the readings."""
 
 import torch
+from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._attributes import require_x
-from torch_geometric_tactile.transforms._random import check_deviation, normal
-from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
+from torch_geometric_tactile.transforms._random import RandomTransform, check_deviation, normal
 
 
 @functional_transform("random_noise")
-class RandomNoise(TactileTransform):
+class RandomNoise(RandomTransform):
     r"""Adds normal noise to each reading separately (functional name: :obj:`random_noise`), as an
     augmentation: a :obj:`train_transform`.
 
@@ -33,21 +32,13 @@ class RandomNoise(TactileTransform):
         tensor([1., 1.])
     """
 
-    reads = writes = ("x",)
     per_frame = True
-    is_random = True
 
     def __init__(self, std: float = 0.1, generator: torch.Generator | None = None) -> None:
         self.std = check_deviation(std)
         self.generator = generator
 
-    def forward(self, data: Data) -> Data:
+    def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Adds the noise."""
-        x = require_x(self, data)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
         noise = normal(x.numel(), x, self.generator).view(x.shape)
-        data.x = x + self.std * noise.to(x)
-        return data
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}(std={self.std})"
+        return x + self.std * noise.to(x)

@@ -7,16 +7,15 @@ from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms._attributes import check_num_taxels, require_x
+from torch_geometric_tactile.transforms._attributes import check_num_taxels
 from torch_geometric_tactile.transforms._image_map import require_map, taxels_at
-from torch_geometric_tactile.transforms._random import check_whole, uniform
-from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
+from torch_geometric_tactile.transforms._random import RandomTransform, check_whole, uniform
 
 _MOST_STEPS = 100
 
 
 @functional_transform("random_shift")
-class RandomShift(TactileTransform):
+class RandomShift(RandomTransform):
     r"""Shifts the image of the taxels of each sample by a random number of cells (functional name:
     :obj:`random_shift`), as an augmentation: a :obj:`train_transform`. Each taxel takes the reading
     of the taxel that many rows and columns away on the image map of the layout.
@@ -50,10 +49,6 @@ class RandomShift(TactileTransform):
         tensor([1., 2., 3.])
     """
 
-    reads = writes = ("x",)
-    per_frame = False  # one shift for all frames
-    is_random = True
-
     def __init__(
         self,
         layout: TaxelLayout | PathLike,
@@ -68,12 +63,10 @@ class RandomShift(TactileTransform):
         self.value = float(value)
         self.generator = generator
 
-    def forward(self, data: Data) -> Data:
+    def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Shifts the readings."""
-        x = require_x(self, data)
         num_taxels = self.layout.num_taxels
         check_num_taxels(data, num_taxels, f"layout '{self.layout.name}'")
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
         rows = x.reshape(-1, num_taxels, x.size(-1))
         counts = torch.tensor([2 * self.rows + 1, 2 * self.columns + 1])
         drawn = uniform(2 * len(rows), x, self.generator).cpu().view(-1, 2)
@@ -81,16 +74,9 @@ class RandomShift(TactileTransform):
         kinds, number = steps.unique(dim=0, return_inverse=True)
         source = self._sources(kinds).to(x.device)[number.to(x.device)].unsqueeze(-1)
         moved = rows.gather(1, source.clamp(min=0).expand_as(rows))
-        data.x = moved.masked_fill(source < 0, self.value).reshape(x.shape)
-        return data
+        return moved.masked_fill(source < 0, self.value).reshape(x.shape)
 
     def _sources(self, steps: Tensor) -> Tensor:
         # The taxel whose reading each one takes, for each of some steps; -1 where there is none.
         cells = self._map - steps.unsqueeze(1)
         return taxels_at(self._map, cells.view(-1, 2)).view(len(steps), len(self._map))
-
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}('{self.layout.name}', rows={self.rows}, "
-            f"columns={self.columns}, value={self.value})"
-        )

@@ -5,17 +5,16 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._attributes import FRAMES, require_x
-from torch_geometric_tactile.transforms._random import check_whole, uniform
-from torch_geometric_tactile.transforms._segments import Segments
+from torch_geometric_tactile.transforms._attributes import FRAMES
+from torch_geometric_tactile.transforms._random import RandomTransform, check_whole, uniform
+from torch_geometric_tactile.transforms._segments import samples_of_rows
 from torch_geometric_tactile.transforms._windows import given_num_frames, refuse_ragged
-from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 _MOST_STEPS = 100_000
 
 
 @functional_transform("random_time_shift")
-class RandomTimeShift(TactileTransform):
+class RandomTimeShift(RandomTransform):
     r"""Shifts each sample in time by a random number of frames, the same for all taxels (functional
     name: :obj:`random_time_shift`), as an augmentation: a :obj:`train_transform`. The first or last
     frame is repeated to fill the gap.
@@ -48,9 +47,7 @@ class RandomTimeShift(TactileTransform):
         RandomTimeShift(steps=1, num_frames=2)
     """
 
-    reads, writes = ("x", *FRAMES), ("x",)
-    per_frame = False
-    is_random = True
+    reads = ("x", *FRAMES)
 
     def __init__(
         self,
@@ -64,24 +61,22 @@ class RandomTimeShift(TactileTransform):
         self.num_frames = num_frames
         self.generator = generator
 
-    def forward(self, data: Data) -> Data:
+    def changed(self, data: Data, x: Tensor) -> Tensor:
         r"""Shifts the readings."""
-        x = require_x(self, data)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
         frames = self._frames(data, x)
         if frames and x.size(-1) % frames:
             raise ValueError(
                 f"'x' must have a multiple of {frames} features, the frames (got {x.size(-1)})"
             )
-        sample, count = Segments(None, None).of_rows(data, x)
+        sample, count = samples_of_rows(data, x)
         drawn = uniform(count, x, self.generator)
         steps = (drawn * (2 * self.steps + 1)).long().clamp(max=2 * self.steps) - self.steps
-        if x.numel() > 0:
-            source = torch.arange(frames, device=x.device) - steps[sample].unsqueeze(1)
-            rows = x.reshape(len(sample), -1, frames)
-            source = source.clamp(0, frames - 1).unsqueeze(1).expand_as(rows)
-            data.x = rows.gather(2, source).reshape(x.shape)
-        return data
+        if x.numel() == 0:
+            return x
+        source = torch.arange(frames, device=x.device) - steps[sample].unsqueeze(1)
+        rows = x.reshape(len(sample), -1, frames)
+        source = source.clamp(0, frames - 1).unsqueeze(1).expand_as(rows)
+        return rows.gather(2, source).reshape(x.shape)
 
     def _frames(self, data: Data, x: Tensor) -> int:
         refuse_ragged(self, data)

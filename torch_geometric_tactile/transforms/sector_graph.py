@@ -80,9 +80,3 @@ class SectorGraph(TactileTransform):
         data.edge_index = edges.to(like.device)
         data.edge_sector = sector.repeat(number).to(like.device)
         return data
-
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}('{self.layout.name}', num_sectors={self.num_sectors}, "
-            f"radius={self.radius}, within={self.within!r})"
-        )

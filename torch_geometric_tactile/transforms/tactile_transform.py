@@ -1,11 +1,13 @@
 r"""What a transform says about itself."""
 
 from collections.abc import Callable, Set
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.sensors import TaxelLayout
 
 _DECLARED = ("reads", "writes", "per_frame")
 
@@ -81,3 +83,13 @@ class TactileTransform(BaseTransform):
             NotImplementedError: If there is no such graph.
         """
         return self
+
+    def __repr__(self) -> str:
+        shown = []
+        for name in signature(type(self)).parameters:
+            value = getattr(self, name, None)
+            if isinstance(value, TaxelLayout):
+                shown.append(repr(value.name))
+            elif name != "generator" and hasattr(self, name):
+                shown.append(f"{name}={value!r}")
+        return f"{type(self).__name__}({', '.join(shown)})"

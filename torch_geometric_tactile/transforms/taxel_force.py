@@ -5,7 +5,7 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.transforms._attributes import require, require_x
+from torch_geometric_tactile.transforms._attributes import require, require_floats
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
 
@@ -63,9 +63,8 @@ class TaxelForce(TactileTransform):
 
     def forward(self, data: Data) -> Data:
         r"""Sets the forces."""
-        x = require_x(self, data)
+        x = require_floats(self, data)
         tangent, normal = self._axes(data, x)
-        x = x if x.is_floating_point() else x.float()  # counts may be integers
         if isinstance(data, StaticData) and self.out != "x":
             data = data.declare(node=[self.out])
         along_x, along_y = tangent.to(x).unbind(dim=-2)

@@ -6,7 +6,7 @@ from typing import Literal
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
-from torch_geometric_tactile.transforms._moments import mean_and_deviation
+from torch_geometric_tactile.transforms._scaling import mean_and_deviation
 from torch_geometric_tactile.transforms.base import FittedTransform
 
 

@@ -2,9 +2,32 @@ import os
 
 import pytest
 
-from torch_geometric_tactile.data._file_state import file_state
+from torch_geometric_tactile.datasets import (
+    AllegroUSkin,
+    BiGS,
+    BioTacSPDoS,
+    ICubGrasp,
+    LetterShape,
+)
+from torch_geometric_tactile.datasets._raw_files import file_state
 
 KIB = 1024
+NEXT_STEPS = {
+    AllegroUSkin: r"no trials in '.*raw' or .* simulate some: tactile simulate --out",
+    BiGS: r"no grasps in '.*raw' or .* with: tactile convert bigs IN",
+    BioTacSPDoS: r"raw' must have files .* put the folder 'csvs' of https",
+    ICubGrasp: r"no trials in '.*raw' or .*haroldsoh\.com",
+    LetterShape: r"no letters in .*simulate --objects letters",
+}
+
+
+@pytest.mark.parametrize("kind", NEXT_STEPS)
+def test_without_files_the_default_folder_and_the_next_step_are_named(kind, monkeypatch, tmp_path):
+    monkeypatch.setenv("TACTILE_DATA", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match=NEXT_STEPS[kind]) as error:
+        kind()
+    assert str(tmp_path / kind.__name__) in str(error.value)
+    assert not list(tmp_path.iterdir())
 
 
 def changed(path, edit, time=None):

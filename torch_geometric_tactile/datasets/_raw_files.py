@@ -1,0 +1,156 @@
+r"""Data sets of files: where they are, where they come from, and whether they have changed."""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import pooch
+import requests
+
+from torch_geometric_tactile._files import atomic_path, file_sha256
+from torch_geometric_tactile._typing import Filter, PathLike, Transform
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.datasets.root import default_root
+
+_END = 1 << 16  # bytes of a file that are read at each end
+
+
+class RawFiles(StaticDataset):
+    r"""A data set that is read from files. A subclass names them in :obj:`raw_file_names`, its
+    default folder and its processed file in two attributes, and says what to do without files.
+    """
+
+    force_reload: bool
+    _folder: str | None = None  # of the data set, where no root is given
+    _processed_name: str
+
+    def __init__(
+        self,
+        root: PathLike | None,
+        transform: Transform | None,
+        pre_transform: Transform | None,
+        pre_filter: Filter | None,
+        force_reload: bool,
+    ) -> None:
+        if root is None and self._folder is not None:
+            root = default_root(self._folder)
+        super().__init__(root, transform, pre_transform, pre_filter, force_reload)
+
+    @property
+    def raw_paths(self) -> list[str]:
+        r"""The paths of the raw files."""
+        folder = Path(self.raw_dir)  # looked up once for all
+        return [str(folder / name) for name in self.raw_file_names]
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for all selections."""
+        return self._processed_name
+
+    def raw_state(self) -> list[str]:
+        r"""Returns the raw files with what their contents are known by: their sizes, hashes of
+        their ends and, of long ones, the times of their last changes.
+        """
+        folder = Path(self.raw_dir)
+        files = [name for name in self._state_names() if (folder / name).is_file()]
+        return [f"{name}={file_state(folder / name)}" for name in files]
+
+    def _state_names(self) -> list[str]:
+        return list(self.raw_file_names)
+
+    def _process(self) -> None:
+        is_processed = Path(self.processed_paths[0]).is_file() and not self.force_reload
+        if not is_processed:
+            self._need_files()
+        super()._process()
+
+    def _need_files(self) -> None:
+        # Checks that there is something to process.
+        if not self.raw_file_names:
+            raise FileNotFoundError(self._no_files())
+
+    def _no_files(self) -> str:
+        raise NotImplementedError
+
+    @property
+    def num_classes(self) -> int:
+        r"""The number of classes or labels, also where a selection lacks one of them."""
+        return len(self.class_names)
+
+    @property
+    def trial_names(self) -> list[str]:
+        r"""The names of the files behind :obj:`trial`, without their suffix; empty if a file holds
+        many trials.
+        """
+        return list(self._names.get("trial", ()))
+
+
+class PublishedFiles(RawFiles):
+    r"""A data set of files that are downloaded, and known by their checksums. A subclass sets
+    :obj:`checksum`.
+    """
+
+    url: str
+    checksum: bool
+    _sha256: Mapping[str, str]
+
+    @property
+    def raw_file_names(self) -> list[str]:
+        r"""The published files."""
+        return list(self._sha256)
+
+    @property
+    def processed_file_names(self) -> str:
+        r"""One file for all selections, and another one without :obj:`checksum`."""
+        return f"{self._processed_name}{'' if self.checksum else '_unverified'}.pt"
+
+    def download(self) -> None:
+        r"""Downloads the files that are missing, and verifies their checksums."""
+        get = pooch.HTTPDownloader(progressbar=self.log, timeout=20)
+        folder = Path(self.raw_dir)
+        for name, published in self._sha256.items():
+            if (folder / name).is_file():
+                continue
+            try:
+                with atomic_path(folder / name) as temporary:
+                    get(f"{self.url}/{name}", str(temporary), None)
+                    found = file_sha256(temporary)
+                    if found != published:
+                        raise ValueError(
+                            f"the hash of downloaded file '{name}' must be {published} (got "
+                            f"{found}); put the file into '{folder}' by hand"
+                        )
+            except requests.RequestException as error:
+                raise ConnectionError(
+                    f"'{name}' is not in '{folder}' and could not be downloaded from "
+                    f"'{self.url}'; put the file there by hand ({error})"
+                ) from error
+
+    def _verify(self) -> None:
+        # Compares the files with the checksums of the published ones, if that is wanted.
+        for path in self.raw_paths if self.checksum else ():
+            published, found = self._sha256[Path(path).name], file_sha256(path)
+            if found != published:
+                raise ValueError(
+                    f"'{path}' must have the SHA-256 checksum {published} (got {found}); "
+                    "delete it to download it again, or pass 'checksum=False' to read it as it is"
+                )
+
+
+def file_state(path: PathLike) -> str:
+    r"""Returns a text that changes with a file: its size, a hash of its first and last 64 KiB and,
+    where that is not all of it, the time of its last change. It takes no time that depends on the
+    size of the file.
+
+    A short file that was copied or touched stays the same; a long one counts as changed, since only
+    its time can tell of its middle.
+    """
+    with Path(path).open("rb") as file:
+        stat = os.fstat(file.fileno())
+        code = hashlib.blake2b(file.read(_END), digest_size=16)
+        if stat.st_size > _END:
+            file.seek(max(_END, stat.st_size - _END))
+            code.update(file.read(_END))
+    time = f",{stat.st_mtime_ns}" if stat.st_size > 2 * _END else ""
+    return f"{stat.st_size},{code.hexdigest()}{time}"
