@@ -13,7 +13,7 @@ import yaml
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Trials
-from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan

@@ -72,7 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.commands._progress import progress
-    from torch_geometric_tactile.experiments._run import run_experiment
+    from torch_geometric_tactile.experiments._run_experiment import run_experiment
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
     from torch_geometric_tactile.papers import _grasp_report as grasp

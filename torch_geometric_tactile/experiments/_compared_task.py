@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._choice import Choice
+from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments._facts import num_frames_of
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe

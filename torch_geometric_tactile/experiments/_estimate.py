@@ -10,9 +10,9 @@ import torch
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._choosing import fit_and_predict
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts
+from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.training._config_files import merged
@@ -90,7 +90,7 @@ def _seconds(
 ) -> tuple[float, float]:
     # In all, and in the steps alone.
     start = time.perf_counter()
-    seconds = fit_and_predict(experiment, model, train, other, is_scored=True).seconds
+    seconds = fit(experiment, model, train, other).seconds
     return time.perf_counter() - start, seconds
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from torch_geometric_tactile._typing import PathLike, ThresholdMetric
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._choice import Choice
 from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template, read_yaml
 from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
