@@ -7,7 +7,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment
-from torch_geometric_tactile.experiments.compared_data import data_source
+from torch_geometric_tactile.experiments.compared_windows import data_source
 
 SVM = {"class_path": "torch_geometric_tactile.baselines.linear_svm"}
 SCALED = {"class_path": "torch_geometric_tactile.transforms.ZScore"}

@@ -13,7 +13,7 @@ from torch_geometric_tactile.experiments._held_out import (
     check_units,
     choice_parts,
 )
-from torch_geometric_tactile.experiments.compared_data import predicts_numbers
+from torch_geometric_tactile.experiments.compared_windows import predicts_numbers
 
 
 def dataset(folder, **changes):

@@ -19,7 +19,7 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._orderings import compare_orderings
+from torch_geometric_tactile.papers._table_notes import compare_orderings
 from torch_geometric_tactile.papers.write_table import markdown, write_table
 from torch_geometric_tactile.predictor import Predictor
 

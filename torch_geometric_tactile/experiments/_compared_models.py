@@ -1,18 +1,109 @@
-r"""The models of a comparison: what each is, what is tried, and where it has no place."""
+r"""The models of a comparison: their task, what each is and tries, and where it has no place."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from torch_geometric_tactile.experiments._compared_task import Settings, Task
+import torch
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
+from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
+_TRANSFORMS = "torch_geometric_tactile.transforms."
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
+
+
+@dataclass(frozen=True)
+class ComparedTask:
+    r"""What the models of a comparison have to do."""
+
+    layout: TaxelLayout
+    metric: str
+    num_train: int
+    posed: bool = False
+    epochs: int | None = None
+    tare: dict[str, Any] | None = None
+    members: int = 1
+    num_frames: int | None = None
+    num_channels: int = 1
+
+    @classmethod
+    def of(
+        cls,
+        dataset: StaticDataset,
+        metric: str,
+        part: float,
+        num_frames: int | None = None,
+        **more: Any,
+    ) -> "ComparedTask":
+        r"""Returns the task of a data set."""
+        num_train = max(1, round(part * len(dataset)))
+        width = dataset.batch(torch.tensor([0])).x.shape[-1]
+        return cls(
+            dataset.layout,
+            metric,
+            num_train,
+            posed=num_frames is None and _can_be_posed(dataset),
+            num_frames=num_frames,
+            num_channels=width // (num_frames or 1),
+            **more,
+        )
+
+    @property
+    def numbers(self) -> bool:
+        r"""Whether numbers are predicted, not classes."""
+        return self.metric == "mae"
+
+    @property
+    def recipe(self) -> TrainingRecipe:
+        r"""How networks are trained."""
+        recipe = training_recipe(self.num_train)
+        return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
+
+    def choice(self, settings: Sequence[dict[str, Any]] = ({},)) -> Choice:
+        r"""Returns what is chosen for a model."""
+        return Choice(settings, self.metric, self.members)
+
+    def transform(
+        self, *, scaled: bool, posed: bool = False, filled: bool = True
+    ) -> dict[str, Any]:
+        r"""Returns what every batch goes through, as plain data."""
+        steps = [] if self.tare is None else [_step("Tare", self.tare)]
+        if scaled:
+            of_signals = {} if self.num_frames is None else {"per": "signal"}
+            steps.append(_step("ZScore", {**of_signals, "scale_per": "channel"}))
+        if filled:
+            steps.append(_step("FillMissing"))
+        if posed:
+            steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
+        return {
+            "class_path": "torch_geometric.transforms.Compose",
+            "init_args": {"transforms": steps},
+        }
+
+
+def _can_be_posed(dataset: StaticDataset) -> bool:
+    joint, layout = dataset.column("joint"), dataset.layout
+    hand = HandKinematics.allegro()
+    try:
+        is_stock = stock_layout(layout.name).matches(layout)
+    except ValueError:
+        return False
+    if joint is None or joint.dim() != 2 or joint.shape[1] != hand.num_joints or not is_stock:
+        return False
+    return len(layout.link_names) > 1 and set(layout.link_names) <= set(hand.link_names)
+
+
+def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
+    return {"class_path": f"{_TRANSFORMS}{name}", "init_args": arguments or {}}
 
 
 @dataclass(frozen=True)
@@ -22,18 +113,18 @@ class ComparedModel:
     name: str
     title: str
     is_graph: bool
-    cell: Callable[[Task], dict[str, Any]]
-    lacks: Callable[[Task], str] = lambda task: ""
+    cell: Callable[[ComparedTask], dict[str, Any]]
+    lacks: Callable[[ComparedTask], str] = lambda task: ""
 
-    def to_cell(self, task: Task) -> Cell:
+    def to_cell(self, task: ComparedTask) -> Cell:
         r"""Returns its place of a table."""
         return Cell(row=self.name, column="", experiment=self.name, **self.cell(task))
 
 
 def _network(
-    task: Task,
+    task: ComparedTask,
     name: str,
-    settings: Settings,
+    settings: Sequence[dict[str, Any]],
     *,
     lr: float | None = None,
     scaled: bool = True,
@@ -70,7 +161,12 @@ def _network(
 
 
 def _estimator(
-    task: Task, name: str, settings: Settings = ({},), *, posed: bool = False, **arguments: Any
+    task: ComparedTask,
+    name: str,
+    settings: Sequence[dict[str, Any]] = ({},),
+    *,
+    posed: bool = False,
+    **arguments: Any,
 ) -> dict[str, Any]:
     scaled = name not in ("posed_forest", "posed_ridge")
     arguments["task"] = "regression" if task.numbers else "multiclass"
@@ -107,27 +203,27 @@ def _num_blocks(num_frames: int) -> int:
     return max(2, math.ceil(math.log2(num_frames / 16)))
 
 
-def _lacks_frames(task: Task) -> str:
+def _lacks_frames(task: ComparedTask) -> str:
     if task.num_frames is not None:
         return ""
     return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
 
 
-def _lacks_a_frame(task: Task) -> str:
+def _lacks_a_frame(task: ComparedTask) -> str:
     return "" if task.num_frames is None else "it is for single frames, and the samples have more"
 
 
-def _lacks_a_pose(task: Task) -> str:
+def _lacks_a_pose(task: ComparedTask) -> str:
     return _lacks_a_frame(task) or (
         "" if task.posed else "the taxels are not placed by joint angles"
     )
 
 
-def _lacks_a_map(task: Task) -> str:
+def _lacks_a_map(task: ComparedTask) -> str:
     return "" if task.layout.image_map is not None else "the layout has no image_map"
 
 
-def _lacks_a_large_map(task: Task) -> str:
+def _lacks_a_large_map(task: ComparedTask) -> str:
     image_map = task.layout.image_map
     if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
         return _lacks_a_map(task)
@@ -272,7 +368,7 @@ FLOOR = "constant"
 _BY_NAME = {model.name: model for model in MODELS}
 
 
-def chosen_models(names: Sequence[str] | None, task: Task) -> tuple[ComparedModel, ...]:
+def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
     r"""Returns models by their names, in the order of all."""
     if names is None:
         return tuple(model for model in MODELS if not model.lacks(task))

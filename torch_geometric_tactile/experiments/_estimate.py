@@ -2,19 +2,15 @@ r"""How long the runs of a comparison will take, measured on a short probe."""
 
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import torch
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts
 from torch_geometric_tactile.experiments._run_experiment import fit
-from torch_geometric_tactile.experiments._run_store import RunStore
-from torch_geometric_tactile.experiments.plan import Plan
 from torch_geometric_tactile.training._config_files import merged
 
 _PROBE = 256  # samples
@@ -22,13 +18,11 @@ _EPOCHS = 3
 _SQUARE = ("rbf_svm", "signal_svm")
 
 
-def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
-    r"""Returns for how many seconds one process will be busy with the runs of each model that are
-    not finished, about: each model is trained on a few samples, and its time is extrapolated.
-    The test parts are not read.
+def estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
+    r"""Returns for how many seconds one process will be busy with the runs of each model, about:
+    each model is trained on a few samples, and its time is extrapolated. The test parts are not
+    read.
     """
-    store = RunStore(Path(out) / "runs")
-    todo = [e for e in plan.experiments if not store.path(e).is_file()]
     count = Counter(e.name for e in todo)
     threads = torch.get_num_threads()
     found: dict[str, float] = {}

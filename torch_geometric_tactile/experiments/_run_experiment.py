@@ -67,7 +67,8 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
         raise ValueError(f"'checkpoint' must be None for {kind} (got '{checkpoint}')")
     if choice is not None and experiment.studies:
         raise ValueError("'studies' must be empty for an experiment with a choice")
-    model, val, chosen = experiment.model, None, {}
+    model, val = experiment.model, None
+    chosen: dict[str, Any] = {}
     if choice is not None:
         parts = choice_parts(experiment)
         train, test = parts.train, parts.test

@@ -4,7 +4,7 @@ import logging
 import math
 import statistics
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
@@ -12,19 +12,22 @@ from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
+    ComparedTask,
     check_names,
     chosen_models,
     model_of,
 )
-from torch_geometric_tactile.experiments._compared_task import Task
 from torch_geometric_tactile.experiments._held_out import balanced_protocol, check_units
-from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
-from torch_geometric_tactile.experiments.compared_data import predicts_numbers, said_before
-from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
+from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
+from torch_geometric_tactile.experiments.compared_windows import (
+    check_cut,
+    of_frames,
+    predicts_numbers,
+)
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
-from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
+from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
-from torch_geometric_tactile.experiments.source import DataFacts, DataSource
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
@@ -229,24 +232,12 @@ def comparison_plan(
     """
     settings = settings or ComparisonSettings()
     source, tare, selection = of_frames(source, settings.tare, selection)
-    source, facts = source.resolve()
+    source, facts = source.with_arguments({}, selection).resolve()
     if facts.num_frames is not None and tare is not None:
         raise ValueError(
             "'tare' must be left out for samples of several frames: subtract rest readings before "
             "they are cut"
         )
-    with said_before():
-        return _plan_of(source, facts, settings, tare, name, selection)
-
-
-def _plan_of(
-    source: DataSource,
-    facts: DataFacts,
-    settings: ComparisonSettings,
-    tare: dict[str, Any] | None,
-    name: str,
-    selection: Mapping[str, Any] | None,
-) -> Plan:
     dataset = source.load()
     numbers = predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
@@ -257,8 +248,14 @@ def _plan_of(
     by = settings.by or _default_unit(dataset)
     protocol = _protocol(dataset, by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
-    task = Task.of(
-        dataset, metric, part, epochs=settings.epochs, tare=tare, members=settings.members
+    task = ComparedTask.of(
+        dataset,
+        metric,
+        part,
+        num_frames=facts.num_frames,
+        epochs=settings.epochs,
+        tare=tare,
+        members=settings.members,
     )
     models = chosen_models(settings.models, task)
     table = Table(
@@ -271,8 +268,7 @@ def _plan_of(
         seeds=settings.seeds,
         measure_memory=False,
     )
-    plain = replace(settings.of_plan(), folds=None)  # the protocol has as many as there can be
-    return make_plan(table, plain, selection=selection)
+    return list_experiments(table, table.protocols, settings.of_plan(), source, facts)
 
 
 def compare(

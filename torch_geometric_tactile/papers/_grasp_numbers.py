@@ -11,7 +11,7 @@ import numpy as np
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.papers._numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
 
 
 class Judged(NamedTuple):

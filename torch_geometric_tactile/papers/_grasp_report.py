@@ -18,7 +18,7 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._noise import RULE
+from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Plan

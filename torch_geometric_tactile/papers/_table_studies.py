@@ -14,8 +14,8 @@ from torch_geometric_tactile.analysis import class_confusion
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.papers._numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.papers._table_caption import NOTHING
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.visualization import (
     LearningCurves,
     plot_confusion,

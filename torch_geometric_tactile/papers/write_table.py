@@ -13,11 +13,10 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
-from torch_geometric_tactile.papers._numbers import ALL, Number, table_numbers
-from torch_geometric_tactile.papers._numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
-from torch_geometric_tactile.papers._table_draws import draws_note
-from torch_geometric_tactile.papers._table_orderings import ordering_lines, positive_note
+from torch_geometric_tactile.papers._table_notes import draws_note, ordering_lines, positive_note
+from torch_geometric_tactile.papers._table_numbers import ALL, Number, table_numbers
+from torch_geometric_tactile.papers._table_numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
 from torch_geometric_tactile.training._config_files import TEMPLATES
 from torch_geometric_tactile.visualization import (

@@ -7,14 +7,13 @@ from dataclasses import replace
 from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._orderings import Comparison
-from torch_geometric_tactile.papers._table_orderings import _line, _summary
+from torch_geometric_tactile.papers._table_notes import OrderedPair, _line, _summary
 
 ORDERING = Ordering("a above b", (("a", "b"), ("c", "d")))
 
 
 def compared(mean, error, pair=("a", "b"), protocol="random"):
-    return Comparison(ORDERING, protocol, pair, Difference(mean, error, error / 2, 5, 100))
+    return OrderedPair(ORDERING, protocol, pair, Difference(mean, error, error / 2, 5, 100))
 
 
 @pytest.mark.parametrize(

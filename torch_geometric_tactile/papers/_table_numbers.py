@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
