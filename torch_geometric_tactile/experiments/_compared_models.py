@@ -2,7 +2,7 @@ r"""The models of a comparison: their task, what each is and tries, and where it
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -106,77 +106,83 @@ def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
     return {"class_path": f"{_TRANSFORMS}{name}", "init_args": arguments or {}}
 
 
+_Tried = Sequence[dict[str, Any]]
+_Arguments = dict[str, Any]
+
+
 @dataclass(frozen=True)
 class ComparedModel:
-    r"""A model of a comparison."""
+    r"""A model of a comparison: its class, the settings that are tried, and its arguments. Both may
+    follow from the task.
+    """
 
     name: str
     title: str
-    is_graph: bool
-    cell: Callable[[ComparedTask], dict[str, Any]]
+    class_name: str
+    settings: _Tried | Callable[[ComparedTask], _Tried] = ({},)
+    arguments: _Arguments | Callable[[ComparedTask], _Arguments] = field(default_factory=dict)
+    is_graph: bool = False
     lacks: Callable[[ComparedTask], str] = lambda task: ""
 
     def to_cell(self, task: ComparedTask) -> Cell:
         r"""Returns its place of a table."""
-        return Cell(row=self.name, column="", experiment=self.name, **self.cell(task))
+        settings = self.settings(task) if callable(self.settings) else self.settings
+        arguments = self.arguments(task) if callable(self.arguments) else self.arguments
+        given = self._given(task, settings, dict(arguments))
+        return Cell(row=self.name, column="", experiment=self.name, **given)
+
+    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+        raise NotImplementedError
 
 
-def _network(
-    task: ComparedTask,
-    name: str,
-    settings: Sequence[dict[str, Any]],
-    *,
-    lr: float | None = None,
-    scaled: bool = True,
-    **arguments: Any,
-) -> dict[str, Any]:
-    recipe = task.recipe
-    section: dict[str, Any] = {
-        "model": {"class_path": f"{_MODELS}{name}", "init_args": arguments},
-        "optimizer": {
-            "class_path": "torch.optim.AdamW",
-            "init_args": {
-                "lr": recipe.lr if lr is None else lr,
-                "weight_decay": recipe.weight_decay,
-                "fused": True,
-            },
-        },
-    }
-    if task.numbers:
-        section |= {"task": "regression", "loss": "huber"}
-    else:
-        section["label_smoothing"] = recipe.label_smoothing
-    if task.metric == "balanced_accuracy":
-        section["class_weights"] = "balanced"
-    config = {
-        "model": section,
-        "data": {
-            "transform": task.transform(scaled=scaled, posed=not scaled),
-            "batch_size": recipe.batch_size,
-        },
-        "trainer": {"max_epochs": recipe.max_epochs},
-    }
-    few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
-    return {"config": config, "choice": task.choice(few)}
+@dataclass(frozen=True)
+class _Network(ComparedModel):
+    lr: float | None = None  # that of the recipe if left out
+    is_posed: bool = False
+
+    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+        recipe = task.recipe
+        optimizer = {
+            "lr": recipe.lr if self.lr is None else self.lr,
+            "weight_decay": recipe.weight_decay,
+            "fused": True,
+        }
+        section: dict[str, Any] = {
+            "model": {"class_path": f"{_MODELS}{self.class_name}", "init_args": arguments},
+            "optimizer": {"class_path": "torch.optim.AdamW", "init_args": optimizer},
+        }
+        if task.numbers:
+            section |= {"task": "regression", "loss": "huber"}
+        else:
+            section["label_smoothing"] = recipe.label_smoothing
+        if task.metric == "balanced_accuracy":
+            section["class_weights"] = "balanced"
+        transform = task.transform(scaled=not self.is_posed, posed=self.is_posed)
+        config = {
+            "model": section,
+            "data": {"transform": transform, "batch_size": recipe.batch_size},
+            "trainer": {"max_epochs": recipe.max_epochs},
+        }
+        few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
+        return {"config": config, "choice": task.choice(few)}
 
 
-def _estimator(
-    task: ComparedTask,
-    name: str,
-    settings: Sequence[dict[str, Any]] = ({},),
-    *,
-    posed: bool = False,
-    **arguments: Any,
-) -> dict[str, Any]:
-    scaled = name not in ("posed_forest", "posed_ridge")
-    arguments["task"] = "regression" if task.numbers else "multiclass"
-    if task.metric == "balanced_accuracy" and name != "constant":
-        arguments["class_weight"] = "balanced"
-    return {
-        "estimator": {"class_path": f"{_BASELINES}{name}", "init_args": arguments},
-        "transform": task.transform(scaled=scaled, posed=posed, filled=scaled),
-        "choice": task.choice([{"init_args": setting} for setting in settings]),
-    }
+@dataclass(frozen=True)
+class _Estimator(ComparedModel):
+    sums_patches: bool = False  # of readings that are neither scaled nor filled
+
+    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+        scaled = not self.sums_patches
+        arguments["task"] = "regression" if task.numbers else "multiclass"
+        if task.metric == "balanced_accuracy" and self.name != FLOOR:
+            arguments["class_weight"] = "balanced"
+        return {
+            "estimator": {"class_path": f"{_BASELINES}{self.class_name}", "init_args": arguments},
+            "transform": task.transform(
+                scaled=scaled, posed=self.sums_patches and task.posed, filled=scaled
+            ),
+            "choice": task.choice([{"init_args": setting} for setting in settings]),
+        }
 
 
 def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
@@ -230,141 +236,107 @@ def _lacks_a_large_map(task: ComparedTask) -> str:
     return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"
 
 
+FLOOR = "constant"
 MODELS: tuple[ComparedModel, ...] = (
-    ComparedModel(
-        "taxel_net",
-        "TaxelNet, the default graph model",
-        True,
-        lambda task: _network(task, "TaxelNet", _LESS_DROPOUT),
+    _Network(
+        "taxel_net", "TaxelNet, the default graph model", "TaxelNet", _LESS_DROPOUT, is_graph=True
     ),
-    ComparedModel(
+    _Network(
         "posed_taxel_net",
         "PosedTaxelNet, on taxels placed by the joint angles",
-        True,
-        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, scaled=False),
-        _lacks_a_pose,
+        "PosedTaxelNet",
+        _DROPOUT,
+        is_graph=True,
+        is_posed=True,
+        lacks=_lacks_a_pose,
     ),
-    ComparedModel(
+    _Network(
         "temporal",
         "TemporalTaxelNet, the default for windows of frames",
-        True,
-        lambda task: _network(
-            task,
-            "TemporalTaxelNet",
-            _LESS_DROPOUT,
-            num_blocks=_num_blocks(task.num_frames or 1),
-        ),
-        _lacks_frames,
+        "TemporalTaxelNet",
+        _LESS_DROPOUT,
+        lambda task: {"num_blocks": _num_blocks(task.num_frames or 1)},
+        is_graph=True,
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
+    _Network(
         "gcn",
         "TactileGCN, a plain GCN",
-        True,
-        lambda task: _network(
-            task,
-            "TactileGCN",
-            _MORE_DECAY,
-            lr=1e-3,
-            widths=[32, 32],
-            pools=[1, 1],
-            head_widths=[128],
-            head_pools=[1],
-        ),
+        "TactileGCN",
+        _MORE_DECAY,
+        {"widths": [32, 32], "pools": [1, 1], "head_widths": [128], "head_pools": [1]},
+        is_graph=True,
+        lr=1e-3,
     ),
-    ComparedModel(
+    _Network(
         "grasp_gcn",
         "GraspGCN, a graph convolution on all frames of a taxel",
-        True,
-        lambda task: _network(
-            task,
-            "GraspGCN",
-            [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
-            lr=1e-3,
-        ),
-        _lacks_frames,
+        "GraspGCN",
+        lambda task: [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
+        is_graph=True,
+        lr=1e-3,
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
+    _Network(
         "fnn",
         "TactileFNN, fully connected",
-        False,
-        lambda task: _network(
-            task, "TactileFNN", _MORE_DECAY, lr=1e-3, widths=[256, 64], pools=[1, 1]
-        ),
+        "TactileFNN",
+        _MORE_DECAY,
+        {"widths": [256, 64], "pools": [1, 1]},
+        lr=1e-3,
     ),
-    ComparedModel(
-        "cnn",
-        "SmallCNN, on the map of the layout",
-        False,
-        lambda task: _network(task, "SmallCNN", _DROPOUT),
-        _lacks_a_map,
-    ),
-    ComparedModel(
+    _Network("cnn", "SmallCNN, on the map of the layout", "SmallCNN", _DROPOUT, lacks=_lacks_a_map),
+    _Network(
         "bmf_cnn",
         "BMFCNN, bilinear features on the map of the layout",
-        False,
-        lambda task: _network(task, "BMFCNN", _MORE_DECAY, lr=1e-3),
-        _lacks_a_large_map,
+        "BMFCNN",
+        _MORE_DECAY,
+        lr=1e-3,
+        lacks=_lacks_a_large_map,
     ),
-    ComparedModel(
+    _Network(
         "lstm",
         "GraspLSTM, recurrent, on the readings of each frame",
-        False,
-        lambda task: _network(task, "GraspLSTM", _MORE_DECAY, lr=1e-3),
-        _lacks_frames,
+        "GraspLSTM",
+        _MORE_DECAY,
+        lr=1e-3,
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
+    _Estimator(
         "svm_rbf",
         "support vector machine, radial kernel",
-        False,
-        lambda task: _estimator(task, "rbf_svm", _RADIAL, most_samples=_MOST_SVM_SAMPLES),
+        "rbf_svm",
+        _RADIAL,
+        {"most_samples": _MOST_SVM_SAMPLES},
     ),
-    ComparedModel(
-        "svm_linear",
-        "support vector machine, linear",
-        False,
-        lambda task: _estimator(task, "linear_svm", _LINEAR),
-    ),
-    ComparedModel(
+    _Estimator("svm_linear", "support vector machine, linear", "linear_svm", _LINEAR),
+    _Estimator(
         "svm_signal",
         "support vector machine on 12 statistical features of each signal",
-        False,
-        lambda task: _estimator(
-            task,
-            "signal_svm",
-            _SIGNALS,
-            num_channels=task.num_channels,
-            most_samples=_MOST_SVM_SAMPLES,
-        ),
-        _lacks_frames,
+        "signal_svm",
+        _SIGNALS,
+        lambda task: {"num_channels": task.num_channels, "most_samples": _MOST_SVM_SAMPLES},
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
-        "forest",
-        "random forest on the readings",
-        False,
-        lambda task: _estimator(task, "flat_forest", _LEAVES),
-    ),
-    ComparedModel(
+    _Estimator("forest", "random forest on the readings", "flat_forest", _LEAVES),
+    _Estimator(
         "posed_forest",
         "random forest on sums of each patch",
-        False,
-        lambda task: _estimator(task, "posed_forest", _LEAVES, posed=task.posed),
-        _lacks_a_frame,
+        "posed_forest",
+        _LEAVES,
+        sums_patches=True,
+        lacks=_lacks_a_frame,
     ),
-    ComparedModel(
+    _Estimator(
         "posed_ridge",
         "ridge on sums of each patch",
-        False,
-        lambda task: _estimator(task, "posed_ridge", _RIDGE, posed=task.posed),
-        _lacks_a_frame,
+        "posed_ridge",
+        _RIDGE,
+        sums_patches=True,
+        lacks=_lacks_a_frame,
     ),
-    ComparedModel(
-        "constant",
-        "most frequent class, or mean",
-        False,
-        lambda task: _estimator(task, "constant"),
-    ),
+    _Estimator(FLOOR, "most frequent class, or mean", "constant"),
 )
-FLOOR = "constant"
 _BY_NAME = {model.name: model for model in MODELS}
 
 
