@@ -4,7 +4,6 @@ frames and whole trials cut from them.
 
 import copy
 import inspect
-import logging
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._typing import PathLike
@@ -30,7 +28,6 @@ _TRIALS = "torch_geometric_tactile.data.Trials"
 _RESAMPLE = "torch_geometric_tactile.transforms.Resample"
 _TARED = f"{__name__}.tared_frames"
 _STRIDED = f"{__name__}.strided_frames"
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -168,21 +165,6 @@ def _grid(text: str) -> dict[str, Any]:
     return {"class_path": "torch_geometric_tactile.sensors.grid", "init_args": size}
 
 
-def predicts_numbers(dataset: StaticDataset) -> bool:
-    r"""Tells whether numbers are predicted from the samples, not classes."""
-    y = dataset.column("y")
-    if y is None:
-        raise ValueError("'data' must have 'y', a class or numbers for each sample (got none)")
-    if y.dim() == 1 and not y.is_floating_point():
-        return False
-    if y.dim() > 1 and bool(((y == 0) | (y == 1)).all()):
-        raise ValueError(
-            f"'y' must be one class a sample, or numbers (got 0 and 1 for each of {y.shape[1]} "
-            "labels): choose one of them, or another target"
-        )
-    return True
-
-
 def of_frames(
     source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
 ) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
@@ -247,40 +229,6 @@ def strided_frames(dataset: StaticDataset, stride: int) -> StaticDataset:
     _, counts = trial[order].unique_consecutive(return_counts=True)
     place = torch.arange(len(order)) - (counts.cumsum(0) - counts).repeat_interleave(counts)
     return dataset[order[place % stride == 0].sort().values]
-
-
-def check_cut(dataset: StaticDataset, by: str) -> None:
-    r"""Checks that a split puts no frame into two parts."""
-    if not isinstance(dataset, FrameView):
-        return
-    if by == "frame" and isinstance(dataset, Windows):
-        reach = dataset.length + dataset.horizon
-        if dataset.hop < reach:
-            what = "windows" if not dataset.horizon else "windows and the frames of their labels"
-            raise ValueError(
-                f"'by' must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
-                f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
-                f"sides of a split; or let 'hop' be at least {reach}"
-            )
-        _logger.warning(
-            "windows are split one by one: those of one trial are on both sides, and the scores "
-            "are too high for a new trial"
-        )
-    if by in ("group", "given"):
-        _check_one_part(dataset.dataset, "part" if by == "given" else by)
-
-
-def _check_one_part(frames: StaticDataset, key: str) -> None:
-    value, trial = frames.column(key), frames.column("trial")
-    if not isinstance(value, Tensor) or trial is None or not len(trial):
-        return  # the split tells what is missing
-    changed = (value[1:] != value[:-1]) & (trial[1:] == trial[:-1])
-    if changed.any():
-        number = int(trial[int(changed.nonzero()[0])])
-        raise ValueError(
-            f"'{key}' must be the same in all frames of a trial where samples have several frames "
-            f"(got two in trial {number})"
-        )
 
 
 def describe_left_out(dataset: StaticDataset) -> str:

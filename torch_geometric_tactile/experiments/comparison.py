@@ -1,6 +1,5 @@
 r"""Models compared on one data set: the plan, and what came of it."""
 
-import logging
 import math
 import statistics
 from collections.abc import Mapping
@@ -8,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
@@ -17,13 +16,9 @@ from torch_geometric_tactile.experiments._compared_models import (
     chosen_models,
     model_of,
 )
-from torch_geometric_tactile.experiments._held_out import balanced_protocol, check_units
+from torch_geometric_tactile.experiments._held_out import compared_protocol
 from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
-from torch_geometric_tactile.experiments.compared_windows import (
-    check_cut,
-    of_frames,
-    predicts_numbers,
-)
+from torch_geometric_tactile.experiments.compared_windows import of_frames
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
@@ -34,7 +29,6 @@ _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
 _UNITS = ("trial", "group", "frame", "given")
 _CHOOSE_ON = 0.8  # of the training part
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -239,14 +233,13 @@ def comparison_plan(
             "they are cut"
         )
     dataset = source.load()
-    numbers = predicts_numbers(dataset)
+    numbers = _predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
     if (metric == "mae") != numbers:
         allowed = "'mae'" if numbers else "'accuracy' or 'balanced_accuracy'"
         kind = "numbers" if numbers else "classes"
         raise ValueError(f"'metric' must be {allowed} for {kind} (got '{metric}')")
-    by = settings.by or _default_unit(dataset)
-    protocol = _protocol(dataset, by, settings.folds)
+    protocol = compared_protocol(dataset, settings.by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
     task = ComparedTask.of(
         dataset,
@@ -258,11 +251,12 @@ def comparison_plan(
         members=settings.members,
     )
     models = chosen_models(settings.models, task)
+    held_out = "given" if protocol.by == "given" else f"by {protocol.by}"
     table = Table(
         name=name,
         title=f"Models compared on {name}" + _frames_in_words(facts.num_frames),
         data=source,
-        protocols=(TableProtocol(f"by {by}" if by != "given" else by, protocol),),
+        protocols=(TableProtocol(held_out, protocol),),
         cells=tuple(model.to_cell(task) for model in models),
         task="regression" if numbers else "multiclass",
         seeds=settings.seeds,
@@ -362,22 +356,15 @@ def _mean(values: list[Any]) -> float | None:
     return None if None in values else statistics.fmean(values)
 
 
-def _default_unit(dataset: StaticDataset) -> str:
-    if dataset.column("trial") is not None:
-        return "trial"
-    _logger.warning(
-        "the samples have no 'trial', and are split one by one: if several are of one touch, the "
-        "scores tell how well models recognise that touch again, and are too high for a new one"
-    )
-    return "frame"
-
-
-def _protocol(dataset: StaticDataset, by: str, folds: int) -> Protocol:
-    if by == "given":
-        protocol = Protocol("given")
-        protocol.split(dataset)  # tells that there are no parts
-        check_cut(dataset, by)
-        return protocol
-    check_units(dataset, by)
-    check_cut(dataset, by)
-    return balanced_protocol(dataset, by, folds)
+def _predicts_numbers(dataset: StaticDataset) -> bool:
+    y = dataset.column("y")
+    if y is None:
+        raise ValueError("'data' must have 'y', a class or numbers for each sample (got none)")
+    if y.dim() == 1 and not y.is_floating_point():
+        return False
+    if y.dim() > 1 and bool(((y == 0) | (y == 1)).all()):
+        raise ValueError(
+            f"'y' must be one class a sample, or numbers (got 0 and 1 for each of {y.shape[1]} "
+            "labels): choose one of them, or another target"
+        )
+    return True
