@@ -4,13 +4,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from torch_geometric_tactile._texts import markdown_text
+from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
 
+_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
 _SQUARED_PERCENT = 100.0**2  # of a variance of parts
 
 
@@ -59,18 +60,14 @@ def ordering_lines(run: PlanRun) -> list[str]:
         "its standard error: the larger of the one over the splits and the one over the test "
         f"trials. {RULE}",
         "",
-        "| ordering | protocol | holds |",
-        "| --- | --- | --- |",
-        *_summary(compared),
+        *markdown_table(["ordering", "protocol", "holds"], _summary(compared)),
         "",
-        "| ordering | protocol | first | second | difference | splits | holds |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-        *map(_line, compared),
+        *markdown_table(_COLUMNS, map(_cells, compared)),
         "",
     ]
 
 
-def _summary(compared: list[OrderedPair]) -> Iterator[str]:
+def _summary(compared: list[OrderedPair]) -> Iterator[list[str]]:
     groups: dict[tuple[str, str], list[str]] = {}
     for entry in compared:
         groups.setdefault((entry.ordering.name, entry.protocol), []).append(entry.verdict)
@@ -79,14 +76,12 @@ def _summary(compared: list[OrderedPair]) -> Iterator[str]:
         told = next(iter(count))
         if len(verdicts) > 1:
             told = ", ".join(f"{verdict} in {n} of {len(verdicts)}" for verdict, n in count.items())
-        yield f"| {markdown_text(name)} | {markdown_text(protocol)} | {told} |"
+        yield [markdown_text(name), markdown_text(protocol), told]
 
 
-def _line(entry: OrderedPair) -> str:
-    cells = [entry.ordering.name, entry.protocol, *entry.pair]
-    names = " | ".join(map(markdown_text, cells))
-    found = entry.difference
-    return f"| {names} | {_shown(found)} | {found.num_splits} | {entry.verdict} |"
+def _cells(entry: OrderedPair) -> list[str]:
+    names = map(markdown_text, [entry.ordering.name, entry.protocol, *entry.pair])
+    return [*names, _shown(entry.difference), str(entry.difference.num_splits), entry.verdict]
 
 
 def _shown(difference: Difference) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile._texts import markdown_text, printable
+from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments._compared_samples import (
     PartScores,
@@ -104,15 +104,16 @@ def comparison_markdown(comparison: Comparison) -> str:
     header, rows = comparison_rows(comparison)
     lines = [f"# {printable(plan.table.title)}", "", printable(advice(comparison)), ""]
     lines += [markdown_text(text) for text in _facts(comparison)]
-    lines += ["", *_lines(header, rows), ""]
+    lines += ["", *markdown_table(header, _escaped(rows)), ""]
     lines += [
         "## Chosen settings",
         "",
-        *_lines(["model", "description", "chosen"], _chosen(comparison)),
+        *markdown_table(["model", "description", "chosen"], _escaped(_chosen(comparison))),
     ]
     for part in part_scores(comparison):
         lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {part.kind}", "", _PARTS, ""]
-        lines += _lines(*_part_rows(comparison, part))
+        names, rows = _part_rows(comparison, part)
+        lines += markdown_table(names, _escaped(rows))
     if comparison.run.failed:
         lines += ["", "## Failed runs", ""]
         lines += [f"- {markdown_text(f'{k}: {v}')}" for k, v in comparison.run.failed.items()]
@@ -184,10 +185,8 @@ def _setting(setting: object) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    cells = [[markdown_text(name) for name in header], ["---"] * len(header)]
-    cells += [[markdown_text(text) for text in row] for row in rows]
-    return ["| " + " | ".join(row) + " |" for row in cells]
+def _escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    return [[markdown_text(text) for text in row] for row in rows]
 
 
 def comparison_csv(comparison: Comparison) -> str:
