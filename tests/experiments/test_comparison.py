@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from compared import GIVEN, touches
 
+from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
 from torch_geometric_tactile.experiments._compared_samples import prediction_rows
 from torch_geometric_tactile.experiments._estimate import estimate_seconds
@@ -359,12 +360,15 @@ def test_json_has_one_form(tmp_path):
     assert content["missing"] == 6
 
 
-def test_estimate_is_of_each_model(tmp_path):
+def test_estimate_is_of_each_model_and_trains_one_network_at_a_time(tmp_path, monkeypatch):
+    trained, fit = [], networks.fit_classifier
+    monkeypatch.setattr(networks, "fit_classifier", lambda *a: trained.append(a) or fit(*a))
     settings = ComparisonSettings(models=("fnn", "svm_linear"), folds=3, epochs=2)
     found = plan(tmp_path, settings)
     seconds = estimate_seconds(found.experiments)
     assert set(seconds) == {"fnn", "svm_linear"}
     assert all(value > 0 for value in seconds.values())
+    assert len(trained) == 2  # the first of a kind twice, whose imports do not count
     assert estimate_seconds([]) == {}
 
 

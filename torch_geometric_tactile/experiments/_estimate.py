@@ -40,18 +40,18 @@ def estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
 
 
 def _of_run(experiment: Experiment) -> float:
-    assert experiment.choice is not None
+    choice = experiment.choice
+    assert choice is not None
     parts = choice_parts(experiment)
-    model = merged(experiment.model, experiment.choice.settings[0])
+    model = merged(experiment.model, choice.settings[0])
     few = _some(parts.fit, _PROBE)
-    tried = len(experiment.choice.settings)
-    tried = tried if tried > 1 else 0  # there is nothing to choose of one
-    finals = 1 if experiment.is_estimator else experiment.choice.members
+    tried = len(choice.settings) if len(choice.settings) > 1 else 0  # nothing to choose of one
+    finals = 1 if experiment.is_estimator else choice.members
     trainings = tried * len(parts.fit) + finals * len(parts.train)
     try:
         if experiment.is_estimator:
             return _of_estimator(experiment, model, parts, few, trainings)
-        probe = replace(experiment, epochs=_EPOCHS)
+        probe = replace(experiment, epochs=_EPOCHS, choice=replace(choice, members=1))
         whole, steps = _seconds(probe, model, few, _some(parts.val, 8))
     except ValueError:  # the run tells
         return 0.0
