@@ -26,7 +26,7 @@ from tqdm import tqdm
 from torch_geometric_tactile.baselines import GraspSVM
 from torch_geometric_tactile.data import splits
 from torch_geometric_tactile.datasets import BioTacSP
-from torch_geometric_tactile.experiments._run import fit_classifier
+from torch_geometric_tactile.experiments._networks import fit_classifier
 from torch_geometric_tactile.training import TactileDataModule, classification_metrics
 from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.training.config import load_config

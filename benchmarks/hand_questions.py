@@ -28,7 +28,7 @@ from torch import Tensor
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.experiments._building import build
-from torch_geometric_tactile.experiments._fitting import Clock, fit_classifier, warm_up
+from torch_geometric_tactile.experiments._networks import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.training._predictions import collect_predictions
 from torch_geometric_tactile.training.config import load_config

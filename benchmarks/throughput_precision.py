@@ -16,7 +16,7 @@ from torch import nn
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.experiments._run import fit_classifier
+from torch_geometric_tactile.experiments._networks import fit_classifier
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileGCN
 from torch_geometric_tactile.training import TactileDataModule, classification_metrics

@@ -6,9 +6,8 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._choice import Choice
-from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments.compared_data import data_source
+from torch_geometric_tactile.experiments._experiment import Choice, Experiment
+from torch_geometric_tactile.experiments.compared_windows import data_source
 
 SVM = {"class_path": "torch_geometric_tactile.baselines.linear_svm"}
 SCALED = {"class_path": "torch_geometric_tactile.transforms.ZScore"}

@@ -4,7 +4,7 @@ import json
 import math
 import stat
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,17 @@ def markdown_text(text: object) -> str:
         \<b\>\|\[a\]\|
     """
     return printable(text).translate(_MARKDOWN)
+
+
+def markdown_table(header: Sequence[object], rows: Iterable[Sequence[str]]) -> list[str]:
+    r"""Returns the lines of a table, whose cells are Markdown already, and whose header is text.
+
+    Examples:
+        >>> markdown_table(["a", "b"], [["1", "2"]])
+        ['| a | b |', '| --- | --- |', '| 1 | 2 |']
+    """
+    cells = [[markdown_text(name) for name in header], ["---"] * len(header), *rows]
+    return ["| " + " | ".join(row) + " |" for row in cells]
 
 
 def read_json(path: PathLike) -> Any:

@@ -20,7 +20,7 @@ from moving import motions
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.commands import compare
 from torch_geometric_tactile.experiments import _compared_models as compared_models
-from torch_geometric_tactile.experiments import _estimate as estimate
+from torch_geometric_tactile.experiments import run_plan
 
 QUICK = ["--grid", "3x4", "--epochs", "2", "--folds", "3", "--members", "1"]
 THREE = ["--models", "fnn,svm_linear,constant"]
@@ -74,7 +74,7 @@ def test_table_ends_with_a_sentence(tmp_path, capsys):
 def test_quick_models_are_done_first(tmp_path, capsys, monkeypatch):
     touches(tmp_path / "a.npz")
     seconds = {"forest": 3.0, "constant": 9.0, "svm_linear": 1.0}
-    monkeypatch.setattr(estimate, "estimate_seconds", lambda plan, out: seconds)
+    monkeypatch.setattr(sys.modules[run_plan.__module__], "estimate_seconds", lambda todo: seconds)
     assert run(tmp_path, "--models", "svm_linear,constant,forest", "--seeds", "2") == 0
     out = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in out[1:4]] == ["svm_linear", "forest", "constant"]

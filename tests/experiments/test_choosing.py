@@ -12,11 +12,10 @@ from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
-from torch_geometric_tactile.experiments import _choosing as choosing
-from torch_geometric_tactile.experiments._choice import Choice
-from torch_geometric_tactile.experiments._choosing import TargetScale
-from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments import _networks as networks
+from torch_geometric_tactile.experiments._experiment import Choice, Experiment
+from torch_geometric_tactile.experiments._networks import TargetScale
+from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments._worker import run_here
 from torch_geometric_tactile.experiments.judgement import Judgement
 
@@ -68,7 +67,7 @@ def test_network_gives_the_same_numbers_again(tmp_path):
 def test_networks_are_averaged(tmp_path, monkeypatch):
     touches(tmp_path / "a.npz")
     seeds, said = [], []
-    fit, collect = choosing.fit_classifier, choosing.collect_predictions
+    fit, collect = networks.fit_classifier, networks.collect_predictions
 
     def watched(model, data, seed, *rest):
         seeds.append(seed)
@@ -78,8 +77,8 @@ def test_networks_are_averaged(tmp_path, monkeypatch):
         said.append(collect(*arguments))
         return said[-1]
 
-    monkeypatch.setattr(choosing, "fit_classifier", watched)
-    monkeypatch.setattr(choosing, "collect_predictions", collected)
+    monkeypatch.setattr(networks, "fit_classifier", watched)
+    monkeypatch.setattr(networks, "collect_predictions", collected)
     one = experiment(tmp_path / "a.npz", FNN, epochs=2)
     result = run_experiment(replace(one, choice=Choice(members=3), seed=1))
     assert seeds == [1, 1001, 2001]

@@ -12,12 +12,10 @@ from moving import motions
 
 from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows
 from torch_geometric_tactile.experiments._building import build
-from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
-from torch_geometric_tactile.experiments._compared_task import Task
+from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
 from torch_geometric_tactile.experiments._held_out import choice_parts
 from torch_geometric_tactile.experiments.advice import to_dict
-from torch_geometric_tactile.experiments.compared_data import data_source
-from torch_geometric_tactile.experiments.compared_windows import FrameCut, describe_cut
+from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source, describe_cut
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
     comparison_plan,
@@ -84,8 +82,8 @@ def test_horizon_takes_the_label_ahead(tmp_path):
 
 
 def test_models_say_what_they_need():
-    frames = Task(LAYOUT, "accuracy", 100)
-    windows = Task(LAYOUT, "accuracy", 100, num_frames=20, num_channels=2)
+    frames = ComparedTask(LAYOUT, "accuracy", 100)
+    windows = ComparedTask(LAYOUT, "accuracy", 100, num_frames=20, num_channels=2)
     assert not OF_FRAMES & {model.name for model in chosen_models(None, frames)}
     assert not POSED & {model.name for model in chosen_models(None, windows)}
     with pytest.raises(ValueError, match=r"got 'lstm', but the samples are single frames: cut win"):
@@ -96,7 +94,7 @@ def test_models_say_what_they_need():
 
 @pytest.mark.parametrize("num_frames", [2, 16, 60, 64, 65, 128, 129, 700])
 def test_temporal_model_rests_on_all_frames(num_frames):
-    task = Task(LAYOUT, "accuracy", 100, num_frames=num_frames)
+    task = ComparedTask(LAYOUT, "accuracy", 100, num_frames=num_frames)
     (model,) = chosen_models(["temporal"], task)
     arguments = model.to_cell(task).config["model"]["model"]["init_args"]
     reach = TemporalTaxelNet(LAYOUT, 2, **arguments).receptive_field
@@ -104,8 +102,9 @@ def test_temporal_model_rests_on_all_frames(num_frames):
 
 
 def test_frames_of_a_window_have_one_scale(tmp_path):
-    dataset = plan(tmp_path, FrameCut(window=20)).data.load()
-    task = Task.of(dataset, "accuracy", 0.6)
+    found = plan(tmp_path, FrameCut(window=20))
+    dataset = found.data.load()
+    task = ComparedTask.of(dataset, "accuracy", 0.6, num_frames=found.facts.num_frames)
     assert (task.num_frames, task.num_channels) == (20, 2)
     grown = dataset.data
     ramp, offset = torch.arange(20.0).repeat(2), torch.arange(24.0)[:, None, None]

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from compared import GIVEN, touches
 
-from torch_geometric_tactile.experiments._compared_models import MODELS, chosen_models
+from torch_geometric_tactile.experiments import _networks as networks
+from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
 from torch_geometric_tactile.experiments._compared_samples import prediction_rows
-from torch_geometric_tactile.experiments._compared_task import Task
 from torch_geometric_tactile.experiments._estimate import estimate_seconds
 from torch_geometric_tactile.experiments.advice import advice, to_dict
-from torch_geometric_tactile.experiments.compared_data import data_source
+from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
     ComparisonSettings,
     comparison_plan,
@@ -79,7 +79,7 @@ def test_all_models_that_fit_the_data_are_planned(tmp_path):
 
 
 def test_models_without_a_place_are_told():
-    task = Task(biotac_sp(), "accuracy", 100)
+    task = ComparedTask(biotac_sp(), "accuracy", 100)
     assert "cnn" not in [model.name for model in chosen_models(None, task)]
     with pytest.raises(ValueError, match=r"got 'cnn', but the layout has no image_map"):
         chosen_models(["cnn"], task)
@@ -89,35 +89,35 @@ def test_models_without_a_place_are_told():
 
 def test_large_maps_have_bmf_cnn():
     for size, has_it in (((20, 25), True), ((19, 25), False), ((25, 19), False)):
-        task = Task(grid(*size, 0.01), "accuracy", 100)
+        task = ComparedTask(grid(*size, 0.01), "accuracy", 100)
         assert ("bmf_cnn" in [model.name for model in chosen_models(None, task)]) == has_it
     with pytest.raises(ValueError, match=r"the layout has fewer than 20 x 20 cells"):
         chosen_models(["bmf_cnn"], task)
     with pytest.raises(ValueError, match=r"got 'bmf_cnn', but the layout has no image_map"):
-        chosen_models(["bmf_cnn"], Task(biotac_sp(), "accuracy", 100))
+        chosen_models(["bmf_cnn"], ComparedTask(biotac_sp(), "accuracy", 100))
 
 
 def test_taxels_are_placed_where_joints_and_links_are_known(grasps):
     source = data_source("AllegroUSkin", arguments={"root": str(grasps), "split": None})
     dataset = source.resolve()[0].load()
-    assert Task.of(dataset, "accuracy", 0.6).posed
+    assert ComparedTask.of(dataset, "accuracy", 0.6).posed
     arrays = {"x": torch.zeros(6, 12, 1), "y": torch.tensor([0, 1] * 3), "layout": grid(3, 4, 0.01)}
     from torch_geometric_tactile.data import StaticDataset
 
     other = StaticDataset.from_arrays(joint=torch.zeros(6, 16), **arrays)
-    assert not Task.of(other, "accuracy", 0.6).posed
+    assert not ComparedTask.of(other, "accuracy", 0.6).posed
 
 
 def test_networks_are_trained_by_the_recipe():
-    task = Task(grid(3, 4, 0.01), "accuracy", 4000)
+    task = ComparedTask(grid(3, 4, 0.01), "accuracy", 4000)
     assert task.recipe == training_recipe(4000)
-    few = Task(grid(3, 4, 0.01), "accuracy", 4000, epochs=7)
+    few = ComparedTask(grid(3, 4, 0.01), "accuracy", 4000, epochs=7)
     assert few.recipe == training_recipe(4000)._replace(max_epochs=7)
 
 
 @pytest.mark.parametrize("metric", ["balanced_accuracy", "mae"])
 def test_every_model_is_told_what_counts(metric):
-    task = Task(grid(3, 4, 0.01), metric, 100, posed=True)
+    task = ComparedTask(grid(3, 4, 0.01), metric, 100, posed=True)
     for model in MODELS:
         cell = model.to_cell(task)
         assert cell.choice.metric == metric
@@ -360,16 +360,16 @@ def test_json_has_one_form(tmp_path):
     assert content["missing"] == 6
 
 
-def test_estimate_counts_what_is_not_finished(tmp_path):
+def test_estimate_is_of_each_model_and_trains_one_network_at_a_time(tmp_path, monkeypatch):
+    trained, fit = [], networks.fit_classifier
+    monkeypatch.setattr(networks, "fit_classifier", lambda *a: trained.append(a) or fit(*a))
     settings = ComparisonSettings(models=("fnn", "svm_linear"), folds=3, epochs=2)
     found = plan(tmp_path, settings)
-    seconds = estimate_seconds(found, tmp_path / "out")
+    seconds = estimate_seconds(found.experiments)
     assert set(seconds) == {"fnn", "svm_linear"}
     assert all(value > 0 for value in seconds.values())
-    (tmp_path / "out" / "runs").mkdir(parents=True)
-    for experiment in found.experiments:
-        (tmp_path / "out" / "runs" / experiment.file_name).touch()
-    assert estimate_seconds(found, tmp_path / "out") == {}
+    assert len(trained) == 2  # the first of a kind twice, whose imports do not count
+    assert estimate_seconds([]) == {}
 
 
 def test_run_of_a_table_is_no_comparison(tmp_path):

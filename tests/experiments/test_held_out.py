@@ -10,10 +10,10 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import SamplesFile
 from torch_geometric_tactile.experiments._held_out import (
     balanced_protocol,
-    check_units,
     choice_parts,
+    compared_protocol,
 )
-from torch_geometric_tactile.experiments.compared_data import predicts_numbers
+from torch_geometric_tactile.experiments.comparison import _predicts_numbers
 
 
 def dataset(folder, **changes):
@@ -78,16 +78,16 @@ def test_no_more_folds_than_trials(tmp_path):
 )
 def test_too_few_units_are_refused(tmp_path, changes, by, match):
     with pytest.raises(ValueError, match=match):
-        check_units(dataset(tmp_path, **changes), by)
+        compared_protocol(dataset(tmp_path, **changes), by, 5)
 
 
 def test_what_is_predicted_follows_from_the_labels(tmp_path):
-    assert not predicts_numbers(dataset(tmp_path))
-    assert predicts_numbers(dataset(tmp_path, y=np.arange(48) / 7))
+    assert not _predicts_numbers(dataset(tmp_path))
+    assert _predicts_numbers(dataset(tmp_path, y=np.arange(48) / 7))
     found = dataset(tmp_path)
     found._data.y = torch.zeros(48, 2)
     with pytest.raises(ValueError, match="got 0 and 1 for each of 2 labels"):
-        predicts_numbers(found)
+        _predicts_numbers(found)
     del found._data.y
     with pytest.raises(ValueError, match=r"'data' must have 'y', .* \(got none\)"):
-        predicts_numbers(found)
+        _predicts_numbers(found)

@@ -1,5 +1,3 @@
-import sys
-
 import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
@@ -11,6 +9,7 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 from torch_geometric_tactile.papers import load_table
+from torch_geometric_tactile.training import load_config
 
 KNN = {"class_path": "torch_geometric_tactile.transforms.KNNGraph", "init_args": {"k": 2}}
 SVM = {"class_path": "torch_geometric_tactile.baselines.GraspSVM"}
@@ -122,19 +121,15 @@ def test_data_that_cannot_be_split_is_found_before_training():
 
 
 def test_more_classes_than_the_models_know(grasps):
-    cell = Cell("X", "", "x", config="p2_table2/x_tac")
+    config = load_config("p2_table2/x_tac")
+    config["model"]["num_classes"] = 2
+    cell = Cell("X", "", "x", config=config)
     table = replace(TABLE, cells=(cell,), data=replace(TABLE.data, arguments={"root": str(grasps)}))
     table = replace(
         table,
         data=DataSource("torch_geometric_tactile.datasets.AllegroUSkin", {"split": None}),
         protocols=(TableProtocol("by frame", Protocol("frame")),),
     )
-    module = sys.modules[make_plan.__module__]
-
-    config = {**module.cell_config(cell)}
-    config["model"] = {**config["model"], "num_classes": 2}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "cell_config", lambda cell: config)
-        message = r"the models of mine tell 2 classes apart \(got 3 in"
-        with pytest.raises(ValueError, match=message):
-            make_plan(table, data={"root": str(grasps)})
+    message = r"the models of mine tell 2 classes apart \(got 3 in"
+    with pytest.raises(ValueError, match=message):
+        make_plan(table, data={"root": str(grasps)})

@@ -1,5 +1,6 @@
 r"""Studies of the models of a table: on a tiny set of images, whose classes differ plainly."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol, StaticData
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._run import run_experiment
-from torch_geometric_tactile.experiments._run_studies import build_studies
+from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.plan import make_plan
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.studies import Trained
@@ -117,11 +117,9 @@ def test_studies_are_of_the_first_seed_and_fold_and_part_of_the_identity(tmp_pat
     assert experiments[0].identity()["studies"] == looks
     assert "studies" not in experiments[1].identity()
     assert Experiment.from_dict(experiments[0].to_dict()).code == experiments[0].code
-
-
-def test_what_is_no_study_is_refused() -> None:
+    other = replace(experiments[0], studies=[{"class_path": "torch.nn.ReLU"}])
     with pytest.raises(ValueError, match=r"'studies' must hold studies \(got 'torch.nn.ReLU'\)"):
-        build_studies([{"class_path": "torch.nn.ReLU"}])
+        run_experiment(other)
 
 
 class _First(torch.nn.Module):

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 from house.measure import PACKAGE, House, names_of_all
-from house.walks import Walk, walk_of
+from house.walks import FIT, Walk, walk_of
 
-PUBLIC_LOOKING = 48  # may only fall
+PUBLIC_LOOKING = 45  # may only fall
+WALKS = {"table": (8, 8), "compare": (10, 23)}  # rooms and returns up to the runs, may only fall
 UNSIGNED = 0
 AMBIGUOUS = {
     "Comparison",
@@ -128,6 +129,14 @@ def test_walk_counts_stays_by_hand(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="'fit' is not reached from 'tactile table'"):
         walk_of(house, "table", "fit")
     assert Walk(house).stays == []
+
+
+@pytest.mark.parametrize("verb", WALKS)
+def test_arguments_do_not_wander(verb: str) -> None:
+    stays = walk_of(House(PACKAGE), verb, FIT)
+    rooms, returns = WALKS[verb]
+    assert len(set(stays)) <= rooms, stays
+    assert len(stays) - len(set(stays)) <= returns, stays
 
 
 def test_pages_and_tutorials_show_public_modules_only() -> None:

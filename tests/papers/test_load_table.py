@@ -11,7 +11,7 @@ from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table, table_names
-from torch_geometric_tactile.papers._numbers import table_numbers
+from torch_geometric_tactile.papers._table_numbers import table_numbers
 from torch_geometric_tactile.training._config_files import expand_template
 from torch_geometric_tactile.training.config import find_config
 

@@ -13,13 +13,13 @@ import yaml
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Trials
-from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._orderings import compare_orderings
+from torch_geometric_tactile.papers._table_notes import compare_orderings
 from torch_geometric_tactile.papers.write_table import markdown, write_table
 from torch_geometric_tactile.predictor import Predictor
 

@@ -11,7 +11,7 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments._building import check_arguments
-from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.io import write_recording

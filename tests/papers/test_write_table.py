@@ -13,8 +13,8 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.source import DataFacts
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers import load_table
-from torch_geometric_tactile.papers._numbers import table_numbers
 from torch_geometric_tactile.papers._table_caption import NOTHING
+from torch_geometric_tactile.papers._table_numbers import table_numbers
 from torch_geometric_tactile.papers.write_table import csv_text, markdown, write_table
 
 CAPTION = (

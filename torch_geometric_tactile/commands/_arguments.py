@@ -2,11 +2,7 @@ r"""Types of arguments that several verbs share."""
 
 import argparse
 import math
-import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-
-from torch_geometric_tactile._parallel import BACKENDS
+from collections.abc import Callable
 
 _MOST = 1_000_000
 
@@ -96,44 +92,3 @@ def rest(text: str) -> str | float | None:
             f"must be a phase, 'none', or seconds above 0 and up to 3600 (got {text[:40]!r})"
         )
     return number
-
-
-@contextmanager
-def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
-    r"""Names the options of a verb in the messages of errors, where these name the arguments of
-    Python functions that they become.
-    """
-    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
-    try:
-        yield
-    except ValueError as error:
-        pattern = rf"(?<!got )'({'|'.join(options)})'"
-        text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
-        raise ValueError(text) from error
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    r"""Adds the options for processes, threads and machines."""
-    workers = parser.add_argument_group("processes and machines")
-    workers.add_argument(
-        "--jobs", metavar="N", type=few, default=1, help="runs in parallel (default: 1)"
-    )
-    workers.add_argument(
-        "--threads", metavar="N", type=few, default=1, help="threads per run (default: 1)"
-    )
-    workers.add_argument(
-        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
-    )
-    workers.add_argument(
-        "--backend",
-        choices=BACKENDS,
-        default="loky",
-        help="how runs are distributed: processes on this machine (loky, the default), or Dask or "
-        "Ray for several machines (extras 'dask' and 'ray')",
-    )
-    workers.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="address of a running Dask or Ray cluster (default: start one here with --jobs "
-        "processes)",
-    )

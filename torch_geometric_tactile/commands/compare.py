@@ -4,17 +4,22 @@ import argparse
 import json
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torch_geometric_tactile.commands._arguments import add_workers, few, options_named, positive
+from torch_geometric_tactile.commands._arguments import few, positive
+from torch_geometric_tactile.commands._runs import (
+    add_workers,
+    exit_status,
+    options_named,
+    run_with_bar,
+)
 
 if TYPE_CHECKING:
-    from torch_geometric_tactile.experiments._experiment import Experiment
     from torch_geometric_tactile.experiments.compared_windows import FrameCut
     from torch_geometric_tactile.experiments.comparison import Comparison
     from torch_geometric_tactile.experiments.plan import Plan
+    from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 # The names in `experiments`, which is too heavy to import for them.
 MODELS = {
@@ -205,14 +210,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile.commands._progress import progress
-    from torch_geometric_tactile.experiments.compared_data import data_source
+    from torch_geometric_tactile.experiments.compared_windows import data_source
     from torch_geometric_tactile.experiments.comparison import (
         ComparisonSettings,
         comparison_plan,
         summarize,
     )
-    from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.reports._compare import write_comparison
     from torch_geometric_tactile.visualization._new_figure import new_figure
 
@@ -241,23 +245,20 @@ def _run(arguments: argparse.Namespace) -> int:
         cut=_cut(arguments),
     )
     plan = comparison_plan(source, settings, name=_name(arguments.data))
-    if not arguments.no_train:
-        plan = _quick_first(plan, arguments)
-    with progress(plan.table.name, "run") as show:
-
-        def on_progress(experiment: "Experiment", ended: int, all_runs: int) -> None:
-            show(experiment, ended, all_runs)
-            _tell_row(plan, experiment, arguments)
-
-        finished = run_plan(
-            plan, arguments.out, workers, train=not arguments.no_train, on_progress=on_progress
-        )
+    jobs = 1 if arguments.scheduler is not None else arguments.jobs
+    finished = run_with_bar(
+        plan,
+        arguments.out,
+        workers,
+        plan.table.name,
+        train=not arguments.no_train,
+        on_estimate=lambda seconds: _tell(_intention(plan, jobs, seconds), arguments.json),
+        on_model=lambda run: _tell(_row(run), arguments.json),
+    )
     comparison = summarize(finished)
     paths = write_comparison(comparison, arguments.out)
     _print(comparison, paths, arguments.json)
-    for name, reason in finished.failed.items():
-        print(f"tactile: error: {_plain(name)}: {_plain(reason)}", file=sys.stderr)
-    return 1 if finished.failed else 0
+    return exit_status(finished)
 
 
 def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
@@ -270,6 +271,7 @@ def _cut(arguments: argparse.Namespace) -> "FrameCut | None":
 def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     from tabulate import tabulate
 
+    from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.experiments.advice import advice, to_dict
     from torch_geometric_tactile.reports._compare import comparison_rows
 
@@ -279,41 +281,25 @@ def _print(comparison: "Comparison", paths: list[Path], as_json: bool) -> None:
     header, rows = comparison_rows(comparison)
     if rows:
         print(tabulate(rows, header, disable_numparse=True), end="\n\n")
-    print(_plain(comparison.run.describe()))
+    print(printable(comparison.run.describe()))
     for path in paths:
-        print(_plain(f"wrote {path}"))
-    print(f"\n{_plain(advice(comparison))}", flush=True)
+        print(printable(f"wrote {path}"))
+    print(f"\n{printable(advice(comparison))}", flush=True)
 
 
-def _quick_first(plan: "Plan", arguments: argparse.Namespace) -> "Plan":
-    from torch_geometric_tactile.experiments._estimate import estimate_seconds
-
-    seconds = estimate_seconds(plan, arguments.out)
-    _tell(_intention(plan, arguments, seconds), arguments.json)
-    order = sorted(plan.experiments, key=lambda e: seconds.get(e.name, 0.0))
-    return replace(plan, experiments=tuple(order))
-
-
-def _tell_row(plan: "Plan", experiment: "Experiment", arguments: argparse.Namespace) -> None:
-    # The score of a model, as soon as it has been tested on every split.
-    from torch_geometric_tactile.experiments._advice_texts import NAMES, shown_number
-    from torch_geometric_tactile.experiments._run_store import RunStore
+def _row(run: "PlanRun") -> str:
+    # The score of a model that has been tested on every split.
+    from torch_geometric_tactile.experiments._scores import NAMES, shown_number
     from torch_geometric_tactile.experiments.comparison import summarize
-    from torch_geometric_tactile.experiments.run_plan import PlanRun
 
-    store = RunStore(Path(arguments.out) / "runs")
-    runs = [(e, store.read(e)) for e in plan.experiments if e.name == experiment.name]
-    results = [(e, result) for e, result in runs if result is not None]
-    if len(results) < len(runs):
-        return
-    comparison = summarize(PlanRun(plan, results, 0, {}, 0))
+    comparison = summarize(run)
     (result,), metric = comparison.results, comparison.metric
     mean, sd = (shown_number(metric, value) for value in result.scores[metric])
-    text = f"{experiment.name:16} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
-    _tell(text, arguments.json)
+    name = result.model.name
+    return f"{name:16} {NAMES[metric]} {mean} ± {sd}, {result.seconds:,.1f} s a split"
 
 
-def _intention(plan: "Plan", arguments: argparse.Namespace, seconds: dict[str, float]) -> str:
+def _intention(plan: "Plan", jobs: int, seconds: dict[str, float]) -> str:
     (protocol,) = plan.protocols
     facts = plan.facts
     models = [cell.experiment for cell in plan.table.cells]
@@ -326,7 +312,6 @@ def _intention(plan: "Plan", arguments: argparse.Namespace, seconds: dict[str, f
     )
     if not seconds:
         return f"{text}; all runs are finished"
-    jobs = 1 if arguments.scheduler is not None else arguments.jobs
     longest = sorted(seconds, key=lambda name: seconds[name], reverse=True)[:3]
     parts = ", ".join(f"{name} {_duration(seconds[name] / jobs)}" for name in longest)
     whole = _duration(sum(seconds.values()) / jobs)
@@ -344,14 +329,8 @@ def _tell(text: str, as_json: bool) -> None:
     from tqdm import tqdm  # which keeps a line apart from a progress bar
 
     file = sys.stderr if as_json else sys.stdout
-    tqdm.write(_plain(text), file=file)
+    tqdm.write(text, file=file)
     file.flush()
-
-
-def _plain(text: str) -> str:
-    from torch_geometric_tactile._texts import printable
-
-    return printable(text)
 
 
 def _names(text: str) -> tuple[str, ...]:

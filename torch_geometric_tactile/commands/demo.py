@@ -2,9 +2,9 @@ r"""``tactile demo``: from data to judged models and a report."""
 
 import argparse
 import os
-import sys
 
-from torch_geometric_tactile.commands._arguments import few, options_named, positive
+from torch_geometric_tactile.commands._arguments import few, positive
+from torch_geometric_tactile.commands._runs import exit_status, options_named, run_with_bar
 
 HELP = "Train and compare grasp stability models on real grasps, and write a report"
 EXTRAS = "train,viz"
@@ -71,10 +71,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.commands._progress import progress
-    from torch_geometric_tactile.experiments._run import run_experiment
+    from torch_geometric_tactile.experiments._run_experiment import run_experiment
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
-    from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
+    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.papers import _grasp_report as grasp
     from torch_geometric_tactile.papers._grasp_table import grasp_table
     from torch_geometric_tactile.visualization._new_figure import new_figure
@@ -86,12 +85,10 @@ def _run(arguments: argparse.Namespace) -> int:
     print(printable(table.data.caption), flush=True)
     plan = make_plan(table, settings)
     out = Path(arguments.out)
-    with progress("Train and judge", "model") as show:
-        finished = run_plan(plan, out, Workers(arguments.jobs), on_progress=show)
+    workers = Workers(arguments.jobs)
+    finished = run_with_bar(plan, arguments.out, workers, "Train and judge", "model")
     if finished.failed:
-        for name, reason in finished.failed.items():
-            print(printable(f"tactile: error: {name}: {reason}"), file=sys.stderr)
-        return 1
+        return exit_status(finished)
     main = next(
         e for e in plan.experiments if (e.name, e.protocol.by, e.seed) == (grasp.MAIN, "given", 0)
     )

@@ -1,15 +1,18 @@
 r"""``tactile table``: the models of a table of the papers, beside its published numbers."""
 
 import argparse
-import sys
+from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.commands._arguments import (
+from torch_geometric_tactile.commands._arguments import few, positive, rest
+from torch_geometric_tactile.commands._runs import (
     add_workers,
-    few,
+    exit_status,
     options_named,
-    positive,
-    rest,
+    run_with_bar,
 )
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.experiments.tables import Table
 
 # As in `experiments`, which is too slow to import for its names.
 TABLES = (
@@ -172,24 +175,24 @@ def _table_name(text: str) -> str:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
-    if arguments.list:
-        print(_listed(arguments.name))
-        return 0
-    with options_named(arguments, name="NAME"):
-        return _run(arguments)
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.commands._progress import progress
-    from torch_geometric_tactile.experiments.plan import Settings, make_plan
-    from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
     from torch_geometric_tactile.papers.load_table import load_table
+
+    with options_named(arguments, name="NAME"):
+        table = load_table(arguments.name)
+        if arguments.list:
+            print(_listed(table))
+            return 0
+        return _run(table, arguments)
+
+
+def _run(table: "Table", arguments: argparse.Namespace) -> int:
+    from torch_geometric_tactile._texts import printable
+    from torch_geometric_tactile.experiments.plan import Settings, make_plan
+    from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.papers.write_table import write_table
     from torch_geometric_tactile.visualization._new_figure import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
-    table = load_table(arguments.name)
     table.select(arguments.only)  # a wrong pattern is found before the data is read
     workers = Workers(arguments.jobs, arguments.backend, arguments.scheduler)
     settings = Settings(
@@ -204,41 +207,27 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.tare is not _OF_TABLE:
         data["tare"] = arguments.tare
     chosen = {"stride": arguments.stride, "phases": arguments.phases}
-    plan = make_plan(
-        table,
-        settings,
-        data=data,
-        selection={name: value for name, value in chosen.items() if value is not None},
-    )
+    selection = {name: value for name, value in chosen.items() if value is not None}
+    plan = make_plan(table, settings, data=data, selection=selection)
+    train = not arguments.no_train
     try:
-        with progress(table.name, "run") as show:
-            finished = run_plan(
-                plan,
-                arguments.out,
-                workers,
-                only=arguments.only,
-                train=not arguments.no_train,
-                on_progress=show,
-            )
+        finished = run_with_bar(
+            plan, arguments.out, workers, table.name, only=arguments.only, train=train
+        )
     except KeyboardInterrupt as stop:
         more = "; --no-train writes the table of those" if str(stop) else ""
         raise KeyboardInterrupt(f"{stop}{more}") from None
     paths = write_table(finished, arguments.out)
-    print(printable(finished.describe()), flush=True)
-    for path in paths:
-        print(printable(f"wrote {path}"), flush=True)
-    for name, reason in finished.failed.items():
-        print(printable(f"tactile: error: {name}: {reason}"), file=sys.stderr)
-    return 1 if finished.failed else 0
+    for text in (finished.describe(), *(f"wrote {path}" for path in paths)):
+        print(printable(text), flush=True)
+    return exit_status(finished)
 
 
-def _listed(name: str) -> str:
+def _listed(table: "Table") -> str:
     from tabulate import tabulate
 
     from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.papers.load_table import load_table
 
-    table = load_table(name)
     keys = [key for key in _HEADERS if any(key in cell.published for cell in table.cells)]
     rows = [
         [cell.experiment, cell.row, cell.column, cell.section]

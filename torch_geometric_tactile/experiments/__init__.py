@@ -1,8 +1,7 @@
 r"""Experiments as values, and what runs and compares them. Needs the extra ``train``."""
 
 from torch_geometric_tactile.experiments.advice import advice
-from torch_geometric_tactile.experiments.compared_data import data_source
-from torch_geometric_tactile.experiments.compared_windows import FrameCut
+from torch_geometric_tactile.experiments.compared_windows import FrameCut, data_source
 from torch_geometric_tactile.experiments.comparison import (
     Comparison,
     ComparisonSettings,

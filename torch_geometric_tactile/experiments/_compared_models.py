@@ -1,86 +1,188 @@
-r"""The models of a comparison: what each is, what is tried, and where it has no place."""
+r"""The models of a comparison: their task, what each is and tries, and where it has no place."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from torch_geometric_tactile.experiments._compared_task import Settings, Task
+import torch
+
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._experiment import Choice
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.nn.models.bmf_cnn import LEAST_SIZE
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
+from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
+_TRANSFORMS = "torch_geometric_tactile.transforms."
 _MOST_SVM_SAMPLES = 10_000
 _MANY_TAXELS = 500  # above which a network is tried with one setting, for time
 
 
 @dataclass(frozen=True)
+class ComparedTask:
+    r"""What the models of a comparison have to do."""
+
+    layout: TaxelLayout
+    metric: str
+    num_train: int
+    posed: bool = False
+    epochs: int | None = None
+    tare: dict[str, Any] | None = None
+    members: int = 1
+    num_frames: int | None = None
+    num_channels: int = 1
+
+    @classmethod
+    def of(
+        cls,
+        dataset: StaticDataset,
+        metric: str,
+        part: float,
+        num_frames: int | None = None,
+        **more: Any,
+    ) -> "ComparedTask":
+        r"""Returns the task of a data set."""
+        num_train = max(1, round(part * len(dataset)))
+        width = dataset.batch(torch.tensor([0])).x.shape[-1]
+        return cls(
+            dataset.layout,
+            metric,
+            num_train,
+            posed=num_frames is None and _can_be_posed(dataset),
+            num_frames=num_frames,
+            num_channels=width // (num_frames or 1),
+            **more,
+        )
+
+    @property
+    def numbers(self) -> bool:
+        r"""Whether numbers are predicted, not classes."""
+        return self.metric == "mae"
+
+    @property
+    def recipe(self) -> TrainingRecipe:
+        r"""How networks are trained."""
+        recipe = training_recipe(self.num_train)
+        return recipe if self.epochs is None else recipe._replace(max_epochs=self.epochs)
+
+    def choice(self, settings: Sequence[dict[str, Any]] = ({},)) -> Choice:
+        r"""Returns what is chosen for a model."""
+        return Choice(settings, self.metric, self.members)
+
+    def transform(
+        self, *, scaled: bool, posed: bool = False, filled: bool = True
+    ) -> dict[str, Any]:
+        r"""Returns what every batch goes through, as plain data."""
+        steps = [] if self.tare is None else [_step("Tare", self.tare)]
+        if scaled:
+            of_signals = {} if self.num_frames is None else {"per": "signal"}
+            steps.append(_step("ZScore", {**of_signals, "scale_per": "channel"}))
+        if filled:
+            steps.append(_step("FillMissing"))
+        if posed:
+            steps.append(_step("TaxelPose", {"layout": self.layout.name, "tangent": True}))
+        return {
+            "class_path": "torch_geometric.transforms.Compose",
+            "init_args": {"transforms": steps},
+        }
+
+
+def _can_be_posed(dataset: StaticDataset) -> bool:
+    joint, layout = dataset.column("joint"), dataset.layout
+    hand = HandKinematics.allegro()
+    try:
+        is_stock = stock_layout(layout.name).matches(layout)
+    except ValueError:
+        return False
+    if joint is None or joint.dim() != 2 or joint.shape[1] != hand.num_joints or not is_stock:
+        return False
+    return len(layout.link_names) > 1 and set(layout.link_names) <= set(hand.link_names)
+
+
+def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
+    return {"class_path": f"{_TRANSFORMS}{name}", "init_args": arguments or {}}
+
+
+_Tried = Sequence[dict[str, Any]]
+_Arguments = dict[str, Any]
+
+
+@dataclass(frozen=True)
 class ComparedModel:
-    r"""A model of a comparison."""
+    r"""A model of a comparison: its class, the settings that are tried, and its arguments. Both may
+    follow from the task.
+    """
 
     name: str
     title: str
-    is_graph: bool
-    cell: Callable[[Task], dict[str, Any]]
-    lacks: Callable[[Task], str] = lambda task: ""
+    class_name: str
+    settings: _Tried | Callable[[ComparedTask], _Tried] = ({},)
+    arguments: _Arguments | Callable[[ComparedTask], _Arguments] = field(default_factory=dict)
+    is_graph: bool = False
+    lacks: Callable[[ComparedTask], str] = lambda task: ""
 
-    def to_cell(self, task: Task) -> Cell:
+    def to_cell(self, task: ComparedTask) -> Cell:
         r"""Returns its place of a table."""
-        return Cell(row=self.name, column="", experiment=self.name, **self.cell(task))
+        settings = self.settings(task) if callable(self.settings) else self.settings
+        arguments = self.arguments(task) if callable(self.arguments) else self.arguments
+        given = self._given(task, settings, dict(arguments))
+        return Cell(row=self.name, column="", experiment=self.name, **given)
+
+    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+        raise NotImplementedError
 
 
-def _network(
-    task: Task,
-    name: str,
-    settings: Settings,
-    *,
-    lr: float | None = None,
-    scaled: bool = True,
-    **arguments: Any,
-) -> dict[str, Any]:
-    recipe = task.recipe
-    section: dict[str, Any] = {
-        "model": {"class_path": f"{_MODELS}{name}", "init_args": arguments},
-        "optimizer": {
-            "class_path": "torch.optim.AdamW",
-            "init_args": {
-                "lr": recipe.lr if lr is None else lr,
-                "weight_decay": recipe.weight_decay,
-                "fused": True,
-            },
-        },
-    }
-    if task.numbers:
-        section |= {"task": "regression", "loss": "huber"}
-    else:
-        section["label_smoothing"] = recipe.label_smoothing
-    if task.metric == "balanced_accuracy":
-        section["class_weights"] = "balanced"
-    config = {
-        "model": section,
-        "data": {
-            "transform": task.transform(scaled=scaled, posed=not scaled),
-            "batch_size": recipe.batch_size,
-        },
-        "trainer": {"max_epochs": recipe.max_epochs},
-    }
-    few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
-    return {"config": config, "choice": task.choice(few)}
+@dataclass(frozen=True)
+class _Network(ComparedModel):
+    lr: float | None = None  # that of the recipe if left out
+    is_posed: bool = False
+
+    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+        recipe = task.recipe
+        optimizer = {
+            "lr": recipe.lr if self.lr is None else self.lr,
+            "weight_decay": recipe.weight_decay,
+            "fused": True,
+        }
+        section: dict[str, Any] = {
+            "model": {"class_path": f"{_MODELS}{self.class_name}", "init_args": arguments},
+            "optimizer": {"class_path": "torch.optim.AdamW", "init_args": optimizer},
+        }
+        if task.numbers:
+            section |= {"task": "regression", "loss": "huber"}
+        else:
+            section["label_smoothing"] = recipe.label_smoothing
+        if task.metric == "balanced_accuracy":
+            section["class_weights"] = "balanced"
+        transform = task.transform(scaled=not self.is_posed, posed=self.is_posed)
+        config = {
+            "model": section,
+            "data": {"transform": transform, "batch_size": recipe.batch_size},
+            "trainer": {"max_epochs": recipe.max_epochs},
+        }
+        few = settings[:1] if task.layout.num_taxels > _MANY_TAXELS else settings
+        return {"config": config, "choice": task.choice(few)}
 
 
-def _estimator(
-    task: Task, name: str, settings: Settings = ({},), *, posed: bool = False, **arguments: Any
-) -> dict[str, Any]:
-    scaled = name not in ("posed_forest", "posed_ridge")
-    arguments["task"] = "regression" if task.numbers else "multiclass"
-    if task.metric == "balanced_accuracy" and name != "constant":
-        arguments["class_weight"] = "balanced"
-    return {
-        "estimator": {"class_path": f"{_BASELINES}{name}", "init_args": arguments},
-        "transform": task.transform(scaled=scaled, posed=posed, filled=scaled),
-        "choice": task.choice([{"init_args": setting} for setting in settings]),
-    }
+@dataclass(frozen=True)
+class _Estimator(ComparedModel):
+    sums_patches: bool = False  # of readings that are neither scaled nor filled
+
+    def _given(self, task: ComparedTask, settings: _Tried, arguments: _Arguments) -> dict[str, Any]:
+        scaled = not self.sums_patches
+        arguments["task"] = "regression" if task.numbers else "multiclass"
+        if task.metric == "balanced_accuracy" and self.name != FLOOR:
+            arguments["class_weight"] = "balanced"
+        return {
+            "estimator": {"class_path": f"{_BASELINES}{self.class_name}", "init_args": arguments},
+            "transform": task.transform(
+                scaled=scaled, posed=self.sums_patches and task.posed, filled=scaled
+            ),
+            "choice": task.choice([{"init_args": setting} for setting in settings]),
+        }
 
 
 def _decay(weight_decay: float, **arguments: Any) -> dict[str, Any]:
@@ -107,172 +209,138 @@ def _num_blocks(num_frames: int) -> int:
     return max(2, math.ceil(math.log2(num_frames / 16)))
 
 
-def _lacks_frames(task: Task) -> str:
+def _lacks_frames(task: ComparedTask) -> str:
     if task.num_frames is not None:
         return ""
     return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
 
 
-def _lacks_a_frame(task: Task) -> str:
+def _lacks_a_frame(task: ComparedTask) -> str:
     return "" if task.num_frames is None else "it is for single frames, and the samples have more"
 
 
-def _lacks_a_pose(task: Task) -> str:
+def _lacks_a_pose(task: ComparedTask) -> str:
     return _lacks_a_frame(task) or (
         "" if task.posed else "the taxels are not placed by joint angles"
     )
 
 
-def _lacks_a_map(task: Task) -> str:
+def _lacks_a_map(task: ComparedTask) -> str:
     return "" if task.layout.image_map is not None else "the layout has no image_map"
 
 
-def _lacks_a_large_map(task: Task) -> str:
+def _lacks_a_large_map(task: ComparedTask) -> str:
     image_map = task.layout.image_map
     if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= LEAST_SIZE:
         return _lacks_a_map(task)
     return f"the image_map of the layout has fewer than {LEAST_SIZE} x {LEAST_SIZE} cells"
 
 
+FLOOR = "constant"
 MODELS: tuple[ComparedModel, ...] = (
-    ComparedModel(
-        "taxel_net",
-        "TaxelNet, the default graph model",
-        True,
-        lambda task: _network(task, "TaxelNet", _LESS_DROPOUT),
+    _Network(
+        "taxel_net", "TaxelNet, the default graph model", "TaxelNet", _LESS_DROPOUT, is_graph=True
     ),
-    ComparedModel(
+    _Network(
         "posed_taxel_net",
         "PosedTaxelNet, on taxels placed by the joint angles",
-        True,
-        lambda task: _network(task, "PosedTaxelNet", _DROPOUT, scaled=False),
-        _lacks_a_pose,
+        "PosedTaxelNet",
+        _DROPOUT,
+        is_graph=True,
+        is_posed=True,
+        lacks=_lacks_a_pose,
     ),
-    ComparedModel(
+    _Network(
         "temporal",
         "TemporalTaxelNet, the default for windows of frames",
-        True,
-        lambda task: _network(
-            task,
-            "TemporalTaxelNet",
-            _LESS_DROPOUT,
-            num_blocks=_num_blocks(task.num_frames or 1),
-        ),
-        _lacks_frames,
+        "TemporalTaxelNet",
+        _LESS_DROPOUT,
+        lambda task: {"num_blocks": _num_blocks(task.num_frames or 1)},
+        is_graph=True,
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
+    _Network(
         "gcn",
         "TactileGCN, a plain GCN",
-        True,
-        lambda task: _network(
-            task,
-            "TactileGCN",
-            _MORE_DECAY,
-            lr=1e-3,
-            widths=[32, 32],
-            pools=[1, 1],
-            head_widths=[128],
-            head_pools=[1],
-        ),
+        "TactileGCN",
+        _MORE_DECAY,
+        {"widths": [32, 32], "pools": [1, 1], "head_widths": [128], "head_pools": [1]},
+        is_graph=True,
+        lr=1e-3,
     ),
-    ComparedModel(
+    _Network(
         "grasp_gcn",
         "GraspGCN, a graph convolution on all frames of a taxel",
-        True,
-        lambda task: _network(
-            task,
-            "GraspGCN",
-            [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
-            lr=1e-3,
-        ),
-        _lacks_frames,
+        "GraspGCN",
+        lambda task: [*_MORE_DECAY, _FINGERS_APART] if task.num_channels > 1 else _MORE_DECAY,
+        is_graph=True,
+        lr=1e-3,
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
+    _Network(
         "fnn",
         "TactileFNN, fully connected",
-        False,
-        lambda task: _network(
-            task, "TactileFNN", _MORE_DECAY, lr=1e-3, widths=[256, 64], pools=[1, 1]
-        ),
+        "TactileFNN",
+        _MORE_DECAY,
+        {"widths": [256, 64], "pools": [1, 1]},
+        lr=1e-3,
     ),
-    ComparedModel(
-        "cnn",
-        "SmallCNN, on the map of the layout",
-        False,
-        lambda task: _network(task, "SmallCNN", _DROPOUT),
-        _lacks_a_map,
-    ),
-    ComparedModel(
+    _Network("cnn", "SmallCNN, on the map of the layout", "SmallCNN", _DROPOUT, lacks=_lacks_a_map),
+    _Network(
         "bmf_cnn",
         "BMFCNN, bilinear features on the map of the layout",
-        False,
-        lambda task: _network(task, "BMFCNN", _MORE_DECAY, lr=1e-3),
-        _lacks_a_large_map,
+        "BMFCNN",
+        _MORE_DECAY,
+        lr=1e-3,
+        lacks=_lacks_a_large_map,
     ),
-    ComparedModel(
+    _Network(
         "lstm",
         "GraspLSTM, recurrent, on the readings of each frame",
-        False,
-        lambda task: _network(task, "GraspLSTM", _MORE_DECAY, lr=1e-3),
-        _lacks_frames,
+        "GraspLSTM",
+        _MORE_DECAY,
+        lr=1e-3,
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
+    _Estimator(
         "svm_rbf",
         "support vector machine, radial kernel",
-        False,
-        lambda task: _estimator(task, "rbf_svm", _RADIAL, most_samples=_MOST_SVM_SAMPLES),
+        "rbf_svm",
+        _RADIAL,
+        {"most_samples": _MOST_SVM_SAMPLES},
     ),
-    ComparedModel(
-        "svm_linear",
-        "support vector machine, linear",
-        False,
-        lambda task: _estimator(task, "linear_svm", _LINEAR),
-    ),
-    ComparedModel(
+    _Estimator("svm_linear", "support vector machine, linear", "linear_svm", _LINEAR),
+    _Estimator(
         "svm_signal",
         "support vector machine on 12 statistical features of each signal",
-        False,
-        lambda task: _estimator(
-            task,
-            "signal_svm",
-            _SIGNALS,
-            num_channels=task.num_channels,
-            most_samples=_MOST_SVM_SAMPLES,
-        ),
-        _lacks_frames,
+        "signal_svm",
+        _SIGNALS,
+        lambda task: {"num_channels": task.num_channels, "most_samples": _MOST_SVM_SAMPLES},
+        lacks=_lacks_frames,
     ),
-    ComparedModel(
-        "forest",
-        "random forest on the readings",
-        False,
-        lambda task: _estimator(task, "flat_forest", _LEAVES),
-    ),
-    ComparedModel(
+    _Estimator("forest", "random forest on the readings", "flat_forest", _LEAVES),
+    _Estimator(
         "posed_forest",
         "random forest on sums of each patch",
-        False,
-        lambda task: _estimator(task, "posed_forest", _LEAVES, posed=task.posed),
-        _lacks_a_frame,
+        "posed_forest",
+        _LEAVES,
+        sums_patches=True,
+        lacks=_lacks_a_frame,
     ),
-    ComparedModel(
+    _Estimator(
         "posed_ridge",
         "ridge on sums of each patch",
-        False,
-        lambda task: _estimator(task, "posed_ridge", _RIDGE, posed=task.posed),
-        _lacks_a_frame,
+        "posed_ridge",
+        _RIDGE,
+        sums_patches=True,
+        lacks=_lacks_a_frame,
     ),
-    ComparedModel(
-        "constant",
-        "most frequent class, or mean",
-        False,
-        lambda task: _estimator(task, "constant"),
-    ),
+    _Estimator(FLOOR, "most frequent class, or mean", "constant"),
 )
-FLOOR = "constant"
 _BY_NAME = {model.name: model for model in MODELS}
 
 
-def chosen_models(names: Sequence[str] | None, task: Task) -> tuple[ComparedModel, ...]:
+def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
     r"""Returns models by their names, in the order of all."""
     if names is None:
         return tuple(model for model in MODELS if not model.lacks(task))

@@ -2,19 +2,15 @@ r"""How long the runs of a comparison will take, measured on a short probe."""
 
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import torch
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._choosing import fit_and_predict
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts
-from torch_geometric_tactile.experiments._run_store import RunStore
-from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.training._config_files import merged
 
 _PROBE = 256  # samples
@@ -22,13 +18,11 @@ _EPOCHS = 3
 _SQUARE = ("rbf_svm", "signal_svm")
 
 
-def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
-    r"""Returns for how many seconds one process will be busy with the runs of each model that are
-    not finished, about: each model is trained on a few samples, and its time is extrapolated.
-    The test parts are not read.
+def estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
+    r"""Returns for how many seconds one process will be busy with the runs of each model, about:
+    each model is trained on a few samples, and its time is extrapolated. The test parts are not
+    read.
     """
-    store = RunStore(Path(out) / "runs")
-    todo = [e for e in plan.experiments if not store.path(e).is_file()]
     count = Counter(e.name for e in todo)
     threads = torch.get_num_threads()
     found: dict[str, float] = {}
@@ -46,18 +40,18 @@ def estimate_seconds(plan: Plan, out: PathLike) -> dict[str, float]:
 
 
 def _of_run(experiment: Experiment) -> float:
-    assert experiment.choice is not None
+    choice = experiment.choice
+    assert choice is not None
     parts = choice_parts(experiment)
-    model = merged(experiment.model, experiment.choice.settings[0])
+    model = merged(experiment.model, choice.settings[0])
     few = _some(parts.fit, _PROBE)
-    tried = len(experiment.choice.settings)
-    tried = tried if tried > 1 else 0  # there is nothing to choose of one
-    finals = 1 if experiment.is_estimator else experiment.choice.members
+    tried = len(choice.settings) if len(choice.settings) > 1 else 0  # nothing to choose of one
+    finals = 1 if experiment.is_estimator else choice.members
     trainings = tried * len(parts.fit) + finals * len(parts.train)
     try:
         if experiment.is_estimator:
             return _of_estimator(experiment, model, parts, few, trainings)
-        probe = replace(experiment, epochs=_EPOCHS)
+        probe = replace(experiment, epochs=_EPOCHS, choice=replace(choice, members=1))
         whole, steps = _seconds(probe, model, few, _some(parts.val, 8))
     except ValueError:  # the run tells
         return 0.0
@@ -90,7 +84,7 @@ def _seconds(
 ) -> tuple[float, float]:
     # In all, and in the steps alone.
     start = time.perf_counter()
-    seconds = fit_and_predict(experiment, model, train, other, is_scored=True).seconds
+    seconds = fit(experiment, model, train, other).seconds
     return time.perf_counter() - start, seconds
 
 

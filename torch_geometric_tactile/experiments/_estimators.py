@@ -1,6 +1,7 @@
 r"""Estimators of scikit-learn as models of experiments."""
 
 import inspect
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,14 +11,61 @@ from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
 from torch_geometric_tactile.experiments._building import build, find_class
+from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
+from torch_geometric_tactile.experiments.studies import Trained
 from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training._threshold import choose_threshold
 from torch_geometric_tactile.transforms import fit_transform
 
 
+def fit_estimator(
+    experiment: Experiment,
+    model: Mapping[str, Any],
+    train: StaticDataset,
+    test: StaticDataset,
+    val: StaticDataset | None = None,
+) -> Fitted:
+    r"""Fits an estimator and returns what it says of other samples."""
+    transform = build(experiment.transform)
+    seen = _fitted_samples(transform, train)
+    held_out = _fitted_samples(transform, test, adapt=True)
+    estimator = seeded_estimator(model, train.layout, experiment.seed)
+    x, x_test = (estimator_input(estimator, part) for part in (seen, held_out))
+    start = time.perf_counter()
+    estimator.fit(x, seen.y.numpy())
+    seconds = time.perf_counter() - start
+    start = time.perf_counter()
+    prediction = np.asarray(estimator.predict(x_test))
+    predicting = time.perf_counter() - start
+    is_chosen, threshold = experiment.choice is not None, None
+    score = prediction if is_chosen else class_scores(estimator, x_test, train.num_classes)
+    if val is not None and experiment.threshold is not None:
+        other = _fitted_samples(transform, val, adapt=True)
+        seen_score = class_scores(estimator, estimator_input(estimator, other), train.num_classes)
+        threshold = choose_threshold(
+            _positive_score(seen_score),
+            other.y.numpy(),
+            experiment.threshold,
+            default=0.0 if score.ndim == 1 else 0.5,
+        )
+        prediction = (_positive_score(score) > threshold).astype(np.int64)
+    return Fitted(
+        score=score,
+        prediction=prediction,
+        y=held_out.y.numpy(),
+        num_parameters=num_numbers(estimator) if is_chosen else None,
+        seconds=seconds,
+        predict_seconds=predicting,
+        threshold=threshold,
+        trained=Trained(
+            estimator, seen, held_out, train.class_names, train.layout, experiment.seed
+        ),
+    )
+
+
 def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -> Any:
-    r"""Builds an estimator. Its :obj:`layout`, if it has such an argument, is that of the data; its
-    random state, if it is left open, is the seed.
-    """
+    # Its `layout`, if it has such an argument, is that of the data; its random state, if it is left
+    # open, is the seed.
     arguments = dict(model.get("init_args") or {})
     if "layout" in inspect.signature(find_class(model["class_path"])).parameters:
         arguments.setdefault("layout", layout)
@@ -31,21 +79,14 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
     return estimator.set_params(**dict.fromkeys(open_states, seed))
 
 
-def samples_of(part: StaticDataset) -> StaticData:
-    r"""Returns all samples of a part in memory, behind the :obj:`transform` of their data set, as
-    networks see them.
-    """
-    data: StaticData = part.data
-    return data if part.transform is None else apply_transform(part.transform, data)
-
-
-def fitted_samples(
+def _fitted_samples(
     transform: BaseTransform | None, part: StaticDataset, *, adapt: bool = False
 ) -> StaticData:
-    r"""Returns all samples of a part in memory, behind the transform of their data set and another,
-    which is fitted on them.
-    """
-    return fit_transform(transform, samples_of(part), adapt=adapt)
+    # All samples of a part in memory, behind the transform of their data set, as networks see them,
+    # and behind another, which is fitted on them.
+    data: StaticData = part.data
+    data = data if part.transform is None else apply_transform(part.transform, data)
+    return fit_transform(transform, data, adapt=adapt)
 
 
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
@@ -71,17 +112,16 @@ def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
     return complete
 
 
-def positive_score(score: np.ndarray) -> np.ndarray:
-    r"""Returns one number a sample :math:`(S,)`, higher where class 1 of two is expected."""
+def _positive_score(score: np.ndarray) -> np.ndarray:
+    # One number a sample (S,), higher where class 1 of two is expected.
     if score.ndim == 2 and score.shape[1] != 2:
         raise ValueError(f"'threshold' must be None unless of two classes (got {score.shape[1]})")
     return score if score.ndim == 1 else np.asarray(score[:, 1])
 
 
 def num_numbers(estimator: Any) -> int | None:
-    r"""Returns how many fitted numbers an estimator holds: weights and biases of a linear one,
-    support vectors with their weights, nodes of trees, visual words; :obj:`None` for others.
-    """
+    # How many fitted numbers it holds: weights and biases of a linear one, support vectors
+    # with their weights, nodes of trees, visual words; None for other estimators.
     last = estimator.steps[-1][1] if hasattr(estimator, "steps") else estimator
     last = getattr(last, "regressor_", last)
     parts = getattr(last, "estimators_", [last])

@@ -1,21 +1,54 @@
-r"""One experiment of a table, as a value: a model trained once and tested once."""
+r"""One experiment as a value: what is trained and tested, and what came of the training."""
 
 import hashlib
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
+import numpy as np
 import torch
 import torch_geometric
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._typing import ThresholdMetric
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._choice import Choice
 from torch_geometric_tactile.experiments.source import DataSource
+from torch_geometric_tactile.experiments.studies import Trained
+from torch_geometric_tactile.training._collected_metrics import Task
+
+_METRICS = ("accuracy", "balanced_accuracy", "mae")
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    r"""How the settings of a model are chosen: each setting is trained on the
+    training part without a validation part, which is cut from it by the protocol of the test, and
+    scored there; the best of them (the first, of equals) is trained on the whole training part.
+    """
+
+    settings: Sequence[Mapping[str, Any]] = ({},)
+    metric: str = "accuracy"
+    members: int = 1
+
+    def __post_init__(self) -> None:
+        if self.metric not in _METRICS:
+            raise ValueError(f"'metric' must be one of {list(_METRICS)} (got '{self.metric}')")
+        if not self.settings:
+            raise ValueError("'settings' must hold at least one setting (got none)")
+        if self.members < 1:
+            raise ValueError(f"'members' must be at least 1 (got {self.members})")
+
+    @property
+    def of_numbers(self) -> bool:
+        r"""Whether :obj:`y` is numbers, not classes."""
+        return self.metric == "mae"
+
+    def to_dict(self) -> dict[str, Any]:
+        r"""Returns the arguments as JSON values."""
+        return {**asdict(self), "settings": [dict(setting) for setting in self.settings]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +135,24 @@ class Experiment:
             "choice": None if content.get("choice") is None else Choice(**content["choice"]),
         }
         return cls(**{**content, **values})
+
+
+class Fitted(NamedTuple):
+    r"""What a trained model says of the samples that it is judged on, and what that took."""
+
+    score: np.ndarray
+    prediction: np.ndarray
+    y: np.ndarray
+    num_parameters: int | None
+    seconds: float
+    predict_seconds: float
+    task: Task = "multiclass"
+    threshold: float | None = None
+    loss: float = 0.0
+    peak_memory_mb: float | None = None
+    measures: str | None = None
+    label_names: list[str] | None = None
+    trained: Trained | None = None
 
 
 def versions() -> dict[str, str]:

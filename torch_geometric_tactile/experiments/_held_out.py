@@ -1,14 +1,18 @@
 r"""What is held out of a data set to test on and, of the rest, to choose on."""
 
+import logging
 import warnings
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
+from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._experiment import Experiment
 
+_logger = logging.getLogger(__name__)
 _FOLDS = 5
 _LEAST = 3  # units: to train, to choose and to test on
 
@@ -30,7 +34,7 @@ def balanced_protocol(
     r"""Returns folds by frame, trial or group, with every class in every fold where that is
     possible.
     """
-    count = num_units(dataset, by)
+    count = _num_units(dataset, by)
     if count < 2:
         raise ValueError(f"'dataset' must have at least 2 {by}s to be split by {by} (got {count})")
     plain = Protocol(by, folds=min(folds, count))  # type: ignore[arg-type]
@@ -51,8 +55,8 @@ def balanced_protocol(
     return plain
 
 
-def num_units(dataset: StaticDataset, by: str) -> int:
-    r"""Returns how many units there are that a split never tears apart."""
+def _num_units(dataset: StaticDataset, by: str) -> int:
+    # What a split never tears apart.
     if by == "frame":
         return len(dataset)
     unit = dataset.column(by)
@@ -64,15 +68,66 @@ def num_units(dataset: StaticDataset, by: str) -> int:
     return len(unit.unique())
 
 
-def check_units(dataset: StaticDataset, by: str) -> None:
-    r"""Checks that there is something to train, to choose and to test on."""
-    count = num_units(dataset, by)
+def compared_protocol(dataset: StaticDataset, by: str | None, folds: int) -> Protocol:
+    r"""Returns how a comparison holds out samples: by trial if there are trials, unless told."""
+    by = by or _default_unit(dataset)
+    if by == "given":
+        Protocol("given").split(dataset)  # tells that there are no parts
+        _check_cut(dataset, by)
+        return Protocol("given")
+    count = _num_units(dataset, by)
     if count < _LEAST:
         others = {"group": "trial or by frame", "trial": "frame"}.get(by)
         hint = f"; compare by {others}, which tells less" if others else ""
         raise ValueError(
             f"'dataset' must have at least {_LEAST} {by}s, to train, to choose and to test on "
             f"(got {count}){hint}"
+        )
+    _check_cut(dataset, by)
+    return balanced_protocol(dataset, by, folds)
+
+
+def _default_unit(dataset: StaticDataset) -> str:
+    if dataset.column("trial") is not None:
+        return "trial"
+    _logger.warning(
+        "the samples have no 'trial', and are split one by one: if several are of one touch, the "
+        "scores tell how well models recognise that touch again, and are too high for a new one"
+    )
+    return "frame"
+
+
+def _check_cut(dataset: StaticDataset, by: str) -> None:
+    # A split must put no frame into two parts.
+    if not isinstance(dataset, FrameView):
+        return
+    if by == "frame" and isinstance(dataset, Windows):
+        reach = dataset.length + dataset.horizon
+        if dataset.hop < reach:
+            what = "windows" if not dataset.horizon else "windows and the frames of their labels"
+            raise ValueError(
+                f"'by' must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
+                f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
+                f"sides of a split; or let 'hop' be at least {reach}"
+            )
+        _logger.warning(
+            "windows are split one by one: those of one trial are on both sides, and the scores "
+            "are too high for a new trial"
+        )
+    if by in ("group", "given"):
+        _check_one_part(dataset.dataset, "part" if by == "given" else by)
+
+
+def _check_one_part(frames: StaticDataset, key: str) -> None:
+    value, trial = frames.column(key), frames.column("trial")
+    if not isinstance(value, Tensor) or trial is None or not len(trial):
+        return  # the split tells what is missing
+    changed = (value[1:] != value[:-1]) & (trial[1:] == trial[:-1])
+    if changed.any():
+        number = int(trial[int(changed.nonzero()[0])])
+        raise ValueError(
+            f"'{key}' must be the same in all frames of a trial where samples have several frames "
+            f"(got two in trial {number})"
         )
 
 

@@ -1,8 +1,26 @@
-r"""Scores of predicted classes and numbers, by name."""
+r"""Scores: computed, in words, and when a difference of two is beyond the noise."""
+
+import math
 
 import numpy as np
 
 from torch_geometric_tactile.training.metrics import regression_metrics
+
+NAMES = {
+    "accuracy": "accuracy",
+    "balanced_accuracy": "balanced accuracy",
+    "f1": "macro F1",
+    "mae": "MAE",
+    "rmse": "RMSE",
+    "r2": "R2",
+}
+PERCENT = ("accuracy", "balanced_accuracy", "f1")
+LEAST_PAIRS = 3
+RULE = (
+    "A difference is beyond the noise if it is larger than both standard errors times Student's t "
+    "(two-sided, 5 %); the error over the splits is corrected for training sets that overlap "
+    f"(Nadeau and Bengio, 2003). There is no verdict on fewer than {LEAST_PAIRS} splits."
+)
 
 
 def prediction_scores(y: np.ndarray, prediction: np.ndarray, numbers: bool) -> dict[str, float]:
@@ -49,3 +67,16 @@ def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndar
         return hit
     _, place, count = np.unique(y, return_inverse=True, return_counts=True)
     return hit * len(y) / (len(count) * count[place])
+
+
+def shown_number(metric: str, value: float) -> str:
+    r"""Returns a score as text, in percent where that is usual.
+
+    Examples:
+        >>> shown_number("accuracy", 0.918), shown_number("mae", 0.00435)
+        ('91.8', '0.00435')
+    """
+    if math.isnan(value):
+        return "?"
+    text = f"{100 * value:.1f}" if metric in PERCENT else f"{value:.3g}"
+    return text.removeprefix("-") if not float(text) else text  # not "-0.0"

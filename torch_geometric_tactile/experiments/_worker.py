@@ -20,7 +20,7 @@ from typing import Any
 from torch_geometric_tactile._parallel import KEPT_MEMORY
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
-from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments._run_experiment import run_experiment
 
 _MODULE = "torch_geometric_tactile.experiments._worker"
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")

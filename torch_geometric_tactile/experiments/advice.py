@@ -3,9 +3,8 @@ r"""What a comparison says in one sentence, and as plain data."""
 import math
 from typing import Any
 
-from torch_geometric_tactile.experiments._advice_texts import _PERCENT, NAMES, shown_number
 from torch_geometric_tactile.experiments._compared_models import FLOOR
-from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
+from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, NAMES, PERCENT, shown_number
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult, Summary
 from torch_geometric_tactile.experiments.differences import Difference
 
@@ -92,12 +91,12 @@ def _with_score(comparison: Comparison, result: ModelResult) -> str:
 def _score(comparison: Comparison, result: ModelResult) -> str:
     metric = comparison.metric
     number = shown_number(metric, result.scores[metric].mean)
-    return f"{NAMES[metric]} {number}" + (" %" if metric in _PERCENT else "")
+    return f"{NAMES[metric]} {number}" + (" %" if metric in PERCENT else "")
 
 
 def _size(metric: str, difference: Difference) -> str:
     number = shown_number(metric, abs(difference.mean))
-    return f"{number}{' points' if metric in _PERCENT else ''}" if float(number) else _LEVEL
+    return f"{number}{' points' if metric in PERCENT else ''}" if float(number) else _LEVEL
 
 
 def _told(comparison: Comparison, difference: Difference) -> str:

@@ -1,27 +1,33 @@
-r"""Windows of frames and whole trials as the samples of a comparison."""
+r"""The samples of a comparison: of a file, a folder or a class, as they are, or windows of
+frames and whole trials cut from them.
+"""
 
 import copy
-import logging
+import inspect
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._building import argument_names, find_class
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.transforms import Tare
 
+_DATASETS = "torch_geometric_tactile.datasets"
+_PITCH = 0.005
+_IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 _WINDOWS = "torch_geometric_tactile.data.Windows"
 _TRIALS = "torch_geometric_tactile.data.Trials"
 _RESAMPLE = "torch_geometric_tactile.transforms.Resample"
 _TARED = f"{__name__}.tared_frames"
 _STRIDED = f"{__name__}.strided_frames"
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,82 @@ class FrameCut:
         return replace(
             frames, class_path=path, arguments=arguments, selection={}, caption="", fingerprint=""
         )
+
+
+def data_source(
+    data: PathLike,
+    *,
+    layout: str | None = None,
+    grid: str | None = None,
+    task: str | None = None,
+    time_axis: int | None = None,
+    arguments: Mapping[str, Any] | None = None,
+    stride: int | None = None,
+    cut: FrameCut | None = None,
+) -> DataSource:
+    r"""Returns the data set that a text stands for."""
+    if time_axis is not None and cut is not None:
+        raise ValueError(
+            f"'time_axis' must be left out where windows or trials are cut (got {time_axis})"
+        )
+    frames = _frames(data, layout, grid, task, time_axis, arguments)
+    frames = frames if stride is None else with_stride(frames, stride)
+    return frames if cut is None else cut.cut(frames)
+
+
+def _frames(
+    data: PathLike,
+    layout: str | None,
+    grid: str | None,
+    task: str | None,
+    time_axis: int | None,
+    arguments: Mapping[str, Any] | None,
+) -> DataSource:
+    text, path = str(data), Path(data)
+    given = dict(arguments or {})
+    if path.is_file() or path.suffix == ".npz":
+        if path.suffix != ".npz":
+            raise ValueError(f"'data' must be an npz file, a folder or a class (got '{text}')")
+        own = {"layout": layout, "grid": grid, "task": task, "time_axis": time_axis}
+        given |= {key: value for key, value in own.items() if value is not None}
+        return DataSource(f"{_DATASETS}.SamplesFile", {"path": text, **given})
+    for key, of_file in {"task": task, "time_axis": time_axis}.items():
+        if of_file is not None:
+            raise ValueError(
+                f"'{key}' must be left out for anything but an npz file (got {of_file!r})"
+            )
+    if path.is_dir():
+        found: Any = layout if grid is None else _grid(grid)
+        if found is not None:
+            given["layout"] = found
+        return DataSource(f"{_DATASETS}.RecordingFrames", {"root": text, **given})
+    if not _IMPORT_PATH.fullmatch(text):
+        raise FileNotFoundError(
+            f"'{text}' does not exist; give an npz file of samples, a folder of recordings, or the "
+            "import path of a data set"
+        )
+    if "." not in text:
+        from torch_geometric_tactile import datasets
+
+        names = [name for name in datasets.__all__ if inspect.isclass(getattr(datasets, name))]
+        if text not in names:
+            raise FileNotFoundError(
+                f"'{text}' is neither a file, nor a folder, nor one of our data sets: "
+                f"{', '.join(names)}"
+            )
+        text = f"{_DATASETS}.{text}"
+    for key, value in {"layout": layout, "grid": grid}.items():
+        if value is not None:
+            raise ValueError(f"'{key}' must be left out for a class of data (got '{value}')")
+    return DataSource(text, given)
+
+
+def _grid(text: str) -> dict[str, Any]:
+    rows, _, cols = text.lower().partition("x")
+    if not (rows.isascii() and rows.isdigit() and cols.isascii() and cols.isdigit()):
+        raise ValueError(f"'grid' must be rows and columns such as 28x50 (got '{text}')")
+    size = {"rows": int(rows), "cols": int(cols), "pitch": _PITCH}
+    return {"class_path": "torch_geometric_tactile.sensors.grid", "init_args": size}
 
 
 def of_frames(
@@ -147,40 +229,6 @@ def strided_frames(dataset: StaticDataset, stride: int) -> StaticDataset:
     _, counts = trial[order].unique_consecutive(return_counts=True)
     place = torch.arange(len(order)) - (counts.cumsum(0) - counts).repeat_interleave(counts)
     return dataset[order[place % stride == 0].sort().values]
-
-
-def check_cut(dataset: StaticDataset, by: str) -> None:
-    r"""Checks that a split puts no frame into two parts."""
-    if not isinstance(dataset, FrameView):
-        return
-    if by == "frame" and isinstance(dataset, Windows):
-        reach = dataset.length + dataset.horizon
-        if dataset.hop < reach:
-            what = "windows" if not dataset.horizon else "windows and the frames of their labels"
-            raise ValueError(
-                f"'by' must be 'trial' or 'group' where {what} overlap (got 'frame', with windows "
-                f"of {dataset.length} frames every {dataset.hop}): their frames would be on both "
-                f"sides of a split; or let 'hop' be at least {reach}"
-            )
-        _logger.warning(
-            "windows are split one by one: those of one trial are on both sides, and the scores "
-            "are too high for a new trial"
-        )
-    if by in ("group", "given"):
-        _check_one_part(dataset.dataset, "part" if by == "given" else by)
-
-
-def _check_one_part(frames: StaticDataset, key: str) -> None:
-    value, trial = frames.column(key), frames.column("trial")
-    if not isinstance(value, Tensor) or trial is None or not len(trial):
-        return  # the split tells what is missing
-    changed = (value[1:] != value[:-1]) & (trial[1:] == trial[:-1])
-    if changed.any():
-        number = int(trial[int(changed.nonzero()[0])])
-        raise ValueError(
-            f"'{key}' must be the same in all frames of a trial where samples have several frames "
-            f"(got two in trial {number})"
-        )
 
 
 def describe_left_out(dataset: StaticDataset) -> str:

@@ -1,37 +1,34 @@
 r"""Models compared on one data set: the plan, and what came of it."""
 
-import logging
 import math
 import statistics
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import Protocol, StaticDataset
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
+    ComparedTask,
     check_names,
     chosen_models,
     model_of,
 )
-from torch_geometric_tactile.experiments._compared_task import Task
-from torch_geometric_tactile.experiments._held_out import balanced_protocol, check_units
-from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
-from torch_geometric_tactile.experiments.compared_data import predicts_numbers, said_before
-from torch_geometric_tactile.experiments.compared_windows import check_cut, of_frames
+from torch_geometric_tactile.experiments._held_out import compared_protocol
+from torch_geometric_tactile.experiments._scores import LEAST_PAIRS
+from torch_geometric_tactile.experiments.compared_windows import of_frames
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
-from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
+from torch_geometric_tactile.experiments.plan import Plan, Settings, list_experiments
 from torch_geometric_tactile.experiments.run_plan import OnProgress, PlanRun, Workers, run_plan
-from torch_geometric_tactile.experiments.source import DataFacts, DataSource
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
 _UNITS = ("trial", "group", "frame", "given")
 _CHOOSE_ON = 0.8  # of the training part
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -229,50 +226,43 @@ def comparison_plan(
     """
     settings = settings or ComparisonSettings()
     source, tare, selection = of_frames(source, settings.tare, selection)
-    source, facts = source.resolve()
+    source, facts = source.with_arguments({}, selection).resolve()
     if facts.num_frames is not None and tare is not None:
         raise ValueError(
             "'tare' must be left out for samples of several frames: subtract rest readings before "
             "they are cut"
         )
-    with said_before():
-        return _plan_of(source, facts, settings, tare, name, selection)
-
-
-def _plan_of(
-    source: DataSource,
-    facts: DataFacts,
-    settings: ComparisonSettings,
-    tare: dict[str, Any] | None,
-    name: str,
-    selection: Mapping[str, Any] | None,
-) -> Plan:
     dataset = source.load()
-    numbers = predicts_numbers(dataset)
+    numbers = _predicts_numbers(dataset)
     metric = settings.metric or ("mae" if numbers else "accuracy")
     if (metric == "mae") != numbers:
         allowed = "'mae'" if numbers else "'accuracy' or 'balanced_accuracy'"
         kind = "numbers" if numbers else "classes"
         raise ValueError(f"'metric' must be {allowed} for {kind} (got '{metric}')")
-    by = settings.by or _default_unit(dataset)
-    protocol = _protocol(dataset, by, settings.folds)
+    protocol = compared_protocol(dataset, settings.by, settings.folds)
     part = _CHOOSE_ON * (1 - 1 / (protocol.folds or settings.folds))
-    task = Task.of(
-        dataset, metric, part, epochs=settings.epochs, tare=tare, members=settings.members
+    task = ComparedTask.of(
+        dataset,
+        metric,
+        part,
+        num_frames=facts.num_frames,
+        epochs=settings.epochs,
+        tare=tare,
+        members=settings.members,
     )
     models = chosen_models(settings.models, task)
+    held_out = "given" if protocol.by == "given" else f"by {protocol.by}"
     table = Table(
         name=name,
         title=f"Models compared on {name}" + _frames_in_words(facts.num_frames),
         data=source,
-        protocols=(TableProtocol(f"by {by}" if by != "given" else by, protocol),),
+        protocols=(TableProtocol(held_out, protocol),),
         cells=tuple(model.to_cell(task) for model in models),
         task="regression" if numbers else "multiclass",
         seeds=settings.seeds,
         measure_memory=False,
     )
-    plain = replace(settings.of_plan(), folds=None)  # the protocol has as many as there can be
-    return make_plan(table, plain, selection=selection)
+    return list_experiments(table, table.protocols, settings.of_plan(), source, facts)
 
 
 def compare(
@@ -366,22 +356,15 @@ def _mean(values: list[Any]) -> float | None:
     return None if None in values else statistics.fmean(values)
 
 
-def _default_unit(dataset: StaticDataset) -> str:
-    if dataset.column("trial") is not None:
-        return "trial"
-    _logger.warning(
-        "the samples have no 'trial', and are split one by one: if several are of one touch, the "
-        "scores tell how well models recognise that touch again, and are too high for a new one"
-    )
-    return "frame"
-
-
-def _protocol(dataset: StaticDataset, by: str, folds: int) -> Protocol:
-    if by == "given":
-        protocol = Protocol("given")
-        protocol.split(dataset)  # tells that there are no parts
-        check_cut(dataset, by)
-        return protocol
-    check_units(dataset, by)
-    check_cut(dataset, by)
-    return balanced_protocol(dataset, by, folds)
+def _predicts_numbers(dataset: StaticDataset) -> bool:
+    y = dataset.column("y")
+    if y is None:
+        raise ValueError("'data' must have 'y', a class or numbers for each sample (got none)")
+    if y.dim() == 1 and not y.is_floating_point():
+        return False
+    if y.dim() > 1 and bool(((y == 0) | (y == 1)).all()):
+        raise ValueError(
+            f"'y' must be one class a sample, or numbers (got 0 and 1 for each of {y.shape[1]} "
+            "labels): choose one of them, or another target"
+        )
+    return True

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import t
 
-from torch_geometric_tactile.experiments._noise import LEAST_PAIRS
-from torch_geometric_tactile.experiments._scores import sample_scores
+from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, sample_scores
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 

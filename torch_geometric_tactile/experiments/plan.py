@@ -1,17 +1,13 @@
 r"""A table resolved into its experiments, once: what is run, stored, counted and written about."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
-from torch_geometric_tactile.experiments.tables import (
-    Cell,
-    Table,
-    TableProtocol,
-    cell_config,
-)
+from torch_geometric_tactile.experiments.tables import Cell, Table, TableProtocol
 
 _ACCELERATORS = ("cpu", "gpu")
 
@@ -105,36 +101,44 @@ def make_plan(
             models are for fewer classes.
     """
     settings = settings or Settings()
-    protocols = table.select_protocols(settings.protocols)
-    if settings.folds is not None:
-        protocols = tuple(_with_folds(protocol, settings.folds) for protocol in protocols)
-    base = table.data.with_arguments(data or {}, selection)
-    sources = _Sources()
-    resolved, facts = sources.resolve(base)
+    protocols = table.select_protocols(settings.protocols, settings.folds)
+    source, facts = table.data.with_arguments(data or {}, selection).resolve()
+    return list_experiments(table, protocols, settings, source, facts)
+
+
+def list_experiments(
+    table: Table,
+    protocols: tuple[TableProtocol, ...],
+    settings: Settings,
+    data: DataSource,
+    facts: DataFacts,
+) -> Plan:
+    r"""Lists the experiments of a table, whose data set is loaded."""
     models = {cell.experiment: _model(cell, settings, table) for cell in table.cells}
-    drafts = {
-        (cell.experiment, protocol.name): Experiment(
-            name=cell.experiment,
-            data=sources.resolve(base, cell.data, protocol.data)[0],
-            protocol=protocol.protocol,
-            protocol_name=protocol.name,
-            accelerator=settings.accelerator,
-            threads=settings.threads,
-            choice=cell.choice,
-            **models[cell.experiment],
-        )
-        for protocol in protocols
-        for cell in table.cells
+    resolved: dict[str, DataSource] = {}
+    drafts = {}
+    for protocol in protocols:
+        for cell in table.cells:
+            over = {**cell.data, **protocol.data}
+            key = json.dumps(over, sort_keys=True)
+            if key not in resolved:
+                resolved[key] = data.with_arguments(over).resolve()[0] if over else data
+            drafts[cell.experiment, protocol.name] = Experiment(
+                name=cell.experiment,
+                data=resolved[key],
+                protocol=protocol.protocol,
+                protocol_name=protocol.name,
+                accelerator=settings.accelerator,
+                threads=settings.threads,
+                choice=cell.choice,
+                **models[cell.experiment],
+            )
+    _check_classes(table, drafts.values(), data, facts)
+    seeds, first = settings.seeds or table.seeds, table.cells[0].experiment
+    folds = {  # what cannot be split is found before anything is trained
+        name: drafts[first, name].data.resolve(protocol)[1].num_folds
+        for name, protocol in ((entry.name, entry.protocol) for entry in protocols)
     }
-    _check_classes(table, drafts.values(), resolved, facts)
-    seeds = settings.seeds or table.seeds
-    folds = {
-        protocol.name: protocol.protocol.num_folds(
-            drafts[table.cells[0].experiment, protocol.name].data.load()
-        )
-        for protocol in protocols
-    }
-    _check_parts(table, protocols, drafts)
     experiments = tuple(
         replace(
             drafts[cell.experiment, protocol.name],
@@ -147,31 +151,7 @@ def make_plan(
         for fold in range(folds[protocol.name])
         for cell in table.cells
     )
-    return Plan(table, protocols, seeds, resolved, facts, experiments)
-
-
-class _Sources:
-    # Every data source is resolved once, however many experiments have it.
-    def __init__(self) -> None:
-        self._known: list[tuple[DataSource, DataSource, DataFacts]] = []
-
-    def resolve(
-        self, base: DataSource, *arguments: Mapping[str, Any]
-    ) -> tuple[DataSource, DataFacts]:
-        source = base
-        for over in arguments:
-            source = source.with_arguments(over)
-        for asked, resolved, facts in self._known:
-            if asked == source:
-                return resolved, facts
-        self._known.append((source, *source.resolve()))
-        return self._known[-1][1:]
-
-
-def _with_folds(protocol: TableProtocol, folds: int) -> TableProtocol:
-    if protocol.protocol.folds is None:
-        return protocol
-    return replace(protocol, protocol=replace(protocol.protocol, folds=folds))
+    return Plan(table, protocols, seeds, data, facts, experiments)
 
 
 def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
@@ -182,7 +162,7 @@ def _model(cell: Cell, settings: Settings, table: Table) -> dict[str, Any]:
             "transform": cell.transform,
             "threshold": cell.threshold,
         }
-    config = cell_config(cell)
+    config = cell.configuration
     if config["model"].get("task") == "regression" and cell.choice is None:
         raise ValueError(f"'task' of '{cell.config}' must be one of classes (got 'regression')")
     trainer = dict(config.get("trainer") or {})
@@ -212,14 +192,3 @@ def _check_classes(table: Table, drafts: Any, source: DataSource, facts: DataFac
                 f"the models of {table.name} tell {known} classes apart (got {facts.num_classes} "
                 f"in '{source.arguments.get('root') or source.class_path}')"
             )
-
-
-def _check_parts(
-    table: Table,
-    protocols: tuple[TableProtocol, ...],
-    drafts: Mapping[tuple[str, str], Experiment],
-) -> None:
-    # What cannot be split is found before anything is trained.
-    for protocol in protocols:
-        first = drafts[table.cells[0].experiment, protocol.name]
-        first.data.parts(protocol.protocol, seed=0, fold=0)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from torch_geometric_tactile._parallel import Backend, check_backend, kept_memory, run_parallel
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.experiments._estimate import estimate_seconds
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
@@ -76,6 +77,8 @@ def run_plan(
     only: Sequence[str] | None = None,
     train: bool = True,
     on_progress: OnProgress | None = None,
+    on_estimate: Callable[[dict[str, float]], None] | None = None,
+    on_model: Callable[[PlanRun], None] | None = None,
 ) -> PlanRun:
     r"""Trains and tests the experiments of a plan that are not finished.
 
@@ -91,6 +94,11 @@ def run_plan(
         train (bool): Whether to train what is missing; otherwise the result is of what is there.
         on_progress (callable, optional): Called with each run that ended, how many ended so far,
             and how many are to be run.
+        on_estimate (callable, optional): Called before the first run with the seconds, about, that
+            the runs of each experiment will take one after the other, by its name. They are
+            measured on a short probe, and the quick ones are run first.
+        on_model (callable, optional): Called with the runs of one experiment when the last of them
+            is finished.
 
     Raises:
         KeyboardInterrupt: On Ctrl-C; the message tells how many runs are kept.
@@ -110,6 +118,10 @@ def run_plan(
     todo = [different[code] for code in different if code in wanted - kept]
     failed: dict[str, str] = {}
     try:
+        if on_estimate is not None and train:
+            seconds = estimate_seconds(todo)
+            on_estimate(seconds)
+            todo.sort(key=lambda experiment: seconds.get(experiment.name, 0.0))
         with _noticed_stop() as stopped, closing(_run(todo, workers)) as running:
             for ended, (experiment, result) in enumerate(running, 1):
                 if "error" in result:
@@ -121,6 +133,11 @@ def run_plan(
                     results[experiment.code] = result
                 if on_progress is not None:
                     on_progress(experiment, ended, len(todo))
+                if on_model is not None:
+                    mine = [e for e in experiments if e.name == experiment.name]
+                    runs = [(e, results[e.code]) for e in mine if e.code in results]
+                    if len(runs) == len(mine):
+                        on_model(PlanRun(plan, runs, 0, {}, 0))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"stopped; {_count(experiments, results)} of {len(experiments)} runs are finished and "

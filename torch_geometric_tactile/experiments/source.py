@@ -16,10 +16,11 @@ from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._building import argument_names, build, check_arguments
-from torch_geometric_tactile.experiments._facts import num_frames_of
 
 _SIMULATION = "simulation.json"
 _PLACES = ("root", "path")  # of files, whose content is the fingerprint
+_MOST = 4
+_LOADED: dict[tuple[str, str, str], StaticDataset] = {}  # the last few, the newest last
 _INNER = "dataset"  # the argument of a view, such as Trials, that is the data set it shows
 
 
@@ -43,35 +44,48 @@ class DataSource:
         r"""Returns the source with other or further arguments. Those that a view does not have,
         such as :obj:`root`, are given to the data set that it shows.
         """
+        if arguments:
+            self = replace(self, fingerprint="")
         return replace(
             self,
             arguments=_laid_over(self.class_path, self.arguments, arguments),
             selection={**self.selection, **(selection or {})},
-            fingerprint="",
         )
 
-    def resolve(self) -> tuple[Self, "DataFacts"]:
+    def resolve(self, protocol: Protocol | None = None) -> tuple[Self, "DataFacts"]:
         r"""Loads the data set, which processes or downloads it if that was not done before, so that
-        many processes can read it at once. Returns the source with its fingerprint, kind and
-        caption, and what it holds.
+        many processes can read it at once, and checks that a protocol can split it. Returns the
+        source with its fingerprint, kind and caption, and what it holds.
         """
         check_arguments(self.class_path, {**self.arguments, **self.selection})
-        dataset = self._build(self.arguments)
-        used = self._build({**self.arguments, **self.selection}) if self.selection else dataset
+        dataset = self.load() if self.fingerprint else self._build(self.arguments)
         if not isinstance(dataset, StaticDataset):
             raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
-        facts = DataFacts.of(dataset, used)
+        code = self.fingerprint or _fingerprint(dataset)
+        source = replace(self, fingerprint=code)
+        _keep(source._key, dataset)
+        count = int(source._chosen(dataset).sum())
+        facts = replace(DataFacts.of(dataset), num_samples=count)
+        if protocol is not None:
+            facts = replace(facts, num_folds=protocol.num_folds(dataset))
+            source.parts(protocol, seed=0, fold=0)
         synthetic = getattr(_innermost(dataset), "synthetic", None)
         kind = self.kind or {None: "ours", True: "simulated", False: "measured"}[synthetic]
         caption = self.caption or _caption(dataset, kind, facts)
-        code = _fingerprint(dataset)
-        return replace(self, fingerprint=code, kind=kind, caption=caption), facts
+        return replace(source, kind=kind, caption=caption), facts
 
     def load(self) -> StaticDataset:
         r"""Returns the data set, without :obj:`selection`. A process keeps the last few that it
         loaded.
         """
-        return _load(self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint)
+        dataset = _LOADED.get(self._key)
+        dataset = self._build(self.arguments) if dataset is None else dataset
+        _keep(self._key, dataset)
+        return dataset
+
+    @property
+    def _key(self) -> tuple[str, str, str]:
+        return self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint
 
     def parts(
         self, protocol: Protocol, seed: int, fold: int
@@ -79,12 +93,8 @@ class DataSource:
         r"""Returns the samples to train on, and those to test on."""
         dataset = self.load()
         train, _, test = protocol.split(dataset, seed, fold)
-        if self.selection:
-            chosen = self._build({**self.arguments, **self.selection}).indices()
-            is_chosen = torch.zeros(dataset.len(), dtype=torch.bool)
-            is_chosen[torch.as_tensor(list(chosen))] = True
-            is_chosen = is_chosen[torch.as_tensor(list(dataset.indices()))]
-            train, test = train[is_chosen[train]], test[is_chosen[test]]
+        is_chosen = self._chosen(dataset)
+        train, test = train[is_chosen[train]], test[is_chosen[test]]
         for name, part in (("train", train), ("test", test)):
             if not len(part):
                 raise ValueError(
@@ -96,6 +106,15 @@ class DataSource:
     def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
         dataset: StaticDataset = build({"class_path": self.class_path, "init_args": arguments})
         return dataset
+
+    def _chosen(self, dataset: StaticDataset) -> Tensor:
+        # Which samples of the data set are selected (S,).
+        if not self.selection:
+            return torch.ones(len(dataset), dtype=torch.bool)
+        chosen = _selected(*self._key, json.dumps(self.selection, sort_keys=True))
+        is_chosen = torch.zeros(dataset.len(), dtype=torch.bool)
+        is_chosen[chosen] = True
+        return is_chosen[torch.as_tensor(list(dataset.indices()))]
 
     def identity(self) -> dict[str, Any]:
         r"""Returns all of it that a result follows from: not where the files lie, nor captions."""
@@ -122,19 +141,21 @@ class DataFacts:
     class_names: tuple[str, ...] = ()
     session_names: tuple[str, ...] = ()
     num_frames: int | None = None
+    num_folds: int = 1
 
     @classmethod
-    def of(cls, dataset: StaticDataset, used: StaticDataset | None = None) -> Self:
+    def of(cls, dataset: StaticDataset) -> Self:
         r"""Returns the facts of a data set."""
         counts = [_count(dataset.column(key)) for key in ("trial", "group")]
+        frames = dataset.column("num_frames")
         return cls(
-            num_samples=len(dataset if used is None else used),
+            num_samples=len(dataset),
             num_trials=counts[0],
             num_groups=counts[1],
             num_classes=0 if _is_one_number(dataset.column("y")) else dataset.num_classes,
             class_names=tuple(dataset.class_names),
             session_names=tuple(dataset.session_names),
-            num_frames=num_frames_of(dataset),
+            num_frames=None if frames is None else int(torch.as_tensor(frames).view(-1)[0]),
         )
 
 
@@ -172,9 +193,17 @@ def _innermost(dataset: StaticDataset) -> StaticDataset:
     return dataset
 
 
-@lru_cache(maxsize=4)
-def _load(class_path: str, arguments: str, fingerprint: str) -> StaticDataset:
-    return DataSource(class_path)._build(json.loads(arguments))
+def _keep(key: tuple[str, str, str], dataset: StaticDataset) -> None:
+    _LOADED.pop(key, None)
+    _LOADED[key] = dataset
+    for old in list(_LOADED)[:-_MOST]:
+        _LOADED.pop(old, None)
+
+
+@lru_cache(maxsize=16)
+def _selected(class_path: str, arguments: str, fingerprint: str, selection: str) -> Tensor:
+    given = {**json.loads(arguments), **json.loads(selection)}
+    return torch.as_tensor(list(DataSource(class_path)._build(given).indices()))
 
 
 def _count(column: Tensor | None) -> int:

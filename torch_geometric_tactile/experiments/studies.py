@@ -86,9 +86,5 @@ class Confusion(Study):
     """
 
     def measure(self, trained: Trained) -> dict[str, Any]:
-        r"""Returns the names of the classes.
-
-        Args:
-            trained (Trained): The model and its samples.
-        """
+        r"""Returns the names of the classes."""
         return {"class_names": list(trained.class_names)}

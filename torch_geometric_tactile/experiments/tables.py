@@ -3,17 +3,18 @@ numbers.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from torch_geometric_tactile._typing import PathLike, ThresholdMetric
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments._choice import Choice
-from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._experiment import Choice
+from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.source import DataSource
-from torch_geometric_tactile.training._config_files import TEMPLATES, expand_template, read_yaml
+from torch_geometric_tactile.training._config_files import read_yaml
 from torch_geometric_tactile.training._threshold import THRESHOLD_METRICS
 from torch_geometric_tactile.training.config import load_config
 
@@ -76,6 +77,11 @@ class Cell:
                 f"{self.threshold!r})"
             )
 
+    @cached_property
+    def configuration(self) -> dict[str, Any]:
+        r"""What :obj:`config` holds or stands for."""
+        return self.config if isinstance(self.config, dict) else load_config(str(self.config))
+
 
 @dataclass(frozen=True)
 class Ordering:
@@ -113,6 +119,16 @@ class TableProtocol:
     protocol: Protocol
     data: dict[str, Any] = field(default_factory=dict)
     note: str = ""
+
+    def with_folds(self, folds: int | None) -> Self:
+        r"""Returns it with another number of folds, if it has folds and a number is given.
+
+        Args:
+            folds (int, optional): The number.
+        """
+        if folds is None or self.protocol.folds is None:
+            return self
+        return replace(self, protocol=replace(self.protocol, folds=folds))
 
 
 @dataclass(frozen=True)
@@ -251,26 +267,28 @@ class Table:
             if any(fnmatchcase(cell.experiment, pattern) for pattern in patterns)
         )
 
-    def select_protocols(self, names: Iterable[str] | None) -> tuple[TableProtocol, ...]:
+    def select_protocols(
+        self, names: Iterable[str] | None, folds: int | None = None
+    ) -> tuple[TableProtocol, ...]:
         r"""Returns some of the protocols, in the order of the table.
 
         Args:
             names (iterable of str, optional): Their names; a leading :obj:`"by"` may be left out.
                 All if left out.
+            folds (int, optional): Number of folds of those with folds, instead of theirs.
 
         Raises:
             ValueError: If there is no such protocol; the message lists those there are.
         """
-        if names is None:
-            return self.protocols
-        wanted, known = list(names), [protocol.name for protocol in self.protocols]
+        known = [protocol.name for protocol in self.protocols]
+        wanted = known if names is None else list(names)
         for name in wanted:
             if not {name, f"by {name}"} & set(known):
                 raise ValueError(f"'protocols' must be some of {known} (got '{name}')")
         if not wanted:
             raise ValueError(f"'protocols' must be some of {known} (got none)")
         chosen = {*wanted, *(f"by {name}" for name in wanted)}
-        return tuple(protocol for protocol in self.protocols if protocol.name in chosen)
+        return tuple(p.with_folds(folds) for p in self.protocols if p.name in chosen)
 
 
 def read_table(path: PathLike) -> Table:
@@ -355,12 +373,4 @@ def cell_config(cell: Cell) -> dict[str, Any]:
     Raises:
         FileNotFoundError: If there is no such configuration.
     """
-    if isinstance(cell.config, dict):
-        return cell.config
-    name = str(cell.config)
-    template, slash, experiment = name.partition("/")
-    if slash and template in TEMPLATES:
-        configs = expand_template(template)
-        if experiment in configs:
-            return configs[experiment]
-    return load_config(name)
+    return cell.configuration

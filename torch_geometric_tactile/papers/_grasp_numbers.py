@@ -3,15 +3,15 @@ r"""The numbers of the demo's report."""
 import math
 import statistics
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile.experiments.comparison import Summary
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.papers._numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
 
 
 class Judged(NamedTuple):
@@ -23,16 +23,6 @@ class Judged(NamedTuple):
     protocol: str
     readings: str
     seed: int
-
-
-@dataclass(frozen=True)
-class Score:
-    r"""Mean and standard deviation over the seeds; NaN for one seed, whose deviation is not
-    zero.
-    """
-
-    mean: float
-    spread: float
 
 
 def grasp_judgements(run: PlanRun) -> dict[Judged, Judgement]:
@@ -72,13 +62,13 @@ def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator
 
 def grasp_summary(
     records: list[dict[str, Any]],
-) -> dict[str, dict[str, dict[str, dict[str, Score]]]]:
+) -> dict[str, dict[str, dict[str, dict[str, Summary]]]]:
     r"""Returns the scores by model, protocol, kind of readings and metric."""
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for record in records:
         key = (record["model"], record["protocol"], record["readings"])
         groups.setdefault(key, []).append(record)
-    summary: dict[str, dict[str, dict[str, dict[str, Score]]]] = {}
+    summary: dict[str, dict[str, dict[str, dict[str, Summary]]]] = {}
     for (model, protocol, readings), group in groups.items():
         scores = {
             metric: _score([record[metric] for record in group])
@@ -100,6 +90,6 @@ def grasp_differences(
     return {protocol: difference for protocol, difference in found.items() if difference}
 
 
-def _score(values: list[float]) -> Score:
+def _score(values: list[float]) -> Summary:
     spread = statistics.stdev(values) if len(values) > 1 else math.nan
-    return Score(statistics.fmean(values), spread)
+    return Summary(statistics.fmean(values), spread)

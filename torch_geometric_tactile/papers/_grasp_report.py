@@ -18,7 +18,8 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._noise import RULE
+from torch_geometric_tactile.experiments._scores import RULE
+from torch_geometric_tactile.experiments.comparison import Summary
 from torch_geometric_tactile.experiments.differences import Difference
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Plan
@@ -26,7 +27,6 @@ from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers._grasp_numbers import (
     Judged,
-    Score,
     grasp_differences,
     grasp_judgements,
     grasp_records,
@@ -51,7 +51,7 @@ _TWIN = "TaxelNet without edges"
 _CHANCE = "Majority"
 _UNSEEN = "unseen objects"
 _FINGERS = ("index finger", "middle finger", "thumb")
-_Summary = dict[str, dict[str, dict[str, dict[str, Score]]]]
+_Scores = dict[str, dict[str, dict[str, dict[str, Summary]]]]
 
 
 class GraspReport(NamedTuple):
@@ -141,7 +141,7 @@ def _epochs(run: PlanRun) -> int | str:
     return "as configured" if own else asked.pop()
 
 
-def _table(summary: _Summary, metric: str, title: str, caption: str) -> ReportTable:
+def _table(summary: _Scores, metric: str, title: str, caption: str) -> ReportTable:
     protocols = list(summary[_MAIN])
     rows = []
     for model, readings, scores in _lines(summary):
@@ -151,19 +151,19 @@ def _table(summary: _Summary, metric: str, title: str, caption: str) -> ReportTa
     return ReportTable(title, caption, ["model", "readings", *protocols], rows)
 
 
-def _lines(summary: _Summary) -> Iterator[tuple[str, str, dict[str, dict[str, Score]]]]:
+def _lines(summary: _Scores) -> Iterator[tuple[str, str, dict[str, dict[str, Summary]]]]:
     # Model, readings, and scores by protocol and metric.
     for model, protocols in summary.items():
         for readings in next(iter(protocols.values())):
             yield model, readings, {name: cells[readings] for name, cells in protocols.items()}
 
 
-def _percent(score: Score) -> str:
-    spread = "" if math.isnan(score.spread) else f" ± {100 * score.spread:.1f}"
+def _percent(score: Summary) -> str:
+    spread = "" if math.isnan(score.sd) else f" ± {100 * score.sd:.1f}"
     return f"{100 * score.mean:.1f}{spread}"
 
 
-def _terminal_table(summary: _Summary, run: PlanRun) -> str:
+def _terminal_table(summary: _Scores, run: PlanRun) -> str:
     # Without palm poses and F1 scores, to fit beside one another.
     protocols = [entry.name for entry in run.plan.protocols]
     rows = [
@@ -193,7 +193,7 @@ def _edges(edges: dict[str, Difference]) -> str:
     )
 
 
-def _verdict(summary: _Summary, edges: dict[str, Difference], is_generated: bool) -> str:
+def _verdict(summary: _Scores, edges: dict[str, Difference], is_generated: bool) -> str:
     def accuracy(model: str, protocol: str, readings: str) -> float:
         return 100 * summary[model][protocol][readings]["accuracy"].mean
 
@@ -237,12 +237,12 @@ _ROC = (
 )
 
 
-def _means(summary: _Summary, plan: Plan) -> dict[str, dict[str, dict[str, tuple[float, float]]]]:
+def _means(summary: _Scores, plan: Plan) -> dict[str, dict[str, dict[str, tuple[float, float]]]]:
     # Without palm poses, to fit beside one another.
     return {
         model: {
             entry.name: {
-                readings: (scores["accuracy"].mean, scores["accuracy"].spread)
+                readings: (scores["accuracy"].mean, scores["accuracy"].sd)
                 for readings, scores in protocols[entry.name].items()
             }
             for entry in plan.protocols

@@ -4,12 +4,9 @@ import logging
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets import BioTacSP, default_root
-from torch_geometric_tactile.experiments._building import build
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.experiments.tables import Table
 from torch_geometric_tactile.papers.load_table import load_table
@@ -29,7 +26,7 @@ def grasp_table(root: PathLike | None = None, generated: bool = False) -> Table:
         try:
             home = home if root is None else _find(home)
             source = table.data.with_arguments({"root": str(home)})
-            _open(source)
+            source, _ = source.resolve()
         except ConnectionError as error:
             reason = str(error)
         else:
@@ -39,12 +36,6 @@ def grasp_table(root: PathLike | None = None, generated: bool = False) -> Table:
     arguments = {**_GENERATED, "pre_transform": table.data.arguments["pre_transform"]}
     class_path = "torch_geometric_tactile.datasets.FakeTactileDataset"
     return replace(table, data=DataSource(class_path, arguments, kind="generated", caption=notice))
-
-
-def _open(source: DataSource) -> StaticDataset:
-    content: dict[str, Any] = {"class_path": source.class_path, "init_args": source.arguments}
-    dataset: StaticDataset = build(content)
-    return dataset
 
 
 def _find(folder: Path) -> Path:

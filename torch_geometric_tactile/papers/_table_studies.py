@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from torch_geometric_tactile._texts import markdown_text
+from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.analysis import class_confusion
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
-from torch_geometric_tactile.papers._numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.papers._table_caption import NOTHING
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
 from torch_geometric_tactile.visualization import (
     LearningCurves,
     plot_confusion,
@@ -119,11 +119,6 @@ def _name(cell: Cell) -> str:
     return f"{cell.row}: {cell.column}" if cell.column else cell.row
 
 
-def _table(header: list[str], rows: list[list[str]]) -> list[str]:
-    cells = [header, ["---"] * len(header), *rows]
-    return [*("| " + " | ".join(row) + " |" for row in cells), ""]
-
-
 def _probe_lines(run: PlanRun, found: _Found) -> list[str]:
     entries = list(_of(run, found, "LayerProbes"))
     if not entries:
@@ -145,7 +140,8 @@ def _probe_lines(run: PlanRun, found: _Found) -> list[str]:
         f"by its L2 norm, fitted on {number:,} samples of the training part. The paper does "
         "not describe its probes.",
         "",
-        *_table(["model", "", *map(markdown_text, layers)], rows),
+        *markdown_table(["model", "", *layers], rows),
+        "",
     ]
 
 
@@ -172,7 +168,8 @@ def _time_lines(run: PlanRun, found: _Found) -> list[str]:
         "on the machine. Networks run in eager mode. Accuracy as mean ± standard deviation over "
         "the runs (seeds and folds).",
         "",
-        *_table(["model", "accuracy (%)", "ms", "published ms"], rows),
+        *markdown_table(["model", "accuracy (%)", "ms", "published ms"], rows),
+        "",
     ]
 
 
@@ -209,7 +206,8 @@ def _dead_lines(run: PlanRun, found: _Found) -> list[str]:
         "The given number of rows of each sample, drawn at random, have the reading at rest. No "
         "model was trained on such samples.",
         "",
-        *_table(["model", *(f"{number} dead" for number in numbers)], rows),
+        *markdown_table(["model", *(f"{number} dead" for number in numbers)], rows),
+        "",
     ]
 
 

@@ -25,11 +25,7 @@ class FrameTime(Study):
         self.num_calls = num_calls
 
     def measure(self, trained: Trained) -> dict[str, Any]:
-        r"""Returns the median :obj:`milliseconds`.
-
-        Args:
-            trained (Trained): The model and its samples.
-        """
+        r"""Returns the median :obj:`milliseconds`."""
         count = min(self.num_calls, trained.test.num_samples)
         samples = [trained.test.index_select(torch.tensor([i])) for i in range(count)]
         inputs: list[Any] = samples
@@ -71,11 +67,7 @@ class DeadRows(Study):
         self.seed = seed
 
     def measure(self, trained: Trained) -> dict[str, Any]:
-        r"""Returns :obj:`num_rows` and the :obj:`accuracy` with so many dead ones.
-
-        Args:
-            trained (Trained): The model and its samples.
-        """
+        r"""Returns :obj:`num_rows` and the :obj:`accuracy` with so many dead ones."""
         layout = trained.layout
         places = layout.pos[:, 1] if layout.image_map is None else layout.image_map[:, 0]
         _, row = np.unique(np.round(places.numpy(), 6), return_inverse=True)

@@ -61,11 +61,7 @@ class LayerProbes(Study):
         self.max_iter = max_iter
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns the accuracy of each layer.
-
-        Args:
-            trained (Trained): The model and its samples.
-        """
+        r"""Returns the accuracy of each layer."""
         if not hasattr(trained.model, "features"):
             return None
         order = np.random.default_rng(trained.seed).permutation(trained.train.num_samples)
@@ -105,11 +101,7 @@ class FeatureEmbedding(Study):
         self.seed = seed
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns :obj:`place` (two numbers a sample), :obj:`label` and what is laid out.
-
-        Args:
-            trained (Trained): The model and its samples.
-        """
+        r"""Returns :obj:`place` (two numbers a sample), :obj:`label` and what is laid out."""
         rows = self._draw(trained.test.y.numpy())
         features = self._features(trained, trained.test.index_select(torch.from_numpy(rows)))
         if features is None or len(rows) < 3:
@@ -154,11 +146,7 @@ class FeatureMaps(Study):
         self.num_maps = num_maps
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns the :obj:`image`, and :obj:`maps` and :obj:`bilinear` maps, rows of numbers.
-
-        Args:
-            trained (Trained): The model and its samples.
-        """
+        r"""Returns the :obj:`image`, and :obj:`maps` and :obj:`bilinear` maps, rows of numbers."""
         if not hasattr(trained.model, "features") or self.class_name not in trained.class_names:
             return None
         label = list(trained.class_names).index(self.class_name)

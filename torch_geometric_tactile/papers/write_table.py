@@ -3,21 +3,20 @@ r"""A table of our numbers, beside the published ones if there are: Markdown, CS
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile._texts import markdown_text, printable
+from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.io._csv_table import safe_cell
-from torch_geometric_tactile.papers._numbers import ALL, Number, table_numbers
-from torch_geometric_tactile.papers._numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_caption import NOTHING, caption, cost_note
-from torch_geometric_tactile.papers._table_draws import draws_note
-from torch_geometric_tactile.papers._table_orderings import ordering_lines, positive_note
+from torch_geometric_tactile.papers._table_notes import draws_note, ordering_lines, positive_note
+from torch_geometric_tactile.papers._table_numbers import ALL, Number, table_numbers
+from torch_geometric_tactile.papers._table_numbers import PUBLISHED as OF_PAPER
 from torch_geometric_tactile.papers._table_studies import study_lines, study_pictures
 from torch_geometric_tactile.training._config_files import TEMPLATES
 from torch_geometric_tactile.visualization import (
@@ -128,7 +127,7 @@ def markdown(run: PlanRun) -> str:
             columns = table.columns(section)
             name = f"{heading}, {markdown_text(section)}" if section else heading
             lines += [f"## {name}", ""]
-            lines += _table_lines(
+            lines += markdown_table(
                 ["model", "", *columns],
                 [
                     [
@@ -141,12 +140,13 @@ def markdown(run: PlanRun) -> str:
                     for i, (source, metric, name) in enumerate(_of_row(run, section, row, series))
                 ],
             )
+            lines.append("")
     lines += ordering_lines(run)
     lines += study_lines(run)
     lines += ["## Cost of the models", "", cost_note(run.plan), ""]
     metrics = ("num_parameters", "frames_per_second", "peak_memory_mb", "train_seconds")
     once = {_config_name(cell): cell for cell in table.cells}  # two places may have one model
-    lines += _table_lines(
+    lines += markdown_table(
         ["experiment", "parameters", "frames/s", "peak memory (MB)", "seconds of training"],
         [
             [
@@ -156,19 +156,13 @@ def markdown(run: PlanRun) -> str:
             for name, cell in once.items()
         ],
     )
-    return "\n".join(lines)
+    return "\n".join([*lines, ""])
 
 
 def _config_name(cell: Cell) -> str:
     # What `tactile fit --config` takes, where that is one of a template.
     config = str(cell.config)
     return config if config.partition("/")[0] in TEMPLATES else cell.experiment
-
-
-def _table_lines(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    names = [[markdown_text(name) for name in header], ["---"] * len(header)]
-    cells = [*names, *rows]
-    return [*("| " + " | ".join(row) + " |" for row in cells), ""]
 
 
 def _row(

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torch_geometric_tactile._files import atomic_path
-from torch_geometric_tactile._texts import markdown_text, printable
+from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments._advice_texts import NAMES, shown_number
 from torch_geometric_tactile.experiments._compared_samples import (
     PartScores,
     part_scores,
     prediction_rows,
 )
-from torch_geometric_tactile.experiments._noise import LEAST_PAIRS, RULE
+from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, NAMES, RULE, shown_number
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
@@ -28,7 +27,7 @@ from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparis
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_PERCENT = ("accuracy", "balanced_accuracy", "f1")
+PERCENT = ("accuracy", "balanced_accuracy", "f1")
 _COLUMNS = (
     *("model", "kind", "metric", "mean", "sd", "splits"),
     *("difference", "over_splits", "over_trials", "parameters", "seconds", "milliseconds"),
@@ -69,10 +68,10 @@ def write_comparison(comparison: Comparison, out: PathLike) -> list[Path]:
 
 def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
     r"""Returns the header and the rows of a table of a comparison, the best model first."""
-    names = [f"{NAMES[key]}{' (%)' if key in _PERCENT else ''}" for key in comparison.metrics]
+    names = [f"{NAMES[key]}{' (%)' if key in PERCENT else ''}" for key in comparison.metrics]
     header = ["model", "kind", *names]
     if comparison.best_plain is not None:
-        unit = " (points)" if comparison.metric in _PERCENT else ""
+        unit = " (points)" if comparison.metric in PERCENT else ""
         header += [f"to {comparison.best_plain}{unit}", "over splits", f"over {comparison.unit}s"]
     header += ["parameters", "seconds", "ms a sample"]
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
@@ -105,15 +104,16 @@ def comparison_markdown(comparison: Comparison) -> str:
     header, rows = comparison_rows(comparison)
     lines = [f"# {printable(plan.table.title)}", "", printable(advice(comparison)), ""]
     lines += [markdown_text(text) for text in _facts(comparison)]
-    lines += ["", *_lines(header, rows), ""]
+    lines += ["", *markdown_table(header, _escaped(rows)), ""]
     lines += [
         "## Chosen settings",
         "",
-        *_lines(["model", "description", "chosen"], _chosen(comparison)),
+        *markdown_table(["model", "description", "chosen"], _escaped(_chosen(comparison))),
     ]
     for part in part_scores(comparison):
         lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {part.kind}", "", _PARTS, ""]
-        lines += _lines(*_part_rows(comparison, part))
+        names, rows = _part_rows(comparison, part)
+        lines += markdown_table(names, _escaped(rows))
     if comparison.run.failed:
         lines += ["", "## Failed runs", ""]
         lines += [f"- {markdown_text(f'{k}: {v}')}" for k, v in comparison.run.failed.items()]
@@ -185,10 +185,8 @@ def _setting(setting: object) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    cells = [[markdown_text(name) for name in header], ["---"] * len(header)]
-    cells += [[markdown_text(text) for text in row] for row in rows]
-    return ["| " + " | ".join(row) + " |" for row in cells]
+def _escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    return [[markdown_text(text) for text in row] for row in rows]
 
 
 def comparison_csv(comparison: Comparison) -> str:
@@ -215,7 +213,7 @@ def _cell(value: object) -> object:
 
 def _picture(comparison: Comparison) -> "Figure":
     metric = comparison.metric
-    factor, unit = (100, " in %") if metric in _PERCENT else (1, "")
+    factor, unit = (100, " in %") if metric in PERCENT else (1, "")
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
     rows = {
         result.model.name: {

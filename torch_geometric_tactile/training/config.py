@@ -70,7 +70,7 @@ def find_config(name: str) -> Path:
 
 
 def load_config(name: str) -> dict[str, Any]:
-    r"""Loads a configuration from a YAML file.
+    r"""Loads a configuration: a YAML file, or a shipped one by its name.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
@@ -79,6 +79,11 @@ def load_config(name: str) -> dict[str, Any]:
         >>> load_config("grasp_gcn_df")["model"]["model"]["class_path"]
         'torch_geometric_tactile.nn.models.GraspGCN'
     """
+    template, _, experiment = name.partition("/")
+    if template in TEMPLATES and not Path(name).is_file():
+        configs = expand_template(template)
+        if experiment in configs:
+            return configs[experiment]
     path = find_config(name)
     content = read_yaml(path)
     if not isinstance(content, dict):

@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
@@ -45,7 +45,7 @@ class Number(NamedTuple):
     runs: int
 
 
-class Part(NamedTuple):
+class SeedRuns(NamedTuple):
     r"""The folds of one experiment by one protocol with one seed."""
 
     experiment: str
@@ -53,12 +53,12 @@ class Part(NamedTuple):
     seed: int
 
 
-def finished_parts(run: PlanRun) -> dict[Part, list[dict[str, Any]]]:
+def finished_parts(run: PlanRun) -> dict[SeedRuns, list[dict[str, Any]]]:
     r"""Returns the results of all folds of each part, where no fold is missing."""
-    planned = Counter(Part(e.name, e.protocol_name, e.seed) for e in run.plan.experiments)
-    found: dict[Part, list[dict[str, Any]]] = defaultdict(list)
+    planned = Counter(SeedRuns(e.name, e.protocol_name, e.seed) for e in run.plan.experiments)
+    found: dict[SeedRuns, list[dict[str, Any]]] = defaultdict(list)
     for e, result in run.results:
-        found[Part(e.name, e.protocol_name, e.seed)].append(result)
+        found[SeedRuns(e.name, e.protocol_name, e.seed)].append(result)
     return {part: results for part, results in found.items() if len(results) == planned[part]}
 
 

@@ -3,7 +3,7 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-from torch_geometric_tactile.experiments._draws import Draws
+from torch_geometric_tactile.experiments._sample_draws import Draws
 from torch_geometric_tactile.experiments.judgement import Judgement
 
 

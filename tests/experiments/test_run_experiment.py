@@ -8,7 +8,7 @@ import torch
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
-from torch_geometric_tactile.experiments._run import run_experiment
+from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.training import TactileClassifier

@@ -2,7 +2,7 @@ import pytest
 
 pytest.importorskip("lightning")
 
-from torch_geometric_tactile.experiments._fitting import L, warm_up
+from torch_geometric_tactile.experiments._networks import L, warm_up
 
 
 def test_ctrl_c_while_a_process_warms_up_is_an_interrupt(monkeypatch):

@@ -1,0 +1,86 @@
+r"""What verbs that run experiments share: options, how errors name them, and a progress bar."""
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from torch_geometric_tactile._parallel import BACKENDS
+from torch_geometric_tactile.commands._arguments import few
+
+if TYPE_CHECKING:
+    from torch_geometric_tactile.experiments._experiment import Experiment
+    from torch_geometric_tactile.experiments.plan import Plan
+    from torch_geometric_tactile.experiments.run_plan import PlanRun, Workers
+
+
+@contextmanager
+def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
+    r"""Names the options of a verb in the messages of errors, where these name the arguments of
+    Python functions that they become.
+    """
+    options = {name: f"--{name.replace('_', '-')}" for name in vars(arguments)} | more
+    try:
+        yield
+    except ValueError as error:
+        pattern = rf"(?<!got )'({'|'.join(options)})'"
+        text = re.sub(pattern, lambda found: f"'{options[found[1]]}'", str(error))
+        raise ValueError(text) from error
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the options for processes, threads and machines."""
+    workers = parser.add_argument_group("processes and machines")
+    workers.add_argument(
+        "--jobs", metavar="N", type=few, default=1, help="runs in parallel (default: 1)"
+    )
+    workers.add_argument(
+        "--threads", metavar="N", type=few, default=1, help="threads per run (default: 1)"
+    )
+    workers.add_argument(
+        "--accelerator", choices=("cpu", "gpu"), default="cpu", help="where to train (default: cpu)"
+    )
+    workers.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="loky",
+        help="how runs are distributed: processes on this machine (loky, the default), or Dask or "
+        "Ray for several machines (extras 'dask' and 'ray')",
+    )
+    workers.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="address of a running Dask or Ray cluster (default: start one here with --jobs "
+        "processes)",
+    )
+
+
+def run_with_bar(
+    plan: "Plan", out: str, workers: "Workers", title: str, unit: str = "run", **options: Any
+) -> "PlanRun":
+    r"""Runs a plan below a progress bar. There is none without a terminal, and none stays after
+    Ctrl-C.
+    """
+    from tqdm import tqdm
+
+    from torch_geometric_tactile.experiments.run_plan import run_plan
+
+    with tqdm(desc=title, unit=unit, disable=None, leave=False) as bar:
+
+        def show(experiment: "Experiment", ended: int, all_runs: int) -> None:
+            bar.total = all_runs
+            bar.set_postfix_str(experiment.label, refresh=False)
+            bar.update(ended - bar.n)
+
+        return run_plan(plan, out, workers, on_progress=show, **options)
+
+
+def exit_status(run: "PlanRun") -> int:
+    r"""Tells which runs failed and why, and returns the status that the verb ends with."""
+    from torch_geometric_tactile._texts import printable
+
+    for name, reason in run.failed.items():
+        print(printable(f"tactile: error: {name}: {reason}"), file=sys.stderr)
+    return 1 if run.failed else 0

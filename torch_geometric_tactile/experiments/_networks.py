@@ -1,0 +1,290 @@
+r"""Networks as models of experiments: trained quietly, and what they say of other samples."""
+
+import copy
+import math
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.utils.data import DataLoader
+from torch_geometric.data import Data
+from torch_geometric.transforms import BaseTransform, Compose
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import StaticData, StaticDataset
+from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
+from torch_geometric_tactile.experiments._memory import PeakMemory
+from torch_geometric_tactile.experiments.studies import Study, Trained
+from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.training._collected_metrics import predicted_classes
+from torch_geometric_tactile.training._predictions import Predictions, collect_predictions
+from torch_geometric_tactile.training._threshold import choose_threshold
+from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
+from torch_geometric_tactile.training.data_module import TactileDataModule
+from torch_geometric_tactile.training.module import TactileClassifier, classifier_from_config
+from torch_geometric_tactile.training.one_cycle import OneCycle
+from torch_geometric_tactile.training.quiet import quiet_lightning
+from torch_geometric_tactile.transforms import KNNGraph
+
+_NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
+_PLAIN = {"accelerator", "limit_val_batches"}
+_NEIGHBOURS = 6
+_NEXT_SEED = 1000  # of the next network, beyond the seeds of experiments
+
+
+def fit_network(
+    experiment: Experiment,
+    model: Mapping[str, Any],
+    train: StaticDataset,
+    test: StaticDataset,
+    val: StaticDataset | None = None,
+    checkpoint: PathLike | None = None,
+    studies: Sequence[Study] = (),
+) -> Fitted:
+    r"""Trains a network, or as many as :obj:`experiment.choice` has members, and returns what they
+    say on average.
+    """
+    choice = experiment.choice
+    section, members, scale = dict(model), 1, None
+    if choice is not None:
+        members = choice.members
+        if choice.of_numbers:
+            scale = TargetScale.of(train)
+        else:
+            section.setdefault("num_classes", train.num_classes)
+        train, test = (_prepared(part, scale) for part in (train, test))
+    data = TactileDataModule(
+        train,
+        test,  # its sessions, if anything is scaled by session, are measured too
+        split="frame",
+        val_dataset=test[:0] if val is None else val,
+        transform=build(experiment.transform),
+        batch_size=experiment.batch_size,
+    )
+    data.setup()
+    warm_up(experiment.accelerator)
+    memory = PeakMemory("cuda" if experiment.accelerator == "gpu" else "cpu")
+    settings = {"accelerator": experiment.accelerator, "limit_val_batches": 0}
+    settings |= experiment.trainer
+    said, peaks, seconds, predicting, size = [], [], 0.0, 0.0, 0
+    for member in range(members):
+        clock, seed = Clock(), experiment.seed + _NEXT_SEED * member
+        watching = [found for study in studies if (found := study.callback(data)) is not None]
+        watching += [] if choice is None else [OneCycle()]
+        if experiment.measure_memory:
+            memory.start()
+        classifier = fit_classifier(
+            section, data, seed, settings, experiment.epochs, clock, *watching
+        )
+        if experiment.measure_memory:
+            peaks.append(memory.stop())
+        seconds += clock.seconds
+        size += sum(weight.numel() for weight in classifier.model.parameters())
+        device = classifier.trainer.strategy.root_device if choice is None else None
+        if val is not None and experiment.threshold is not None:
+            seen = collect_predictions(classifier, data.val_dataloader(), device)
+            classifier.decision_threshold = choose_threshold(
+                seen.probability[:, 1].numpy(), seen.y.numpy(), experiment.threshold
+            )
+        if checkpoint is not None:
+            classifier.trainer.save_checkpoint(Path(checkpoint), weights_only=False)
+        start = time.perf_counter()
+        said.append(collect_predictions(classifier, data.test_dataloader(), device))
+        predicting += time.perf_counter() - start
+    score, prediction = _answers(said, classifier, scale)
+    peak = max(peaks, default=math.nan)
+    return Fitted(
+        score=prediction if choice is not None else score,
+        prediction=prediction,
+        y=(said[0].y if scale is None else scale.back(said[0].y)).numpy(),
+        num_parameters=size,
+        seconds=seconds,
+        predict_seconds=predicting,
+        task=classifier.task,
+        threshold=classifier.decision_threshold,
+        loss=_loss(said[0]) if choice is not None and scale is None else 0.0,
+        peak_memory_mb=peak if math.isfinite(peak) else None,
+        measures=memory.measure if experiment.measure_memory else None,
+        label_names=data.class_names if classifier.task == "multilabel" else None,
+        trained=_trained(classifier, data, experiment.seed) if studies else None,
+    )
+
+
+def _answers(
+    said: Sequence[Predictions], classifier: TactileClassifier, scale: "TargetScale | None"
+) -> tuple[np.ndarray, np.ndarray]:
+    # What several networks say on average: the scores, and what is predicted by them.
+    if scale is not None:
+        logits = torch.stack([one.logits for one in said]).mean(dim=0)
+        numbers = scale.back(logits.view(said[0].y.shape)).numpy()
+        return numbers, numbers
+    probability = torch.stack([one.probability for one in said]).mean(dim=0)
+    if classifier.task == "multilabel":
+        return probability.numpy(), (probability > 0.5).long().numpy()
+    predicted = predicted_classes(probability, classifier.decision_threshold)
+    return probability.numpy(), predicted.numpy()
+
+
+def _loss(said: Predictions) -> float:
+    return float(F.cross_entropy(said.logits, said.y))
+
+
+def _trained(classifier: TactileClassifier, data: TactileDataModule, seed: int) -> Trained:
+    model = classifier.model.eval().cpu()
+    train, test = (data.peek(part, len(part)) for part in (data.part("train"), data.part("test")))
+    return Trained(model, train, test, data.class_names, data.layout, seed)
+
+
+def fit_classifier(
+    model: dict[str, Any],
+    data: TactileDataModule,
+    seed: int,
+    settings: dict[str, Any],
+    epochs: int,
+    *callbacks: L.Callback,
+) -> TactileClassifier:
+    r"""Trains the classifier of a configuration; nothing is shown, logged or kept."""
+    L.seed_everything(seed, verbose=False)
+    # jsonargparse writes into the configuration.
+    classifier = classifier_from_config(copy.deepcopy(model), data)
+    with _quiet():
+        trainer = _trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
+        _fit(trainer, classifier, datamodule=data)
+    return classifier
+
+
+def _fit(trainer: L.Trainer, *arguments: Any, **options: Any) -> None:
+    try:
+        trainer.fit(*arguments, **options)
+    except SystemExit as stop:  # Lightning's answer to Ctrl-C
+        raise KeyboardInterrupt from stop
+
+
+def _trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
+    arguments = {**settings, **arguments, "devices": 1, "plugins": [AtomicCheckpointIO()]}
+    if set(settings) <= _PLAIN:  # logging would take a tenth of the time of small models
+        return L.Trainer(barebones=True, **arguments)
+    off = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")
+    return L.Trainer(**{**arguments, **dict.fromkeys(off, False)})
+
+
+@cache
+def warm_up(accelerator: str) -> None:
+    r"""Trains a tiny model once in a process."""
+    # What is loaded at a process's first training is not to count as memory or time of a model.
+    batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
+    classifier = TactileClassifier(_Linear())
+    with _quiet():
+        trainer = _trainer({"accelerator": accelerator}, max_epochs=1)
+        batches: Any = [batch]
+        _fit(trainer, classifier, DataLoader(batches, batch_size=None))
+
+
+class _Linear(torch.nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.lin = torch.nn.Linear(2, 2)
+
+    def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
+        logits: Tensor = self.lin(x).mean(dim=1)
+        return logits
+
+
+class Clock(L.Callback):
+    r"""Measures the seconds of training."""
+
+    seconds = math.nan
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        r"""Begins."""
+        self._start = time.perf_counter()
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        r"""Ends."""
+        if trainer.strategy.root_device.type == "cuda":
+            torch.cuda.synchronize()
+        self.seconds = time.perf_counter() - self._start
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    # Lightning explains itself at every start: hundreds of trainings would drown in it.
+    with quiet_lightning(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+class TargetScale(BaseTransform):
+    r"""Shifts and scales the numbers to be predicted to mean zero and standard deviation one over
+    the training part.
+    """
+
+    supports_static = True
+
+    def __init__(self, center: Tensor, scale: Tensor) -> None:
+        self.center = center
+        self.scale = scale
+
+    @classmethod
+    def of(cls, train: StaticDataset) -> "TargetScale":
+        r"""Measures a training part."""
+        labels = train.column("y")
+        assert labels is not None
+        y = labels.double()
+        scale = y.std(dim=0, correction=0)
+        return cls(y.mean(dim=0), torch.where(scale > 0, scale, 1.0))
+
+    def forward(self, data: Data) -> Data:
+        r"""Sets :obj:`y`."""
+        data.y = ((data.y.double() - self.center) / self.scale).float()
+        return data
+
+    def back(self, y: Tensor) -> Tensor:
+        r"""Returns numbers in their own unit."""
+        return y.double() * self.scale + self.center
+
+
+class _Edges(BaseTransform):
+    supports_static = True
+
+    def __init__(self, edge_index: Tensor) -> None:
+        self.edge_index = edge_index
+
+    def forward(self, data: Data) -> Data:
+        data.edge_index = self.edge_index
+        return data
+
+
+def layout_edges(layout: TaxelLayout) -> Tensor:
+    r"""Returns the edges of samples that have none: the layout's :obj:`"original"` or first
+    adjacency, or else the six nearest neighbours of each taxel.
+    """
+    if layout.adjacency:
+        names = list(layout.adjacency)
+        return layout.edge_index("original" if "original" in names else names[0])
+    if layout.num_taxels == 1:
+        return torch.zeros(2, 0, dtype=torch.long)
+    k = min(_NEIGHBOURS, layout.num_taxels - 1)
+    edges: Tensor = KNNGraph(k)(Data(pos=layout.pos)).edge_index
+    return edges
+
+
+def _prepared(part: StaticDataset, scale: TargetScale | None) -> StaticDataset:
+    steps: list[BaseTransform] = [] if part.transform is None else [part.transform]
+    if part[:1].batch([0]).edge_index is None:
+        steps.append(_Edges(layout_edges(part.layout)))
+    if scale is not None:
+        steps.append(scale)
+    out = copy.copy(part)
+    out.transform = Compose(steps) if steps else None
+    return out

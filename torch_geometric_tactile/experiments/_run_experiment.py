@@ -1,0 +1,198 @@
+r"""One experiment: a model is fitted, its settings chosen or given, and judged once."""
+
+import math
+import os
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._estimators import fit_estimator
+from torch_geometric_tactile.experiments._experiment import Choice, Experiment, Fitted
+from torch_geometric_tactile.experiments._held_out import Parts, choice_parts, column_of
+from torch_geometric_tactile.experiments._networks import fit_network
+from torch_geometric_tactile.experiments._scores import prediction_scores
+from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.studies import Study, Trained
+from torch_geometric_tactile.training._config_files import merged
+from torch_geometric_tactile.training.metrics import classification_metrics
+
+
+class _Tried(NamedTuple):
+    # A score on the validation part, the higher the better, and the loss that decides between
+    # equals.
+    value: float = -math.inf
+    loss: float = math.inf
+
+
+def run_experiment(experiment: Experiment, checkpoint: PathLike | None = None) -> dict[str, Any]:
+    r"""Trains a model and tests it once, at the end; nothing is chosen by the test part.
+
+    With :obj:`experiment.choice`, its settings are tried on a validation part, and the best of them
+    is trained on the whole training part.
+
+    Peak memory is the growth from before the model is built, with the recordings loaded and the
+    scaling fitted, to the highest point of training: parameters, gradients, the optimizer's state,
+    activations and one batch.
+    """
+    start = time.perf_counter()
+    if experiment.accelerator == "gpu" and not torch.cuda.is_available():
+        raise ValueError("'accelerator' must be 'cpu': torch finds no GPU here (got 'gpu')")
+    threads = torch.get_num_threads()
+    torch.set_num_threads(experiment.threads)
+    try:
+        result = _run(experiment, checkpoint)
+    finally:
+        torch.set_num_threads(threads)
+    return {
+        **result,
+        "seconds": time.perf_counter() - start,
+        "machine": _machine(experiment.accelerator, experiment.threads),
+    }
+
+
+def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
+    choice = experiment.choice
+    kind = "scikit-learn" if experiment.is_estimator else "an experiment with a choice"
+    if checkpoint is not None and (experiment.is_estimator or choice is not None):
+        raise ValueError(f"'checkpoint' must be None for {kind} (got '{checkpoint}')")
+    if choice is not None and experiment.studies:
+        raise ValueError("'studies' must be empty for an experiment with a choice")
+    model, val = experiment.model, None
+    chosen: dict[str, Any] = {}
+    if choice is not None:
+        parts = choice_parts(experiment)
+        train, test = parts.train, parts.test
+        model, chosen = _choose(experiment, choice, parts)
+    elif experiment.threshold is not None:
+        train, val, _, test = choice_parts(experiment)
+    else:
+        train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+    studies = _build_studies(experiment)
+    fitted = fit(experiment, model, train, test, val, checkpoint, studies)
+    judgement = _judge(experiment, fitted, test)
+    return {
+        "metrics": _metrics(experiment, fitted, judgement),
+        **({} if fitted.threshold is None else {"threshold": fitted.threshold}),
+        **({"studies": _measure(studies, fitted.trained)} if studies else {}),
+        "label_names": fitted.label_names,
+        "frames_per_second": len(train) * max(1, experiment.epochs) / fitted.seconds,
+        "peak_memory_mb": fitted.peak_memory_mb,
+        "measures": fitted.measures,
+        "num_parameters": fitted.num_parameters,
+        "train_seconds": fitted.seconds,
+        "predict_seconds": fitted.predict_seconds,
+        **chosen,
+        "predictions": judgement.to_dict(),
+        "num_train": len(train),
+        "num_test": len(test),
+    }
+
+
+def fit(
+    experiment: Experiment,
+    model: Mapping[str, Any],
+    train: StaticDataset,
+    test: StaticDataset,
+    val: StaticDataset | None = None,
+    checkpoint: PathLike | None = None,
+    studies: Sequence[Study] = (),
+) -> Fitted:
+    r"""Trains a model on one part and returns what it says of another. A threshold is chosen on
+    :obj:`val`.
+    """
+    if experiment.is_estimator:
+        return fit_estimator(experiment, model, train, test, val)
+    return fit_network(experiment, model, train, test, val, checkpoint, studies)
+
+
+def _choose(
+    experiment: Experiment, choice: Choice, parts: Parts
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    # The model with the best settings, and what is told of the choice.
+    start = time.perf_counter()
+    models = [merged(experiment.model, setting) for setting in choice.settings]
+    one = replace(experiment, choice=replace(choice, members=1))
+    tried = [_try(one, choice, model, parts) for model in models] if len(models) > 1 else []
+    best = max(range(len(tried)), key=lambda i: (tried[i].value, -tried[i].loss, -i), default=0)
+    chosen = {
+        "setting": dict(choice.settings[best]),
+        "number": best,
+        "validation": [score.value if math.isfinite(score.value) else None for score in tried],
+    }
+    return models[best], {"choose_seconds": time.perf_counter() - start, "chosen": chosen}
+
+
+def _try(experiment: Experiment, choice: Choice, model: Mapping[str, Any], parts: Parts) -> _Tried:
+    # A setting with which a training fails, such as a learning rate that makes it diverge, is not
+    # chosen.
+    try:
+        fitted = fit(experiment, model, parts.fit, parts.val)
+    except ValueError:
+        return _Tried()
+    value = prediction_scores(fitted.y, fitted.prediction, choice.of_numbers)[choice.metric]
+    return _Tried(-value if choice.metric == "mae" else value, fitted.loss)
+
+
+def _build_studies(experiment: Experiment) -> list[Study]:
+    studies = [build(content) for content in experiment.studies]
+    for content, study in zip(experiment.studies, studies, strict=True):
+        if not isinstance(study, Study):
+            raise ValueError(f"'studies' must hold studies (got '{content.get('class_path')}')")
+    return studies
+
+
+def _measure(studies: Sequence[Study], trained: Trained | None) -> dict[str, Any]:
+    # What each study finds, by the name of its class.
+    assert trained is not None
+    found = {type(study).__name__: study.measure(trained) for study in studies}
+    return {name: result for name, result in found.items() if result is not None}
+
+
+def _judge(experiment: Experiment, fitted: Fitted, test: StaticDataset) -> Judgement:
+    y = column_of(test, "y")  # of `data`, all windows would be cut for them
+    assert y is not None
+    return Judgement(
+        score=fitted.score,
+        prediction=fitted.prediction,
+        y=y,
+        session=column_of(test, "session") if experiment.choice is None else None,
+        trial=column_of(test, "trial"),
+        index=np.asarray(test.indices()),
+    )
+
+
+def _metrics(
+    experiment: Experiment, fitted: Fitted, judgement: Judgement
+) -> dict[str, float | None]:
+    if experiment.choice is not None:
+        of_numbers = experiment.choice.of_numbers
+        metrics = prediction_scores(judgement.y, judgement.prediction, of_numbers)
+    elif experiment.is_estimator:
+        metrics = judgement.metrics()
+    else:
+        score, y = torch.from_numpy(judgement.score), torch.from_numpy(judgement.y)
+        metrics = classification_metrics(score, y, fitted.task, fitted.threshold)
+    return {name: value if math.isfinite(value) else None for name, value in metrics.items()}
+
+
+@cache
+def _machine(accelerator: str, threads: int) -> str:
+    # This machine in a few words.
+    name = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        lines = cpuinfo.read_text("utf-8", "replace").splitlines()
+        models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+        name = models[0] if models else name
+    text = f"{name}, {os.cpu_count()} cores, {threads} thread{'s' if threads > 1 else ''} a run"
+    return f"{torch.cuda.get_device_name()}; {text}" if accelerator == "gpu" else text

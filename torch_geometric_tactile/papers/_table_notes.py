@@ -1,0 +1,158 @@
+r"""The notes of a table's page: which orderings hold, its positive class, draws of its samples."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from torch_geometric_tactile._texts import markdown_table, markdown_text
+from torch_geometric_tactile.experiments._scores import RULE
+from torch_geometric_tactile.experiments.differences import Difference, run_difference
+from torch_geometric_tactile.experiments.run_plan import PlanRun
+from torch_geometric_tactile.experiments.tables import Ordering
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
+
+_COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
+_SQUARED_PERCENT = 100.0**2  # of a variance of parts
+
+
+@dataclass(frozen=True)
+class OrderedPair:
+    r"""Two models of an ordering by one protocol."""
+
+    ordering: Ordering
+    protocol: str
+    pair: tuple[str, str]
+    difference: Difference
+
+    @property
+    def verdict(self) -> str:
+        r"""Whether the pair is ordered so: :obj:`"yes"` or :obj:`"no"` where the difference is
+        beyond the noise, and else why not.
+        """
+        if not self.difference.is_beyond_noise:
+            return self.difference.verdict
+        return "yes" if self.difference.mean > 0 else "no"
+
+
+def compare_orderings(run: PlanRun) -> list[OrderedPair]:
+    r"""Compares the pairs of all orderings of a table, by each protocol, on the splits that are
+    finished for both.
+    """
+    compared = []
+    for ordering in run.plan.table.orderings:
+        for protocol in run.plan.protocols:
+            for pair in ordering.pairs:
+                difference = run_difference(run, *pair, protocol.name)
+                if difference is not None:
+                    compared.append(OrderedPair(ordering, protocol.name, pair, difference))
+    return compared
+
+
+def ordering_lines(run: PlanRun) -> list[str]:
+    r"""Returns the section on orderings, line by line; nothing for a table without any."""
+    compared = compare_orderings(run)
+    if not compared:
+        return []
+    return [
+        "## Which orderings hold",
+        "",
+        "The accuracy of the first model minus that of the second on the same splits, in points, ± "
+        "its standard error: the larger of the one over the splits and the one over the test "
+        f"trials. {RULE}",
+        "",
+        *markdown_table(["ordering", "protocol", "holds"], _summary(compared)),
+        "",
+        *markdown_table(_COLUMNS, map(_cells, compared)),
+        "",
+    ]
+
+
+def _summary(compared: list[OrderedPair]) -> Iterator[list[str]]:
+    groups: dict[tuple[str, str], list[str]] = {}
+    for entry in compared:
+        groups.setdefault((entry.ordering.name, entry.protocol), []).append(entry.verdict)
+    for (name, protocol), verdicts in groups.items():
+        count = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
+        told = next(iter(count))
+        if len(verdicts) > 1:
+            told = ", ".join(f"{verdict} in {n} of {len(verdicts)}" for verdict, n in count.items())
+        yield [markdown_text(name), markdown_text(protocol), told]
+
+
+def _cells(entry: OrderedPair) -> list[str]:
+    names = map(markdown_text, [entry.ordering.name, entry.protocol, *entry.pair])
+    return [*names, _shown(entry.difference), str(entry.difference.num_splits), entry.verdict]
+
+
+def _shown(difference: Difference) -> str:
+    text = f"{100 * difference.mean:+.1f}"
+    return text if math.isnan(difference.error) else f"{text} ± {100 * difference.error:.1f}"
+
+
+def positive_note(run: PlanRun) -> str:
+    r"""Returns which class is the positive one, and how common it is, as sentences; empty for a
+    table without any.
+    """
+    name = run.plan.table.positive
+    if not name:
+        return ""
+    shares = _class_shares(run)
+    told = "; ".join(f"{100 * share:.1f} % ({protocol})" for protocol, share in shares.items())
+    counted = f" Its share of the test samples: {told}." if told else ""
+    return (
+        f"Precision, recall and F1 score are those of the positive class, *{markdown_text(name)}* "
+        f"(class 1).{counted}"
+    )
+
+
+def _class_shares(run: PlanRun) -> dict[str, float]:
+    r"""Returns the part of the positive class among the samples tested on, by protocol, over the
+    splits of the first experiment that is finished.
+    """
+    shares: dict[str, list[float]] = {}
+    for part, results in finished_parts(run).items():
+        if part.experiment == run.results[0][0].name:
+            share = float((pooled_judgement(results).y == 1).mean())
+            shares.setdefault(part.protocol, []).append(share)
+    return {protocol: sum(values) / len(values) for protocol, values in shares.items()}
+
+
+def draws_note(run: PlanRun) -> str:
+    r"""Returns what draws are, and how much they can vary, as sentences; empty for a table without
+    any.
+    """
+    draws = run.plan.table.draws
+    if draws is None:
+        return ""
+    sizes = sorted({result["num_test"] for _, result in run.results})
+    published = [
+        (cell.published["variance"], cell.published["accuracy"])
+        for cell in run.plan.table.cells
+        if {"variance", "accuracy"} <= cell.published.keys()
+    ]
+    text = (
+        f"Accuracies of draws: {draws.count} draws of {100 * draws.part:.0f} % of the test "
+        f"samples, without replacement, from the predictions of one trained network (seed "
+        f"{draws.seed}): mean and variance in %² (squared points)."
+    )
+    if not sizes:
+        return text
+    total = sizes[-1]
+    drawn, most = draws.num_drawn(total), _SQUARED_PERCENT * draws.variance(0.5, total)
+    text += (
+        f" Of {drawn:,} of {total:,} samples the variance is p(1 - p)/{drawn} · "
+        f"{total - drawn}/{total - 1} on average: at most {most:.2f} %², if half of the answers "
+        f"are right, and {_SQUARED_PERCENT * draws.variance(0.95, total):.2f} %² if 95 % are."
+    )
+    if not published:
+        return text
+    above = sum(
+        variance > _SQUARED_PERCENT * draws.variance(accuracy / 100, total)
+        for variance, accuracy in published
+    )
+    low, high = min(published)[0], max(published)[0]
+    return (
+        f"{text} The published variances are {low:g} to {high:g}: {above} of {len(published)} are "
+        "above the average of draws from one network at the published accuracy, most of them "
+        "several times. They must contain something else, which the paper does not name."
+    )
