@@ -26,7 +26,7 @@ class PredictorModel:
         preparation = predictor.preparation
         names = {"task": predictor.task, "threshold": predictor.threshold}
         window = predictor.window
-        rest = [part for part in preparation.fitted if part.key is not None]
+        rest = preparation.session.parts
         self.info: dict[str, Any] = {
             **names,
             "class_names": list(predictor.class_names),
@@ -51,7 +51,7 @@ class PredictorModel:
     @property
     def needs_rest(self) -> bool:
         r"""Whether the session must be measured first, and was not."""
-        return self.info["rest"] is not None and self._predictor.preparation.session is None
+        return self.info["rest"] is not None and self._predictor.preparation.session.number is None
 
     def reset(self) -> None:
         r"""Forgets all frames, not the rest."""
@@ -66,7 +66,7 @@ class PredictorModel:
             return
         self._predictor.adapt_recording(Recording(time=time, tactile=frames, joint=joint))
         missing = np.isnan(frames).all(axis=0)
-        for part in self._measured():
+        for part in self._predictor.preparation.session.parts:
             if part.center[-1].shape == missing.shape:
                 part.center[-1][missing] = np.nan  # not zero: what was never there has no rest
 
@@ -74,28 +74,9 @@ class PredictorModel:
         r"""As of :class:`OnnxModel`."""
         import torch
 
-        parts = self._measured()
-        if not parts:
-            return
-        if len(parts) > 1:
-            raise ValueError(f"a rest must be measured with frames, for {parts}: give a Rest")
-        (part,) = parts
-        if part.center is not None and part.center.shape[1:] != center.shape:
-            shape = tuple(part.center.shape[1:])
-            raise ValueError(f"'rest' must have shape {shape} (got {center.shape})")
-        if not part.unit_scale and scale is None:
-            raise ValueError("'scale' must be given: the model scales each session (got None)")
-        given = torch.as_tensor(center, dtype=torch.double).unsqueeze(0)
-        part.center = given
-        part.scale = torch.ones_like(given).float()
-        if scale is not None and not part.unit_scale:
-            part.scale = torch.as_tensor(scale).float().unsqueeze(0)
-        part.key_values = torch.zeros(1, dtype=torch.long)
-        self._predictor.preparation.session = 0
-
-    def _measured(self) -> list[Any]:
-        fitted = self._predictor.preparation.fitted
-        return [part for part in fitted if part.key is not None]
+        session = self._predictor.preparation.session
+        if session.parts:
+            session.give(torch.tensor(center), None if scale is None else torch.tensor(scale))
 
     def add(self, tactile: np.ndarray, joint: np.ndarray | None, wanted: bool = True) -> Any:
         r"""As of :class:`OnnxModel`."""

@@ -1,6 +1,7 @@
 r"""Transforms and models from plain data. Only classes that :mod:`classes` lists are built."""
 
 import copy
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,11 +11,19 @@ from torch.nn import Module
 
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 from torch_geometric_tactile.data._transform_rules import flat
-from torch_geometric_tactile.predictor._own_classes import describe_own
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform
+
+
+def describe_own(value: Any) -> dict[str, Any]:
+    r"""Returns the name and the text of a user's own transform or model."""
+    kind = type(value).__name__
+    if inspect.isroutine(value):
+        return {"own": kind, "text": value.__qualname__}
+    is_told = type(value).__repr__ is not object.__repr__  # which tells an address
+    return {"own": kind, "text": repr(value) if is_told else kind}
 
 
 class Builder:

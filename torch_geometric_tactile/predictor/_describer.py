@@ -17,8 +17,7 @@ from torch.nn import Module
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data._pyg_transforms import KEPT_AS
-from torch_geometric_tactile.predictor._builder import Builder
-from torch_geometric_tactile.predictor._own_classes import describe_own
+from torch_geometric_tactile.predictor._builder import Builder, describe_own
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 
