@@ -13,7 +13,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live._predictor_judge import PredictorModel
 from torch_geometric_tactile.live.onnx_judge import OnnxModel
 from torch_geometric_tactile.live.rest import Rest
-from torch_geometric_tactile.live.subscription import StreamEnded, Subscription
+from torch_geometric_tactile.live.subscription import Subscription
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.predictor import Predictor
@@ -194,21 +194,10 @@ class Judge:
                 "'subscription' must have policy 'all' or 'drop_oldest': the model takes windows "
                 f"of {self.length} frames (got 'newest')"
             )
-        if policy == "drop_oldest" and isinstance(subscription, Subscription):
-            yield from self._follow_newest(subscription)
-            return
+        queue = subscription if isinstance(subscription, Subscription) else None
+        newest = queue if policy == "drop_oldest" else None
         for frame in subscription:
-            judgement = self(frame)
-            if judgement is not None:
-                yield judgement
-
-    def _follow_newest(self, subscription: Subscription) -> Iterator[Judgement]:
-        while True:
-            try:
-                frame = subscription.get()
-            except StreamEnded:
-                return
-            while (newer := subscription.poll()) is not None:
+            while newest is not None and (newer := newest.poll()) is not None:
                 self(frame, wanted=False)
                 frame = newer
             judgement = self(frame)
