@@ -39,15 +39,9 @@ from torch_geometric_tactile.nn.models import (
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import classes, export_onnx
-from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
+from torch_geometric_tactile.sensors import TaxelLayout, grid
 
-HAND = HandKinematics(
-    [
-        Joint("a", "base", "middle", (0.0, 0.1, 0.2), (0.1, 0.2, 0.3), (1.0, 2.0, 3.0), -1.0, 2.0),
-        Joint("b", "middle", "tip", axis=(0.0, 0.0, 1.0)),
-    ],
-    name="finger",
-)
+HAND = small_models.HAND
 SMALL = small_models.LAYOUT
 LAYOUT = TaxelLayout(
     name="placed",
