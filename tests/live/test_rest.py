@@ -5,7 +5,7 @@ import pytest
 
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.live import Rest
-from torch_geometric_tactile.live.viewer import first_second
+from torch_geometric_tactile.live._viewer.page import FirstSecond
 
 RATE = 100
 
@@ -180,7 +180,7 @@ def test_readings_are_relative_to_the_mean_so_far_and_then_to_the_rest():
 
 
 def test_what_is_shown_first_is_a_rest_whatever_moves():
-    rest = first_second()
+    rest = FirstSecond()
     for time, value, shown in (
         (10.0, 4.0, 0.0),
         (10.5, 8.0, 2.0),

@@ -77,9 +77,9 @@ def _show(stream: "Stream", viewer: "Viewer") -> None:
 
 def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
     # From the beginning, whenever a page is opened.
-    from torch_geometric_tactile.live.viewer import first_second
+    from torch_geometric_tactile.live._viewer.page import FirstSecond
 
-    rest = first_second()
+    rest = FirstSecond()
     for frame in stream:
         if rest.add(frame):
             viewer.rest = rest.value

@@ -3,7 +3,6 @@ r"""The viewer: a page in the browser that shows a stream."""
 import asyncio
 import ipaddress
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -13,10 +12,14 @@ import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live._viewer.page import ViewerClient, ViewerPage, pack_message
+from torch_geometric_tactile.live._viewer.page import (
+    FirstSecond,
+    ViewerClient,
+    answer,
+    pack_message,
+)
 from torch_geometric_tactile.live._viewer.scene import Scene, Scenes
 from torch_geometric_tactile.live._web_server import WebServer
-from torch_geometric_tactile.live.rest import Rest
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.judge import Judgement
@@ -98,8 +101,7 @@ class Viewer(WebServer):
         self.rest: np.ndarray | None = None
         self.scenes = Scenes(stream, layout, joint, kinematics, self.note)
         self._turn = asyncio.Lock()
-        self._files = ViewerPage()
-        self._first = first_second()
+        self._first = FirstSecond()
         self._judgement: Judgement | None = None
         self._recording_since: float | None = None
         self._notes: deque[tuple[int, float, str]] = deque(maxlen=_NOTES)
@@ -159,7 +161,7 @@ class Viewer(WebServer):
         await ViewerClient(connection, self, self._turn).run()
 
     def _page(self, connection: Any, request: Any, full: bool) -> Any:
-        return self._files.answer(connection, request, full)
+        return answer(connection, request, full)
 
     def _layout_message(self, scene: Scene, channels: int) -> bytes:
         head = {
@@ -175,8 +177,6 @@ class Viewer(WebServer):
         if self.rest is not None and np.shape(self.rest) == frame.tactile.shape:
             relative: np.ndarray = (frame.tactile - self.rest).astype(np.float32)
             return relative
-        if self._first.shape not in (None, frame.tactile.shape):
-            self._first.retare()
         return self._first.relative(frame)
 
     def _facts(self, since_note: int) -> dict[str, Any]:
@@ -218,13 +218,6 @@ class Viewer(WebServer):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"
-
-
-def first_second() -> Rest:
-    r"""Returns a rest of the first second, whatever it holds: what is shown is only shown."""
-    rest = Rest(1.0)
-    rest.min_frames, rest.max_movement = 1, math.inf
-    return rest
 
 
 def _described(judgement: "Judgement | None") -> dict[str, Any] | None:

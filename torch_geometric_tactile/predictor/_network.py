@@ -1,7 +1,7 @@
 r"""A model that runs, and what its outputs mean."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -47,6 +47,11 @@ class Network:
         self.dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
         self.device = numbers[0].device if numbers else torch.device("cpu")
         self.modalities: tuple[str, ...] = tuple(getattr(model, "modalities", ()))
+
+    def facts(self) -> dict[str, Any]:
+        r"""Returns what live use must know of the outputs, as JSON values."""
+        names = list(self.class_names)
+        return {"task": self.task, "class_names": names, "threshold": self.threshold}
 
     def to(self, device: torch.device | str) -> None:
         r"""Moves the model to a device."""

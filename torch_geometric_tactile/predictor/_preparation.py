@@ -15,9 +15,9 @@ from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.predictor._readings import (
     ArrayLike,
-    as_angles,
     as_numbers,
     checked_options,
+    joint_rows,
     shape_of,
     stored_options,
 )
@@ -145,7 +145,8 @@ class Preparation:
         if self.window is not None:
             data.num_frames = num_frames
         if joint is not None and self.num_joints != 0:
-            data.joint = as_angles(joint, len(x), self.num_joints, self.dtype, self.device)
+            angles = as_numbers("joint", joint, self.dtype, self.device)
+            data.joint = joint_rows(angles, len(x), self.num_joints)
         elif self.needs_joint:
             raise ValueError(
                 f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, which "
@@ -270,6 +271,19 @@ class Preparation:
         """
         assert self.window is not None
         return self.window.cut(self.prepared_frames(frames), self.layout)
+
+    def facts(self) -> dict[str, Any]:
+        r"""Returns what live use must know of the readings, as JSON values."""
+        parts = self.session.parts
+        return {
+            "layout": self.layout.name,
+            "layout_content": self.layout.to_dict(),
+            "num_taxels": self.layout.num_taxels,
+            "num_channels": self.num_channels,
+            "num_joints": (self.num_joints or None) if self.needs_joint else 0,
+            "window": None if self.window is None else self.window.to_dict(),
+            "rest": {"transform": repr(parts[0])} if parts else None,
+        }
 
     def with_tare(self) -> Self:
         r"""Returns a preparation that subtracts the rest first."""

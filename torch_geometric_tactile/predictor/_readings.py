@@ -78,19 +78,12 @@ def as_numbers(
         raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
 
 
-def as_angles(
-    joint: ArrayLike,
-    num_frames: int,
-    num_joints: int | None,
-    dtype: torch.dtype,
-    device: torch.device | None,
-) -> Tensor:
-    r"""Returns the joint angles of frames.
+def joint_rows(angles: Tensor, num_frames: int, num_joints: int | None) -> Tensor:
+    r"""Returns the joint angles of frames, which are given as one row for all or a row for each.
 
     Shapes:
         - **output:** :math:`(B, J)`
     """
-    angles = as_numbers("joint", joint, dtype, device)
     given = tuple(angles.shape)
     if angles.dim() == 1:
         angles = angles.expand(num_frames, -1)

@@ -119,11 +119,10 @@ def _open_session(model: bytes | PathLike) -> Any:
 
 def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[str, Any]:
     r"""Returns the metadata of a graph."""
-    window, rest = graph.window, None
+    preparation = predictor.preparation.facts()
     if graph.rest is not None:
         part = graph.rest.part
-        rest = {
-            "transform": repr(part),
+        preparation["rest"] |= {
             "per": part.per,
             "has_scale": graph.rest.has_scale,
             "first": part.first,
@@ -136,20 +135,14 @@ def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[
         "format": _FORMAT,
         "package": __version__,
         "model": type(predictor.model).__name__,
-        "task": predictor.task,
-        "class_names": list(predictor.class_names),
-        "threshold": predictor.threshold,
-        "layout": predictor.layout.name,
-        "layout_content": predictor.layout.to_dict(),
-        "num_taxels": predictor.layout.num_taxels,
+        **predictor.network.facts(),
+        **preparation,
         "num_channels": graph.num_channels,
         "num_joints": graph.num_joints,
         "joint_names": _joint_names(predictor),
         "joint_of_frames": graph.joint_of_frames,
         "unit": unit,
-        "window": None if window is None else window.to_dict(),
         "is_stepped": graph.is_stepped,
-        "rest": rest,
     }
 
 

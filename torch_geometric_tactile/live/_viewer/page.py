@@ -9,6 +9,7 @@ import re
 import struct
 import time
 from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live._viewer.scene import Scene
+from torch_geometric_tactile.live.rest import Rest
 
 if TYPE_CHECKING:
     from torch_geometric_tactile.live.viewer import Viewer
@@ -25,6 +27,31 @@ _LOOK = 1 / 120  # seconds between two looks for a new frame
 _QUIET = 0.25  # seconds after which a page is told that there is none
 _FACTS = 0.2  # seconds between two messages with the health of the stream
 _LEAD = 0.004  # seconds that a sleep may be late
+_HEADERS = {
+    "Content-Type": "text/html; charset=utf-8",
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+class FirstSecond(Rest):
+    r"""The mean of the first second, whatever it holds: what is shown is only shown. Frames of
+    another shape begin it anew.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1.0)
+        self.min_frames, self.max_movement = 1, math.inf
+
+    def add(self, frame: LiveFrame) -> bool:
+        r"""As of :class:`Rest`."""
+        if self.shape not in (None, frame.tactile.shape):
+            self.retare()
+        return super().add(frame)
 
 
 class ViewerClient:
@@ -192,40 +219,25 @@ def _finite(value: Any) -> Any:
     return value
 
 
-class ViewerPage:
-    r"""Gives out the page to those who may ask for it, with a policy by which the browser runs and
-    loads nothing else.
+def answer(connection: Any, request: Any, full: bool) -> Any:
+    r"""Returns the answer to who may ask for the page: the page, with a policy by which the browser
+    runs and loads nothing else; :obj:`None` if the request may go on as a web socket.
     """
-
-    def __init__(self) -> None:
-        self._page, self._policy = _page()
-
-    def answer(self, connection: Any, request: Any, full: bool) -> Any:
-        r"""Returns the answer to a request; :obj:`None` if it may go on as a web socket."""
-        path = request.path.partition("?")[0]
-        if path == "/live":
-            return connection.respond(503, "Too many pages are open.\n") if full else None
-        if path != "/":
-            return connection.respond(404, "There is only one page: /\n")
-        response = connection.respond(200, self._page)
-        del response.headers["Content-Type"]
-        response.headers.update(self._headers(request.headers["Host"]))
-        return response
-
-    def _headers(self, host: str) -> dict[str, str]:
-        return {
-            "Content-Type": "text/html; charset=utf-8",
-            # Some browsers do not count a web socket of the same host as 'self'.
-            "Content-Security-Policy": f"{self._policy}; connect-src 'self' ws://{host}",
-            "Cache-Control": "no-store",
-            "Referrer-Policy": "no-referrer",
-            "X-Content-Type-Options": "nosniff",
-            "X-Frame-Options": "DENY",
-            "Cross-Origin-Opener-Policy": "same-origin",
-            "Cross-Origin-Resource-Policy": "same-origin",
-        }
+    path = request.path.partition("?")[0]
+    if path == "/live":
+        return connection.respond(503, "Too many pages are open.\n") if full else None
+    if path != "/":
+        return connection.respond(404, "There is only one page: /\n")
+    page, policy = _page()
+    response = connection.respond(200, page)
+    del response.headers["Content-Type"]
+    # Some browsers do not count a web socket of the same host as 'self'.
+    policy += f"; connect-src 'self' ws://{request.headers['Host']}"
+    response.headers.update(_HEADERS | {"Content-Security-Policy": policy})
+    return response
 
 
+@cache
 def _page() -> tuple[str, str]:
     # The page, and a policy under which nothing runs and nothing is loaded but what is in it.
     page = files(__package__).joinpath("viewer.html").read_text(encoding="utf-8")
