@@ -11,8 +11,8 @@ from torch.nn import Linear, Module
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.predictor import _builder, content
-from torch_geometric_tactile.predictor._builder import load_weights
+from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor._plain_data import _check_state, load_weights
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, ZScore
@@ -394,9 +394,9 @@ def test_sparse_weights_are_refused():
 def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
     state = {"center": torch.zeros(shape), "scale": torch.ones(shape), "key_values": torch.zeros(1)}
     with pytest.raises(ValueError, match=r"must be a centre and a scale for each key"):
-        _builder._check_state(scaler, state)
+        _check_state(scaler, state)
     more = (*shape, *[2] * (3 - len(shape)))
-    _builder._check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})
+    _check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})
 
 
 def test_a_scaler_of_other_joints_than_the_header_says_is_refused():

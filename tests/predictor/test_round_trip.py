@@ -23,8 +23,7 @@ from torch_geometric_tactile.nn.models import (
     TemporalTaxelNet,
 )
 from torch_geometric_tactile.predictor import MissingOwnError, classes
-from torch_geometric_tactile.predictor._builder import Builder
-from torch_geometric_tactile.predictor._describer import Describer
+from torch_geometric_tactile.predictor._plain_data import Builder, Describer
 from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 HAND = small_models.HAND

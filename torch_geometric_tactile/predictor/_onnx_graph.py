@@ -51,7 +51,7 @@ class OnnxGraph(Module):
                 f"{' and '.join(repr(rest.part) for rest in rests)})"
             )
         self.rest = rests[0] if rests else None
-        self.num_joints = _count_joints(predictor, [*frame_parts, *window_parts])
+        self.num_joints = _count_joints(predictor)
         self.joint_of_frames = is_windowed and any(
             "joint" in (access(part)[0] or ()) for part in frame_parts
         )
@@ -235,15 +235,12 @@ def _finite(values: Tensor) -> Tensor:
     return values.masked_fill(values.isinf(), torch.nan)  # as a predictor takes them
 
 
-def _count_joints(predictor: Predictor, parts: Sequence[Any]) -> int:
-    if not predictor.preparation.needs_joint:
+def _count_joints(predictor: Predictor) -> int:
+    preparation = predictor.preparation
+    if not preparation.needs_joint:
         return 0
-    hands = [getattr(part, "kinematics", None) for part in parts]
-    known = [
-        predictor.preparation.num_joints,
-        getattr(predictor.model, "num_joints", None),
-        *(hand.num_joints for hand in hands if hand is not None),
-    ]
+    counting = (predictor.model, preparation.hand)
+    known = [preparation.num_joints, *(getattr(one, "num_joints", None) for one in counting)]
     found = [number for number in known if number]
     if not found:
         raise ValueError("the predictor must know 'num_joints' to be exported (got None)")

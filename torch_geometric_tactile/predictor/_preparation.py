@@ -24,7 +24,7 @@ from torch_geometric_tactile.predictor._readings import (
 from torch_geometric_tactile.predictor._session import Session, keyed
 from torch_geometric_tactile.predictor._settling import access, apply_once, is_settled
 from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import Tare, fitted_parts
 
 
@@ -78,6 +78,12 @@ class Preparation:
     def parts(self) -> list[Any]:
         r"""The transforms of each reading: those of frames, then those of windows."""
         return [*self.frame_parts, *self.last_parts]
+
+    @property
+    def hand(self) -> HandKinematics | None:
+        r"""The hand whose joints pose the taxels, if a transform does so."""
+        hands = [getattr(part, "kinematics", None) for part in self.parts]
+        return next((hand for hand in hands if hand is not None), None)
 
     @property
     def causal(self) -> bool:
@@ -285,32 +291,32 @@ class Preparation:
             "rest": {"transform": repr(parts[0])} if parts else None,
         }
 
-    def with_tare(self) -> Self:
-        r"""Returns a preparation that subtracts the rest first."""
-        if self.session.parts:
-            raise ValueError(
-                f"the predictor measures the rest already, by {self.session.parts[0]!r}"
-            )
-        if flat(self.frame_transform):
-            raise ValueError(
-                "the rest must be subtracted before all other transforms, and frames go through "
-                f"{self.frame_transform!r} before they are cut to windows"
-            )
-        return type(self)(
-            self.layout,
-            self.shared,
-            Compose([Tare(), *flat(self.pre_transform)]),
-            self.transform,
-            self.num_channels,
-            self.num_joints,
-            window=self.window,
-            read_options=self.read_options,
-        )
-
     def to(self, device: torch.device, dtype: torch.dtype) -> None:
         r"""Moves what all frames share to a device, and takes readings in a precision."""
         self.device, self.dtype = device, dtype
         self.constant = self.constant.to(device)
+
+
+def tared(preparation: Preparation) -> Preparation:
+    r"""Returns a preparation that subtracts the rest before all that another one does."""
+    measuring = preparation.session.parts
+    if measuring:
+        raise ValueError(f"the predictor measures the rest already, by {measuring[0]!r}")
+    if flat(preparation.frame_transform):
+        raise ValueError(
+            "the rest must be subtracted before all other transforms, and frames go through "
+            f"{preparation.frame_transform!r} before they are cut to windows"
+        )
+    return Preparation(
+        preparation.layout,
+        preparation.shared,
+        Compose([Tare(), *flat(preparation.pre_transform)]),
+        preparation.transform,
+        preparation.num_channels,
+        preparation.num_joints,
+        window=preparation.window,
+        read_options=preparation.read_options,
+    )
 
 
 def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:

@@ -14,9 +14,8 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
-from torch_geometric_tactile.predictor._builder import Builder, load_weights
-from torch_geometric_tactile.predictor._describer import Describer
 from torch_geometric_tactile.predictor._network import TASKS, Network
+from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
 from torch_geometric_tactile.predictor._preparation import Preparation
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.predictor._window_cut import WindowCut

@@ -119,7 +119,7 @@ def _open_session(model: bytes | PathLike) -> Any:
 
 def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[str, Any]:
     r"""Returns the metadata of a graph."""
-    preparation = predictor.preparation.facts()
+    preparation, hand = predictor.preparation.facts(), predictor.preparation.hand
     if graph.rest is not None:
         part = graph.rest.part
         preparation["rest"] |= {
@@ -139,20 +139,11 @@ def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[
         **preparation,
         "num_channels": graph.num_channels,
         "num_joints": graph.num_joints,
-        "joint_names": _joint_names(predictor),
+        "joint_names": None if hand is None else list(hand.joint_names),
         "joint_of_frames": graph.joint_of_frames,
         "unit": unit,
         "is_stepped": graph.is_stepped,
     }
-
-
-def _joint_names(predictor: Predictor) -> list[str] | None:
-    preparation = predictor.preparation
-    for part in preparation.parts:
-        hand = getattr(part, "kinematics", None)
-        if hand is not None:
-            return list(hand.joint_names)
-    return None
 
 
 def _copy(predictor: Predictor) -> Predictor:

@@ -14,7 +14,7 @@ from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
 from torch_geometric_tactile.predictor._network import Network, Task
-from torch_geometric_tactile.predictor._preparation import Preparation, shared_by_frames
+from torch_geometric_tactile.predictor._preparation import Preparation, shared_by_frames, tared
 from torch_geometric_tactile.predictor._readings import ArrayLike, shape_of
 from torch_geometric_tactile.predictor._session import Session
 from torch_geometric_tactile.predictor._window_cut import WindowCut
@@ -310,8 +310,7 @@ class Predictor:
             ValueError: If a transform measures sessions already, or frames go through a transform
                 before they are cut to windows.
         """
-        network = copy.deepcopy(self.network)
-        return self._of(self.preparation.with_tare(), network)
+        return self._of(tared(self.preparation), copy.deepcopy(self.network))
 
     def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
         r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
