@@ -5,13 +5,20 @@ from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn.conv import EdgePatchEncoder
 from torch_geometric_tactile.nn.models import MSCNN, MTCNN, MTGCN, HandCNN, TactileFNN, TactileGCN
-from torch_geometric_tactile.sensors import TaxelLayout
+from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout
 
 # Two patches of four taxels and one of three, not in a row: a ring in each, and seams between them.
 PATCH = torch.tensor([0, 2, 1, 0, 1, 2, 0, 1, 1, 2, 0])
 RINGS = [(0, 3), (3, 6), (6, 10), (10, 0), (2, 4), (4, 7), (7, 8), (8, 2), (1, 5), (5, 9)]
 SEAMS = [(0, 2), (3, 4), (6, 1)]
 PAIRS = [*RINGS, *((b, a) for a, b in RINGS), *SEAMS]
+HAND = HandKinematics(
+    [
+        Joint("a", "base", "middle", (0.0, 0.1, 0.2), (0.1, 0.2, 0.3), (1.0, 2.0, 3.0), -1.0, 2.0),
+        Joint("b", "middle", "tip", axis=(0.0, 0.0, 1.0)),
+    ],
+    name="finger",
+)
 LAYOUT = TaxelLayout(
     name="small",
     pos=0.01 * torch.rand(11, 3, generator=torch.Generator().manual_seed(0)),

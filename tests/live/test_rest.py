@@ -5,6 +5,7 @@ import pytest
 
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.live import Rest
+from torch_geometric_tactile.live._viewer.page import FirstSecond
 
 RATE = 100
 
@@ -162,3 +163,32 @@ def test_bad_frames():
     rest.add(frame(0, np.zeros((3, 2))))
     with pytest.raises(ValueError, match=r"a frame must have shape \(3, 2\), as those before"):
         rest.add(frame(1, np.zeros((4, 2))))
+
+
+def test_readings_are_relative_to_the_mean_so_far_and_then_to_the_rest():
+    rest = Rest(seconds=0.5)
+    frames = still(60)
+    assert rest.shape is None
+    for count in (1, 2, 3):
+        tactile = np.stack([one.tactile for one in frames[:count]]).astype(np.float64)
+        wanted = (frames[count - 1].tactile - tactile.mean(axis=0)).astype(np.float32)
+        assert (rest.relative(frames[count - 1]) == wanted).all()
+    fill(rest, frames[3:])
+    assert rest.shape == (20, 3)
+    wanted = (frames[59].tactile - rest.value).astype(np.float32)
+    assert (rest.relative(frames[59]) == wanted).all()
+
+
+def test_what_is_shown_first_is_a_rest_whatever_moves():
+    rest = FirstSecond()
+    for time, value, shown in (
+        (10.0, 4.0, 0.0),
+        (10.5, 8.0, 2.0),
+        (11.0, 6.0, 0.0),
+        (11.1, 16, 10),
+    ):
+        reading = np.array([[value], [np.nan if time < 11 else value]], np.float32)
+        one = LiveFrame(0, time, int(time * 1e9), None, reading)
+        assert rest.relative(one)[0, 0] == shown
+        assert rest.ready == (time >= 11)
+    assert rest.value.tolist() == [[6.0], [6.0]]

@@ -3,6 +3,7 @@ import gc
 import math
 import threading
 import time
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -31,6 +32,19 @@ def _no_thread_left():
     wait_until(lambda: not stream_threads())
 
 
+@contextmanager
+def subscribed(source, policy="all", size=None, **settings):
+    """An open stream, and a subscription since before it was opened."""
+    stream = Stream(source, **settings)
+    subscription = stream.subscribe(policy, size)
+    with stream:
+        yield stream, subscription
+
+
+def run(coroutine):
+    return asyncio.run(asyncio.wait_for(coroutine, LONG))
+
+
 def numbers(subscription):
     return [frame.sequence for frame in subscription]
 
@@ -53,10 +67,6 @@ def test_stream_is_iterated_with_a_subscription_of_its_own():
         assert numbers(iterator) == [0, 1, 2, 3, 4]
 
 
-def test_stream_repr():
-    assert repr(Stream(FakeSource())) == "Stream(FakeSource('fake:'), state='closed')"
-
-
 def test_stream_that_cannot_open_raises_in_the_caller_and_wakes_subscribers():
     source = FakeSource()
     source.open_errors.append(FileNotFoundError("no such port"))
@@ -71,6 +81,7 @@ def test_stream_that_cannot_open_raises_in_the_caller_and_wakes_subscribers():
 
 def test_stream_opens_once():
     stream = Stream(FakeSource())
+    assert repr(stream) == "Stream(FakeSource('fake:'), state='closed')"
     stream.open()
     stream.open()
     assert stream.source.opened == 1
@@ -113,7 +124,7 @@ def test_ended_stream_answers_through_asyncio_to_thread():
         return one.sequence
 
     with stream:
-        assert asyncio.run(asyncio.wait_for(main(), LONG)) == 1
+        assert run(main()) == 1
 
 
 def test_get_without_a_frame_raises_timeout_error():
@@ -140,18 +151,17 @@ def test_error_of_the_source_reaches_every_subscriber_after_its_frames():
 
 
 def test_stop_iteration_of_the_source_is_no_silent_end():
-    stream = Stream(FakeSource(StopIteration()))
-    subscription = stream.subscribe()
-    with stream, pytest.raises(RuntimeError, match="raised StopIteration"):
+    with (
+        subscribed(FakeSource(StopIteration())) as (_, subscription),
+        pytest.raises(RuntimeError, match="raised StopIteration"),
+    ):
         list(subscription)
 
 
 def test_source_that_is_not_worth_reopening_raises():
     source = FakeSource(OSError("damaged file"))
     source.reopens = False
-    stream = Stream(source)
-    subscription = stream.subscribe()
-    with stream, pytest.raises(OSError, match="damaged file"):
+    with subscribed(source) as (_, subscription), pytest.raises(OSError, match="damaged file"):
         subscription.get(LONG)
 
 
@@ -177,47 +187,41 @@ def test_policy_all_ends_with_an_error_when_it_overflows():
     ("policy", "size", "kept"), [("drop_oldest", 4, [6, 7, 8, 9]), ("newest", 4, [9])]
 )
 def test_slow_subscriber_gets_the_latest_frames(policy, size, kept):
-    stream = Stream(ended(*frames(10)))
-    subscription = stream.subscribe(policy, size)
-    with stream:
+    with subscribed(ended(*frames(10)), policy, size) as (stream, subscription):
         wait_until(lambda: stream.state == "ended")
         assert numbers(subscription) == kept
     assert subscription.dropped == stream.health().dropped == 10 - len(kept)
 
 
 @pytest.mark.parametrize(
-    ("policy", "size", "match"),
+    ("given", "match"),
     [
-        ("some", None, "'policy' must be one of"),
-        ("all", 0, "'size' must be a positive number of frames"),
-        ("drop_oldest", 1.5, "'size' must be a positive number of frames"),
+        ({"policy": "some"}, "'policy' must be one of"),
+        ({"size": 0}, "'size' must be a positive number of frames"),
+        ({"policy": "drop_oldest", "size": 1.5}, "'size' must be a positive number of frames"),
+        ({"silent_after": 0}, "'silent_after' must be positive"),
     ],
 )
-def test_subscribe_bad_input_raises(policy, size, match):
-    with pytest.raises(ValueError, match=match):
-        Stream(FakeSource()).subscribe(policy, size)
+def test_bad_input_raises(given, match):
+    with pytest.raises(ValueError, match=match), subscribed(FakeSource(), **given):
+        pass
 
 
-def test_stream_bad_input_raises():
-    with pytest.raises(ValueError, match="'silent_after' must be positive"):
-        Stream(FakeSource(), silent_after=0)
+def waiting():
+    source = ended(frames(100))
+    source.waits = True
+    return source
 
 
 def test_source_that_waits_never_overflows():
-    source = ended(frames(100))
-    source.waits = True
-    stream = Stream(source)
-    slow = stream.subscribe(size=2)
-    with stream:
+    with subscribed(waiting(), size=2) as (_, slow):
         time.sleep(0.05)
         assert numbers(slow) == list(range(100))
     assert not slow.overflowed
 
 
 def test_source_that_waits_goes_on_when_its_subscriber_is_given_up():
-    source = ended(frames(100))
-    source.waits = True
-    stream = Stream(source)
+    stream = Stream(waiting())
     slow, other = stream.subscribe(size=2), stream.subscribe()
     with stream:
         assert slow.get(LONG).sequence == 0
@@ -227,11 +231,7 @@ def test_source_that_waits_goes_on_when_its_subscriber_is_given_up():
 
 
 def test_source_that_waits_is_closed_at_once():
-    source = ended(frames(100))
-    source.waits = True
-    stream = Stream(source)
-    subscription = stream.subscribe(size=2)
-    with stream:
+    with subscribed(waiting(), size=2) as (stream, subscription):
         wait_until(lambda: stream.health().frames > 0)
     assert stream.state == "closed"
     assert not subscription.overflowed or subscription.dropped
@@ -293,7 +293,7 @@ def test_async_for_gives_all_frames_and_ends():
 
     with stream:
         before = threading.active_count()
-        got, during = asyncio.run(asyncio.wait_for(main(), LONG))
+        got, during = run(main())
     assert got == list(range(20))
     assert during == before
 
@@ -310,7 +310,7 @@ def test_async_for_over_a_stream_subscribes():
         return got
 
     with stream:
-        assert asyncio.run(asyncio.wait_for(main(), LONG)) == [3]
+        assert run(main()) == [3]
 
 
 def test_async_wait_is_cancelled_without_losing_a_frame():
@@ -337,7 +337,7 @@ def test_async_error_of_the_source_is_raised():
             pass
 
     with stream, pytest.raises(ZeroDivisionError, match="broken"):
-        asyncio.run(asyncio.wait_for(main(), LONG))
+        run(main())
 
 
 def test_async_for_lets_others_run():
@@ -361,15 +361,13 @@ def test_async_for_lets_others_run():
 
     with stream:
         wait_until(lambda: stream.state == "ended")
-        assert asyncio.run(asyncio.wait_for(main(), LONG)) > 100
+        assert run(main()) > 100
 
 
 def test_lost_source_is_opened_again():
     source = FakeSource(frame(0), OSError("unplugged"))
     source.open_errors.clear()
-    stream = Stream(source)
-    subscription = stream.subscribe()
-    with stream:
+    with subscribed(source) as (stream, subscription):
         assert subscription.get(LONG).sequence == 0
         source.send(frame(1))
         assert subscription.get(LONG).sequence == 1
@@ -395,9 +393,7 @@ def test_lost_source_that_is_gone_is_tried_again_and_again():
 def test_lost_source_that_is_seen_to_be_back_is_opened_without_waiting(monkeypatch):
     monkeypatch.setattr("torch_geometric_tactile.live.stream._BACK_OFF", (3600.0, 3600.0))
     source = FakeSource(OSError("unplugged"), frame(5))
-    stream = Stream(source)
-    subscription = stream.subscribe()
-    with stream:
+    with subscribed(source) as (_, subscription):
         wait_until(lambda: source.asked)
         source.there = True
         assert subscription.get(LONG).sequence == 5
@@ -475,9 +471,7 @@ def test_silent_source_shows_and_comes_back():
 def test_time_is_strictly_increasing_and_maps_the_clock_of_the_device():
     at = 10_000_000_000
     script = [frame(0, at, 1.0), frame(1, at, 1.0), frame(2, at, None), frame(3, at + 10**9, 2.0)]
-    stream = Stream(ended(script))
-    subscription = stream.subscribe()
-    with stream:
+    with subscribed(ended(script)) as (_, subscription):
         times = [one.time for one in subscription]
     assert all(later > earlier for earlier, later in pairwise(times))
     assert times == pytest.approx([10.0, 10.0, 10.0, 11.0], abs=1e-4)
@@ -487,19 +481,14 @@ def test_time_is_strictly_increasing_and_maps_the_clock_of_the_device():
 def test_clock_of_another_rate_is_mapped(rate, second):
     source = ended([frame(0, 10_000_000_000, 1.0), frame(1, 10_600_000_000, 2.0)])
     source.clock_rate = rate
-    stream = Stream(source)
-    subscription = stream.subscribe()
-    with stream:
+    with subscribed(source) as (_, subscription):
         assert [one.time for one in subscription] == pytest.approx([10.0, second])
 
 
 def test_stream_maps_taxels_and_names_the_layout():
     taxel_map = TaxelMap([1, -1, 0], 2, layout="three")
-    stream = Stream(
-        ended(frame(0, tactile=np.float32([[1], [2]])), sensor="two"), taxel_map=taxel_map
-    )
-    subscription = stream.subscribe()
-    with stream:
+    source = ended(frame(0, tactile=np.float32([[1], [2]])), sensor="two")
+    with subscribed(source, taxel_map=taxel_map) as (stream, subscription):
         tactile = subscription.get(LONG).tactile
     np.testing.assert_array_equal(tactile, np.float32([[2], [math.nan], [1]]))
     assert stream.meta["sensor"] == "three"

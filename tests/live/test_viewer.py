@@ -13,7 +13,7 @@ pytest.importorskip("websockets", reason="needs the extra 'live'")
 from viewer_pages import LONG, Page, ask, recording, wait
 from websockets.exceptions import ConnectionClosed
 
-from torch_geometric_tactile.data import Recording
+from torch_geometric_tactile.data import LiveFrame, Recording
 from torch_geometric_tactile.live import ReplaySource, Stream, StreamEnded, Viewer
 
 
@@ -71,6 +71,21 @@ def test_readings_are_relative_to_the_rest(viewer):
         assert viewer.rest is None
         head, _ = page.until(lambda head: head.get("rest") == "measured")
         assert head["health"]["state"] == "open"
+
+
+def test_given_rest_goes_first_where_it_fits_and_other_taxels_begin_anew(stream):
+    def shown(time, value, shape=(2, 1)):
+        reading = np.full(shape, value, np.float32)
+        return viewer._relative(LiveFrame(0, time, int(time * 1e9), None, reading)).ravel().tolist()
+
+    viewer = Viewer(stream)
+    viewer.rest = np.full((2, 1), 5.0)
+    assert shown(0.0, 7.0) == [2.0, 2.0]
+    assert shown(0.0, 7.0, (3, 1)) == [0.0] * 3
+    viewer.rest = None
+    assert shown(1.0, 7.0, (4, 3)) == [0.0] * 12
+    assert shown(3.0, 9.0, (4, 3)) == [1.0] * 12
+    assert shown(4.0, 9.0) == [0.0] * 2
 
 
 def test_missing_readings_stay_missing():
@@ -290,7 +305,7 @@ def test_a_page_that_sleeps_or_vanishes_costs_others_nothing(stream, viewer):
         numbers = [everything.get(LONG).sequence for _ in range(200)]
     assert numbers == list(range(numbers[0], numbers[0] + 200))
     assert not everything.overflowed
-    wait(lambda: viewer._server.clients == 0)
+    wait(lambda: viewer.clients == 0)
 
 
 def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
@@ -302,7 +317,7 @@ def test_closed_page_gives_its_subscription_up(stream, monkeypatch):
         assert kept == []  # without a page, nothing is read
         with Page(viewer) as page:
             page.next()
-        wait(lambda: viewer._server.clients == 0)
+        wait(lambda: viewer.clients == 0)
         with pytest.raises(StreamEnded):
             kept[0].get(timeout=0)
         assert kept[0].policy == "newest"

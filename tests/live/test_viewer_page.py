@@ -1,11 +1,15 @@
+import struct
+
+import numpy as np
 import pytest
 
 pytest.importorskip("websockets", reason="needs the extra 'live'")
 
-from viewer_pages import Page, ask, recording, wait
+from viewer_pages import Page, ask, recording, unpack, wait
 from websockets.exceptions import InvalidStatus
 
 from torch_geometric_tactile.live import ReplaySource, Stream, Viewer
+from torch_geometric_tactile.live._viewer.page import pack_message
 
 
 @pytest.fixture
@@ -99,7 +103,7 @@ def test_too_many_pages(viewer):
         Page(viewer)
     assert refused.value.response.status_code == 503
     pages[0].socket.close()
-    wait(lambda: viewer._server.clients < 8)
+    wait(lambda: viewer.clients < 8)
     with Page(viewer) as page:
         page.next()
     for page in pages:
@@ -111,3 +115,29 @@ def test_other_machines_only_with_a_warning(stream, caplog):
         assert ask(viewer)[0].status == 200
         assert "may press its buttons" in caplog.text
         assert ask(viewer, headers=[("Host", "robot.example")])[0].status == 403
+
+
+def test_arrays_come_back_and_begin_at_a_multiple_of_four():
+    sent = {"tactile": np.array([[1, np.nan, -2.5]]), "pose": np.arange(24).reshape(2, 12)}
+    for kind in ("a", "ab", "abc", "abcd", "ä"):
+        message = pack_message({"kind": kind}, sent)
+        head, arrays = unpack(message)
+        assert head["kind"] == kind
+        assert struct.unpack_from("<I", message)[0] % 4 == 0
+        np.testing.assert_array_equal(arrays["tactile"], sent["tactile"])
+        np.testing.assert_array_equal(arrays["pose"], sent["pose"])
+
+
+def test_numbers_that_browsers_do_not_parse_are_null():
+    head, _ = unpack(
+        pack_message(
+            {
+                "age": float("nan"),
+                "health": {"rate": np.float32("inf"), "lost": np.int64(3)},
+                "all": [1.5, (-np.inf,)],
+            }
+        )
+    )
+    assert head["age"] is None
+    assert head["health"] == {"rate": None, "lost": 3}
+    assert head["all"] == [1.5, [None]]

@@ -2,7 +2,7 @@ import http
 import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import pytest
 
@@ -43,16 +43,12 @@ def answered(data):
         thread.join()
 
 
+@contextmanager
 def opened(url):
     client = WebSocket(url)
     client.open(LONG)
-    return client
-
-
-def greet_and_receive(client):
-    # What breaks the protocol may come in one read with the greeting.
-    client.open(LONG)
-    client.receive(LONG)
+    yield client
+    client.close()
 
 
 def test_messages_come_whole_and_in_order():
@@ -64,13 +60,11 @@ def test_messages_come_whole_and_in_order():
         connection.send(iter(["in ", "three ", "parts"]))
         connection.send(b"bytes")
 
-    with served(send) as url:
-        client = opened(url)
+    with served(send) as url, opened(url) as client:
         found = [client.receive(LONG) for _ in range(6)]
         assert found == [*(text.encode() for text in texts), b"in three parts", b"bytes"]
         with pytest.raises(EOFError, match=r"the server has closed it .*1000"):
             client.receive(LONG)
-        client.close()
 
 
 def test_ping_is_answered():
@@ -80,10 +74,8 @@ def test_ping_is_answered():
         answered_in_time.append(connection.ping().wait(LONG))
         connection.send("done")
 
-    with served(ping) as url:
-        client = opened(url)
+    with served(ping) as url, opened(url) as client:
         assert client.receive(LONG) == b"done"
-        client.close()
     assert answered_in_time == [True]
 
 
@@ -94,15 +86,13 @@ def test_nothing_in_time_is_none_and_costs_no_message():
         go.wait(LONG)
         connection.send("late")
 
-    with served(send) as url:
-        client = opened(url)
+    with served(send) as url, opened(url) as client:
         start = time.monotonic()
         assert client.receive(0.05) is None
         assert time.monotonic() - start >= 0.04
         assert client.receive(0.0) is None
         go.set()
         assert client.receive(LONG) == b"late"
-        client.close()
 
 
 def test_goodbye_is_said():
@@ -113,14 +103,12 @@ def test_goodbye_is_said():
             pass
         ended.append(connection.close_code)
 
-    with served(wait) as url:
-        client = opened(url)
+    with served(wait) as url, opened(url) as client:
         client.close()
         client.close()
         with pytest.raises(OSError, match="is not open"):
             client.receive(0.0)
         client.open(LONG)  # again
-        client.close()
     assert ended == [1000, 1000]
 
 
@@ -131,8 +119,9 @@ def test_server_that_refuses():
     with (
         served(lambda connection: None, process_request=refuse) as url,
         pytest.raises(ConnectionError, match="403"),
+        opened(url),
     ):
-        opened(url)
+        pass
 
 
 @pytest.mark.parametrize(
@@ -141,31 +130,36 @@ def test_server_that_refuses():
     ids=["nothing", "garbage", "a page", "half"],
 )
 def test_what_is_no_web_socket_is_told(data):
-    with answered(data) as url, pytest.raises((OSError, EOFError)):
-        opened(url)
+    with answered(data) as url, pytest.raises((OSError, EOFError)), opened(url):
+        pass
 
 
-def test_connection_that_breaks_the_protocol_ends():
-    def break_it(connection):
-        connection.socket.sendall(b"\xff\xff\xff\xff")
-        connection.close_socket()
-
-    with served(break_it) as url:
-        client = WebSocket(url)
-        with pytest.raises(EOFError, match=r"breaks the protocol|closed"):
-            greet_and_receive(client)
-        client.close()
+def greet_and_receive(client):
+    # What breaks the protocol may come in one read with the greeting.
+    client.open(LONG)
+    client.receive(LONG)
 
 
-def test_message_that_is_too_large_ends_it():
-    def send(connection):
-        connection.send(b"0" * ((1 << 24) + 1))
+def break_it(connection):
+    connection.socket.sendall(b"\xff\xff\xff\xff")
+    connection.close_socket()
 
-    with served(send) as url:
-        client = WebSocket(url)
-        with pytest.raises(EOFError, match="breaks the protocol"):
-            greet_and_receive(client)
-        client.close()
+
+@pytest.mark.parametrize(
+    ("handler", "match"),
+    [
+        (break_it, r"breaks the protocol|closed"),
+        (lambda connection: connection.send(b"0" * ((1 << 24) + 1)), "breaks the protocol"),
+    ],
+    ids=["no frame", "too large"],
+)
+def test_what_breaks_the_protocol_ends_the_connection(handler, match):
+    with (
+        served(handler) as url,
+        closing(WebSocket(url)) as client,
+        pytest.raises(EOFError, match=match),
+    ):
+        greet_and_receive(client)
 
 
 @pytest.mark.parametrize("url", ["http://127.0.0.1", "ws://", "nowhere", "ws://a:b"])
@@ -177,8 +171,8 @@ def test_address_that_is_none(url):
 def test_nobody_there():
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = listening.getsockname()[1]
-    with pytest.raises(ConnectionRefusedError):
-        opened(f"ws://127.0.0.1:{port}")
+    with pytest.raises(ConnectionRefusedError), opened(f"ws://127.0.0.1:{port}"):
+        pass
 
 
 def test_repr():

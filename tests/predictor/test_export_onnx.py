@@ -4,6 +4,7 @@ graph is compared with its predictor before it is written, so that an export is 
 
 import json
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -37,17 +38,10 @@ from torch_geometric_tactile.nn.models import (
     TaxelNet,
     TemporalTaxelNet,
 )
-from torch_geometric_tactile.predictor import _onnx_check as onnx_check
 from torch_geometric_tactile.predictor import classes, export_onnx
-from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, grid
+from torch_geometric_tactile.sensors import TaxelLayout, grid
 
-HAND = HandKinematics(
-    [
-        Joint("a", "base", "middle", (0.0, 0.1, 0.2), (0.1, 0.2, 0.3), (1.0, 2.0, 3.0), -1.0, 2.0),
-        Joint("b", "middle", "tip", axis=(0.0, 0.0, 1.0)),
-    ],
-    name="finger",
-)
+HAND = small_models.HAND
 SMALL = small_models.LAYOUT
 LAYOUT = TaxelLayout(
     name="placed",
@@ -381,14 +375,15 @@ def test_the_rest_is_an_input_of_a_predictor_of_tared_readings(tmp_path):
 def test_a_difference_is_an_error_and_leaves_nothing(change, small, path, tmp_path, monkeypatch):
     import onnx
 
-    program, answer = onnx.load(path), onnx_check.answer
+    exporting = import_module("torch_geometric_tactile.predictor.export_onnx")
+    program, answer = onnx.load(path), exporting._answer
     del program.metadata_props[:]
     monkeypatch.setattr(sys.modules[export_onnx.__module__], "_program", lambda graph: program)
-    monkeypatch.setattr(onnx_check, "answer", lambda *given: answer(*given) + change)
+    monkeypatch.setattr(exporting, "_answer", lambda *given: answer(*given) + change)
     with pytest.raises(ValueError, match=r"must give its numbers to 1e-05 \(got a difference of"):
         export_onnx(small, tmp_path / "model.onnx")
     assert not list(tmp_path.iterdir())
-    monkeypatch.setattr(onnx_check, "answer", answer)
+    monkeypatch.setattr(exporting, "_answer", answer)
     assert export_onnx(small, tmp_path / "model.onnx").difference < 1e-5
 
 

@@ -11,8 +11,8 @@ from torch.nn import Linear, Module
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn import TactileFNN
-from torch_geometric_tactile.predictor import _builder, content
-from torch_geometric_tactile.predictor._builder import load_weights
+from torch_geometric_tactile.predictor import content
+from torch_geometric_tactile.predictor._plain_data import _check_state, load_weights
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.transforms import SessionZScore, ZScore
@@ -348,9 +348,9 @@ def test_a_state_that_is_no_tensor_is_refused(tmp_path):
 
 @pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1])
 def test_a_header_with_other_than_numbers_of_channels(path, number):
-    parts = content.load(path)
-    header, tensors = content.describe(parts)
-    weights = parts.model.state_dict()
+    preparation, network = content.load(path)
+    header, tensors = content.describe(preparation, network)
+    weights = network.model.state_dict()
     content.build(header, tensors, weights)
     with pytest.raises(
         ValueError, match="its 'num_channels' must be a number up to 100000 or null"
@@ -394,21 +394,16 @@ def test_sparse_weights_are_refused():
 def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
     state = {"center": torch.zeros(shape), "scale": torch.ones(shape), "key_values": torch.zeros(1)}
     with pytest.raises(ValueError, match=r"must be a centre and a scale for each key"):
-        _builder._check_state(scaler, state)
+        _check_state(scaler, state)
     more = (*shape, *[2] * (3 - len(shape)))
-    _builder._check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})
+    _check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})
 
 
 def test_a_scaler_of_other_joints_than_the_header_says_is_refused():
     scaler = ZScore(attr="joint").fit(StaticData(x=torch.zeros(3, 4, 1), joint=torch.rand(3, 5)))
-    parts = content.Content(
-        Predictor(Linear(4, 2), grid(2, 2, 0.01), scaler, num_joints=5).preparation,
-        Linear(4, 2),
-        ("a", "b"),
-        "multiclass",
-    )
-    header, tensors = content.describe(parts)
-    weights = parts.model.state_dict()
+    predictor = Predictor(Linear(4, 2), grid(2, 2, 0.01), scaler, num_joints=5)
+    header, tensors = content.describe(predictor.preparation, predictor.network)
+    weights = predictor.model.state_dict()
     content.build(header, tensors, weights, model=Linear(4, 2))
     with pytest.raises(ValueError, match=r"fitted on 4 joints, as 'num_joints' says \(got 5\)"):
         content.build({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))

@@ -196,6 +196,24 @@ def test_missing_readings():
     torch.testing.assert_close(filled(x), Predictor(Sum(), LAYOUT)(x.nan_to_num()))
 
 
+def test_masked_and_infinite_readings_are_missing():
+    predictor = Predictor(Sum(), LAYOUT, num_channels=2)
+    x = np.random.default_rng(0).normal(size=(3, 4, 2)).astype(np.float32)
+    hidden = np.zeros(x.shape, dtype=bool)
+    hidden[1, 2, 0] = True
+    missing = predictor(np.where(hidden, np.nan, x))
+    assert missing.isnan().any(dim=1).tolist() == [False, True, False]
+    assert predictor.labels(missing)[1] == []
+    for value in (np.ma.masked_array(x, hidden), np.where(hidden, np.inf, x)):
+        torch.testing.assert_close(predictor(value), missing, equal_nan=True)
+    counts = np.ma.masked_array((10 * x).astype(np.int16), hidden)
+    assert predictor(counts).isnan().any(dim=1).tolist() == [False, True, False]
+    filled = Predictor(Sum(), LAYOUT, FillMissing(), num_channels=2)
+    expected = filled(np.where(hidden, np.nan, x))
+    assert filled(np.ma.masked_array(x, hidden)).equal(expected)
+    assert filled(np.where(hidden, -np.inf, x)).equal(expected)
+
+
 def test_labels():
     probability = torch.tensor([[0.2, 0.8], [0.6, 0.9], [0.1, 0.3]])
     one = Predictor(Sum(), LAYOUT, class_names=NAMES)
@@ -290,8 +308,6 @@ def test_a_shared_attribute_of_ones_own_is_kept():
         def forward(self, x, edge_index, mask):
             return (x * mask.view(-1, 1)).sum(dim=1)
 
-    from torch_geometric_tactile.data import StaticDataset
-
     class Own(StaticDataset):
         layout = LAYOUT
 
@@ -331,9 +347,6 @@ def test_bad_input_is_named():
 
     with pytest.raises(ValueError, match=r"the model needs 'edge_attr' .*GeometricEdgeAttr"):
         Predictor(Needs(), LAYOUT)(readings(4, 1))
-
-
-def test_model_that_needs_edges_gets_none():
     with pytest.raises(ValueError, match=r"needs 'edge_index' \(got none\): give 'adjacency', or"):
         Predictor(TactileGCN(4, 2, channels={"tactile": 1}), LAYOUT)(readings(4, 1))
 

@@ -5,7 +5,7 @@ from torch_geometric.data import Data
 from torch_geometric_tactile.data import StaticData, join_frames, split_frames
 from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import Resample
-from torch_geometric_tactile.transforms._resampling import resampling_matrix
+from torch_geometric_tactile.transforms.resample import _resampling_matrix
 
 LENGTHS = [2, 3, 7, 12, 13, 40, 41, 61, 100]
 
@@ -181,7 +181,7 @@ def test_gradients_pass():
 
 @pytest.mark.parametrize("length", [41, 100])
 def test_weights_are_those_of_time_turned_round(length):
-    weight = resampling_matrix(length, 12)
+    weight = _resampling_matrix(length, 12)
     assert weight.allclose(weight.flip(0, 1), rtol=0, atol=1e-12)
 
 

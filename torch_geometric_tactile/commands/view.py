@@ -77,13 +77,12 @@ def _show(stream: "Stream", viewer: "Viewer") -> None:
 
 def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
     # From the beginning, whenever a page is opened.
-    from torch_geometric_tactile.live._viewer.rest import ViewerRest
+    from torch_geometric_tactile.live._viewer.page import FirstSecond
 
-    rest = ViewerRest()
+    rest = FirstSecond()
     for frame in stream:
-        rest.relative(frame.time, frame.tactile)
-        if rest.mean is not None and rest.kind == "measured":
-            viewer.rest = rest.mean
+        if rest.add(frame):
+            viewer.rest = rest.value
             return
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.data._ring import Ring
 from torch_geometric_tactile.data.frames import join_frames
 
 
@@ -45,17 +46,15 @@ class FrameRing:
         self.length = length
         self.num_taxels = num_taxels
         self.num_channels = num_channels
-        # Each frame is there twice, so that the last ones always lie in one piece.
-        self._frames = torch.zeros(num_taxels, 2 * length, num_channels, dtype=dtype)
-        self._num_pushed = 0
+        self._ring = Ring(torch.zeros(2 * length, num_taxels, num_channels, dtype=dtype))
 
     def __len__(self) -> int:
-        return min(self._num_pushed, self.length)
+        return min(self._ring.count, self.length)
 
     @property
     def is_full(self) -> bool:
         r"""Whether there are enough frames for a window."""
-        return self._num_pushed >= self.length
+        return self._ring.count >= self.length
 
     def push(self, frame: Any) -> None:
         r"""Adds a frame, and forgets the oldest if the ring is full.
@@ -73,10 +72,7 @@ class FrameRing:
                 f"'frame' must have shape {shape}, (num_taxels, num_channels) (got "
                 f"{tuple(frame.shape)})"
             )
-        place = self._num_pushed % self.length
-        self._frames[:, place] = frame
-        self._frames[:, place + self.length] = frame
-        self._num_pushed += 1
+        self._ring.push(frame)
 
     def window(self) -> Tensor:
         r"""Returns a copy of the last frames as a window :math:`(N, C \cdot T)`.
@@ -89,12 +85,11 @@ class FrameRing:
                 f"the ring must hold {self.length} frames for a window (got {len(self)}): push "
                 "more, and ask for 'is_full' before"
             )
-        start = self._num_pushed % self.length
-        return join_frames(self._frames[:, start : start + self.length]).clone()
+        return join_frames(self._ring.last().transpose(0, 1)).clone()
 
     def clear(self) -> None:
         r"""Forgets all frames, as at the start of another trial."""
-        self._num_pushed = 0
+        self._ring.count = 0
 
     def __repr__(self) -> str:
         sizes = f"{self.length}, num_taxels={self.num_taxels}, num_channels={self.num_channels}"

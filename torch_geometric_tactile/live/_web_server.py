@@ -5,9 +5,8 @@ import logging
 import re
 import socket
 import threading
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, Self
 from urllib.parse import urlsplit
 
 from torch_geometric_tactile._limits import VIEWER_MESSAGE_BYTES
@@ -16,34 +15,35 @@ _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 class WebServer:
-    r"""Serves WebSockets in a thread of its own, however many clients there are. A page of another
-    site is refused, and so is a client when there are too many.
+    r"""Serves WebSockets in a thread of its own, however many clients there are: those that
+    :meth:`_show` serves. A page of another site is refused, and so is a client when there are too
+    many.
     """
 
-    def __init__(
-        self,
-        serve: Callable[[Any], Awaitable[None]],
-        host: str,
-        port: int,
-        *,
-        name: str,
-        most: int,
-        closing: float,
-        page: Callable[[Any, Any, bool], Any] | None = None,
-    ) -> None:
+    def __init__(self, host: str, port: int, *, name: str, most: int, closing: float) -> None:
         try:
             import websockets  # noqa: F401
         except ImportError as error:
             raise ImportError(f"{name} needs websockets: {_INSTALL}") from error
         self.host, self.port, self.clients = host, port, 0
-        self._serve_one, self._page = serve, page
         self._name, self._most, self._closing = name, most, closing
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stop: asyncio.Event | None = None
 
+    async def _show(self, connection: Any) -> None:
+        raise NotImplementedError
+
+    def _page(self, connection: Any, request: Any, full: bool) -> Any:
+        # The answer to a request; None if it may go on as a web socket.
+        return connection.respond(503, "Too many clients are connected.\n") if full else None
+
     def start(self) -> None:
-        r"""Begins to serve; does nothing if it does already."""
+        r"""Begins to serve, in a thread of its own; does nothing if it does already.
+
+        Raises:
+            OSError: If the port is taken or the address is not one of this machine.
+        """
         if self._thread is not None:
             return
         listening = self._listening()
@@ -65,6 +65,13 @@ class WebServer:
             assert self._stop is not None
             self._loop.call_soon_threadsafe(self._stop.set)
         thread.join()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     def _listening(self) -> socket.socket:
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
@@ -88,7 +95,7 @@ class WebServer:
         quiet = logging.getLogger(f"{__name__}.websockets")
         quiet.setLevel(logging.CRITICAL)  # broken requests are the client's affair
         async with serve(
-            self._show,
+            self._count,
             sock=listening,
             process_request=self._answer,
             compression=None,
@@ -100,23 +107,19 @@ class WebServer:
             ready.set()
             await self._stop.wait()
 
-    async def _show(self, connection: Any) -> None:
+    async def _count(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
         self.clients += 1
         try:
             with suppress(ConnectionClosed):
-                await self._serve_one(connection)
+                await self._show(connection)
         finally:
             self.clients -= 1
 
     def _answer(self, connection: Any, request: Any) -> Any:
         why, full = foreign(connection, request, self.host), self.clients >= self._most
-        if why:
-            return connection.respond(403, why)
-        if self._page is not None:
-            return self._page(connection, request, full)
-        return connection.respond(503, "Too many clients are connected.\n") if full else None
+        return connection.respond(403, why) if why else self._page(connection, request, full)
 
 
 def foreign(connection: Any, request: Any, host: str) -> str:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+import warnings
 from collections.abc import Mapping
 from time import perf_counter_ns
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.live._session_statistics import cut_windows, session_statistics
+from torch_geometric_tactile.data._ring import Ring
 
 _KEY = "torch_geometric_tactile"
 _FORMAT = 1
@@ -70,21 +71,24 @@ class OnnxModel:
         self.info = _read_info(entries, os.fspath(path))
         self.inputs = {node.name: node.shape for node in self._session.get_inputs()}
         self.outputs = {node.name: node.shape for node in self._session.get_outputs()}
+        window = self.info["window"]
+        self._length = 1 if window is None else int(window["length"])
         states = [name for name in self.inputs if name.startswith("state_")]
         self._states = {name: np.zeros(self.inputs[name], np.float32) for name in states}
+        self._is_windowed = self._length > 1 and not states
         self._outputs = ["probability", *(f"next_{name}" for name in states)]
         self._rest: dict[str, np.ndarray] = {}
-        size = (self.info["num_taxels"], self.info["num_channels"])
-        self._frames = np.zeros((2 * self.length, *size), np.float32)
-        self._joints = np.zeros((2 * self.length, self.info["num_joints"]), np.float32)
-        self._count = 0
+        num_taxels = self.info["num_taxels"]
+        self._frames, self._joints = (
+            Ring(np.zeros((2 * self._length, *size), np.float32))
+            for size in ((num_taxels, self.info["num_channels"]), (self.info["num_joints"],))
+        )
         self.prepare_ns = self.model_ns = 0
 
     @property
     def length(self) -> int:
         r"""Number of frames of a window, one for a model of single frames."""
-        window = self.info["window"]
-        return 1 if window is None else int(window["length"])
+        return self._length
 
     @property
     def needs_rest(self) -> bool:
@@ -93,7 +97,7 @@ class OnnxModel:
 
     def reset(self) -> None:
         r"""Forgets all frames, not the rest."""
-        self._count = 0
+        self._frames.count = self._joints.count = 0
         for name, state in self._states.items():
             self._states[name] = np.zeros_like(state)
 
@@ -119,11 +123,10 @@ class OnnxModel:
         hop = (self.info["window"]["hop"] or len(frames)) if rule["of_windows"] else 1
         if rule["from_output"]:
             samples = self._before_rest(frames, joint, length, hop)
-        elif rule["of_windows"]:
-            samples = cut_windows(frames, length, hop)
         else:
-            samples = frames
-        self.set_rest(*session_statistics(samples, time[length - 1 :: hop], rule, length))
+            windows = np.lib.stride_tricks.sliding_window_view(frames, length, axis=0)[::hop]
+            samples = windows.reshape(*windows.shape[:2], -1)
+        self.set_rest(*_session_statistics(samples, time[length - 1 :: hop], rule, length))
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
         r"""Sets what was measured of the session.
@@ -158,11 +161,14 @@ class OnnxModel:
             wanted (bool): Whether an answer is wanted; a recurrent model computes it all the same.
         """
         start = perf_counter_ns()
-        self._count += 1
         is_stepped = bool(self._states)
-        if self.length > 1 and not is_stepped:
-            self._push(tactile, joint)
-        is_full = self._count >= self.length
+        if self._is_windowed:
+            self._frames.push(tactile)
+            if joint is not None and self.info["num_joints"]:
+                self._joints.push(joint)
+        else:
+            self._frames.count += 1
+        is_full = self._frames.count >= self._length
         if not is_stepped and not (wanted and is_full):
             return None
         feed = self._feed(tactile, joint)
@@ -190,21 +196,11 @@ class OnnxModel:
             taken.append(perf_counter_ns() - start)
         return float(np.median(taken)) * 1e-9
 
-    def _push(self, tactile: np.ndarray, joint: np.ndarray | None) -> None:
-        # Each frame is there twice, so that the last ones always lie in one piece.
-        place = (self._count - 1) % self.length
-        for at in (place, place + self.length):
-            self._frames[at] = tactile
-            if joint is not None and self.info["num_joints"]:
-                self._joints[at] = joint
-
     def _feed(self, tactile: np.ndarray, joint: np.ndarray | None) -> dict[str, np.ndarray]:
         x, joints = np.ascontiguousarray(tactile, np.float32), joint
-        if self.length > 1 and not self._states:
-            start = self._count % self.length
-            x = self._frames[start : start + self.length]
-            if self.info["joint_of_frames"]:
-                joints = self._joints[start : start + self.length]
+        if self._is_windowed:
+            x = self._frames.last()
+            joints = self._joints.last() if self.info["joint_of_frames"] else joint
         feed = {"tactile": x[None], **self._rest, **self._states}
         if self.info["num_joints"]:
             feed["joint"] = np.ascontiguousarray(joints, np.float32)
@@ -229,6 +225,40 @@ class OnnxModel:
                 feed["joint"] = angles.astype(np.float32)
             out.append(self._session.run(["before_rest"], feed)[0][0])
         return np.stack(out)
+
+
+def _session_statistics(
+    samples: np.ndarray, time: np.ndarray, rule: Mapping[str, Any], num_frames: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Returns centre and scale of a session, with the numbers of
+    :class:`~torch_geometric_tactile.transforms.Tare` and
+    :class:`~torch_geometric_tactile.transforms.SessionZScore`. A reading that was never there has
+    the centre NaN.
+
+    Shapes:
+        - **samples:** Readings :math:`(S, N, F)`.
+        - **time:** Time of each in seconds :math:`(S,)`.
+        - **output:** :math:`(N, F)` each, double; :math:`(1, F)` of channels, :math:`(N, C)` of
+          signals
+    """
+    samples = samples[: rule["first"]]
+    if rule["seconds"] is not None:
+        samples = samples[time[: len(samples)] - time.min() < rule["seconds"]]
+    values = samples.astype(np.float64)
+    if rule["per"] == "signal":
+        count, rows, _ = values.shape
+        values = values.reshape(count, rows, -1, num_frames).transpose(0, 3, 1, 2)
+        values = values.reshape(count * num_frames, rows, -1)
+    elif rule["per"] == "channel":
+        values = values.reshape(-1, 1, values.shape[-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of taxels that are missing throughout
+        center = np.nanmean(values, axis=0)
+        deviation = np.nanstd(values, axis=0)
+    if not rule["has_scale"]:
+        return center, np.ones_like(center)
+    changes = deviation > 1e-6 * np.maximum(np.abs(center), 1e-6)
+    return center, np.where(changes, deviation, 1.0)
 
 
 def _checked(path: PathLike) -> bytes:

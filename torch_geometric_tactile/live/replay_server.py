@@ -4,7 +4,7 @@ import asyncio
 import json
 import threading
 import time
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ _CLOSE = 0.5  # of a client that does not read
 _MOST_CLIENTS = 32
 
 
-class ReplayServer:
+class ReplayServer(WebServer):
     r"""Replays a recording to any number of WebSocket clients in the message format of XELA's
     server, for tests without a hand.
 
@@ -38,6 +38,8 @@ class ReplayServer:
         host (str): The address to listen at.
 
     Attributes:
+        port (int): The port that it listens at; the one that was asked for before it is started.
+        clients (int): The number of clients that are connected.
         sent (int): Messages sent, to all clients together.
 
     Raises:
@@ -70,39 +72,19 @@ class ReplayServer:
 
             recording = read_recording(recording)
         self._messages = _Messages(recording)
-        self.host, self.speed, self.loop = host, speed, loop
+        self.speed, self.loop = speed, loop
         self.sent = 0
         self._began: float | None = None
         self._finished = False
-        self._stop = threading.Event()
+        self._closing_down = threading.Event()
         self._ended = threading.Event()
-        self._server = WebServer(
-            self._play, host, port, name="the server", most=_MOST_CLIENTS, closing=_CLOSE
-        )
-
-    @property
-    def port(self) -> int:
-        r"""The port that it listens at; the one that was asked for before it is started."""
-        return self._server.port
+        super().__init__(host, port, name="the server", most=_MOST_CLIENTS, closing=_CLOSE)
 
     @property
     def url(self) -> str:
         r"""Its address, such as :obj:`ws://127.0.0.1:5000`."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"ws://{host}:{self.port}"
-
-    @property
-    def clients(self) -> int:
-        r"""The number of clients that are connected."""
-        return self._server.clients
-
-    def start(self) -> None:
-        r"""Begins to listen; does nothing if it does.
-
-        Raises:
-            OSError: If the port is taken.
-        """
-        self._server.start()
 
     def wait(self, timeout: float | None = None) -> bool:
         r"""Waits for the end of the recording, and returns whether it has come.
@@ -114,18 +96,11 @@ class ReplayServer:
 
     def close(self) -> None:
         r"""Closes all connections; does nothing if it is closed."""
-        self._stop.set()
+        self._closing_down.set()
         self._ended.set()
-        self._server.close()
+        super().close()
 
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    async def _play(self, client: Any) -> None:
+    async def _show(self, client: Any) -> None:
         if self._began is None:
             self._began = time.perf_counter()
         finished = False
@@ -141,7 +116,7 @@ class ReplayServer:
         length = self._messages.num_frames
         while self.loop or frame < length:
             late = time.perf_counter() - self._due(frame)
-            if self._stop.is_set():
+            if self._closing_down.is_set():
                 return False
             if late < 0:
                 await asyncio.sleep(min(-late, _WAIT))

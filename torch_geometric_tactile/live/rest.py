@@ -76,6 +76,7 @@ class Rest:
         events (list): What happened: time on the host's monotonic clock in seconds, kind
             (:obj:`"rest"`, :obj:`"moved"`, :obj:`"retare"` or :obj:`"drift"`) and text.
         number (int): How many rests there were.
+        listeners (list of callable): Called as :obj:`on_event` is, before it.
 
     Raises:
         ValueError: If a number is not positive; on a call, if a frame has another shape than those
@@ -113,6 +114,7 @@ class Rest:
         self.max_movement = max_movement
         self.max_drift = max_drift
         self.on_event = on_event
+        self.listeners: list[Callable[[float, str, str], None]] = []
         self.events: list[_Event] = []
         self.number = 0
         self.reason = ""
@@ -152,6 +154,14 @@ class Rest:
             RuntimeError: If there is no rest yet.
         """
         return self._ready(self._noise)
+
+    @property
+    def shape(self) -> tuple[int, ...] | None:
+        r"""The shape of a frame :math:`(N, C)`, :obj:`None` as long as there was none."""
+        with self._lock:
+            if self._frames is not None:
+                return self._frames.tactile.shape[1:]
+            return self._pending[-1].tactile.shape if self._pending else None
 
     def _ready(self, value: np.ndarray | None) -> np.ndarray:
         if value is None:
@@ -197,6 +207,24 @@ class Rest:
             if len(pending) < self.min_frames or not (long_enough or len(pending) >= _MOST):
                 return False
             return self._finish(frame.time)
+
+    def relative(self, frame: LiveFrame) -> np.ndarray:
+        r"""Takes the next frame, unless there is a rest, and returns its readings relative to the
+        rest :math:`(N, C)`, float32; as long as it is collected, to the mean of its frames so far.
+
+        Args:
+            frame (LiveFrame): The frame.
+
+        Raises:
+            RuntimeError: If the frames so far were refused with this one.
+        """
+        with self._lock:
+            self.add(frame)
+            value = self._value
+            if value is None and self._pending:
+                value = _mean(np.stack([one.tactile for one in self._pending], dtype=np.float64))
+            out: np.ndarray = (frame.tactile - self._ready(value)).astype(np.float32)
+            return out
 
     def _finish(self, time: float) -> bool:
         pending, self._pending = self._pending, []
@@ -273,8 +301,9 @@ class Rest:
 
     def _tell(self, time: float, kind: str, text: str) -> None:
         self.events.append((time, kind, text))
-        if self.on_event is not None:
-            self.on_event(time, kind, text)
+        for listener in (*self.listeners, self.on_event):
+            if listener is not None:
+                listener(time, kind, text)
 
     def __repr__(self) -> str:
         return (

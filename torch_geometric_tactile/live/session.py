@@ -1,17 +1,20 @@
 r"""A source, and all that is done with its frames."""
 
 import math
+import statistics
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+import numpy as np
+
 from torch_geometric_tactile._typing import PathLike, Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
-from torch_geometric_tactile.live._latencies import Latencies
-from torch_geometric_tactile.live._outputs import Outputs
-from torch_geometric_tactile.live._rested_judge import RestedJudge
 from torch_geometric_tactile.live.callback import Callback
 from torch_geometric_tactile.live.judge import Judge, Judgement
 from torch_geometric_tactile.live.recorder import Recorder
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.sensors import TaxelLayout
 
 _STATUS_SECONDS = 0.5
+_DRIFT_SECONDS = 0.25  # between two frames whose distance from the rest is measured
+_LATENCIES = 500
 
 
 class LiveSession:
@@ -53,6 +58,8 @@ class LiveSession:
         stream (Stream): The frames, for further subscribers.
         judged (int): Number of judgements.
         judgement (Judgement, optional): The last one.
+        recorder (Recorder, optional): The recorder, if one runs.
+        viewer (Viewer, optional): The viewer, if there is one.
 
     Raises:
         ValueError: If there is no rest for :obj:`tare`.
@@ -78,29 +85,31 @@ class LiveSession:
         policy: Policy | None = None,
         callbacks: Sequence[Callback] = (),
     ) -> None:
-        self._judge = RestedJudge(judge, rest, tare, self._rest_event)
+        rest = judge.rest if rest is None and judge is not None else rest
+        if tare and rest is None:
+            raise ValueError("'rest' must be given: 'tare' subtracts what it measures (got None)")
+        measures = judge is not None and judge.info["rest"] is not None
+        if tare and measures:
+            raise ValueError("'tare' must be false: the model itself measures the rest")
         self.stream = Stream(source, taxel_map=taxel_map)
-        self._outputs = Outputs(self.stream, layout)
         self.callbacks = list(callbacks)
         self.judged = 0
         self.judgement: Judgement | None = None
+        self.recorder: Recorder | None = None
+        self.viewer: Viewer | None = None
+        self._judge, self._layout, self._tares = judge, layout, tare
+        self._rest = rest if tare or measures else None
+        self._next_drift = 0.0
         sees_all = judge is not None and judge.length > 1
         self._policy: Policy = policy or ("drop_oldest" if sees_all else "newest")
-        self._latencies = Latencies()
+        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._note = ""
         self._worker: threading.Thread | None = None
         self._error: BaseException | None = None
         self._ended = threading.Event()
-
-    @property
-    def recorder(self) -> Recorder | None:
-        r"""The recorder, if one runs."""
-        return self._outputs.recorder
-
-    @property
-    def viewer(self) -> "Viewer | None":
-        r"""The viewer, if there is one."""
-        return self._outputs.viewer
+        self._lock = threading.RLock()  # of the recorder
+        if self._rest is not None:
+            self._rest.listeners.append(self._rest_event)
 
     def view(self, host: str = "127.0.0.1", port: int = 0) -> str:
         r"""Starts the viewer, and returns the address of its page. Call it before :meth:`open`, to
@@ -110,7 +119,13 @@ class LiveSession:
             host (str): Address to serve at.
             port (int): Its port; any free one if zero.
         """
-        return self._outputs.view(host, port, self.tare)
+        from torch_geometric_tactile.live.viewer import Viewer
+
+        viewer = Viewer(self.stream, self._layout, host=host, port=port)
+        viewer.on_tare, viewer.on_record = self.tare, self.toggle_recording
+        viewer.start()
+        self.viewer = viewer
+        return viewer.url
 
     def record(
         self, path: PathLike, label: str | int | None = None, overwrite: bool = False
@@ -126,7 +141,17 @@ class LiveSession:
             FileExistsError: If there is such a file.
             ValueError: If a recorder runs.
         """
-        self._outputs.record(path, label, overwrite)
+        with self._lock:
+            if self.recorder is not None:
+                raise ValueError(f"a recorder runs: stop that of '{self.recorder.path}' first")
+            recorder = Recorder(
+                path, self.stream, layout=self._layout, label=label, overwrite=overwrite
+            )
+            recorder.rest = _value(self._rest)
+            recorder.start()
+            self.recorder = recorder
+            if self.viewer is not None:
+                self.viewer.recording = True
 
     def stop_recording(self) -> Path | None:
         r"""Ends the recording, and returns its file, if there was one.
@@ -135,7 +160,14 @@ class LiveSession:
             OSError: If something could not be written; what could is kept.
             StreamOverflow: If frames came faster than they could be written.
         """
-        return self._outputs.stop_recording()
+        with self._lock:
+            recorder, self.recorder = self.recorder, None
+            if self.viewer is not None:
+                self.viewer.recording = False
+        if recorder is None:
+            return None
+        recorder.close()
+        return recorder.path
 
     def toggle_recording(self) -> Path | None:
         r"""Ends the recording, or begins one in the current folder with the time as its name, and
@@ -144,13 +176,19 @@ class LiveSession:
         Raises:
             OSError: As :meth:`stop_recording`.
         """
-        return self._outputs.toggle_recording()
+        with self._lock:
+            if self.recorder is not None:
+                return self.stop_recording()
+            path = Path(f"{datetime.now():%Y-%m-%d_%H-%M-%S}.mcap")
+            self.record(path)
+            return path
 
     def tare(self) -> None:
         r"""Measures the rest anew, of the frames that come now, for the model and the viewer."""
-        if not self._judge.retare():
-            self._outputs.rest(None)
-            self._event("retare", "the rest is shown anew")
+        if self._rest is not None:
+            self._rest.retare()
+        else:
+            self._rest_event(math.nan, "retare", "the rest is shown anew")
 
     def open(self) -> None:
         r"""Opens the source, and begins.
@@ -202,7 +240,11 @@ class LiveSession:
             if self._worker is not None and self._worker is not threading.current_thread():
                 self._worker.join()
         finally:
-            self._outputs.close()
+            try:
+                self.stop_recording()
+            finally:
+                if self.viewer is not None:
+                    self.viewer.close()
 
     def __enter__(self) -> Self:
         try:
@@ -216,7 +258,7 @@ class LiveSession:
         self.close()
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.stream.source!r}, judge={self._judge.judge!r})"
+        return f"{type(self).__name__}({self.stream.source!r}, judge={self._judge!r})"
 
     def _work(self, frames: Subscription) -> None:
         try:
@@ -240,41 +282,64 @@ class LiveSession:
             newer = frames.poll()
             if newer is None:
                 break
-            self._judge(frame, wanted=False)
+            self._judged(frame, wanted=False)
             frame = newer
         return frame
 
     def _take(self, frame: LiveFrame) -> None:
         for callback in self.callbacks:
             callback.on_frame(self, frame)
-        self._judge.watch_drift(frame)
-        judgement = self._judge(frame)
+        if self._rest is not None and frame.time >= self._next_drift:
+            self._next_drift = frame.time + _DRIFT_SECONDS
+            self._rest.drift(frame)
+        judgement = self._judged(frame)
         if judgement is None:
             return
         self.judged += 1
         self.judgement = judgement
-        self._latencies.add(judgement.latency)
-        self._outputs.judgement(judgement)
+        self._latencies.append(judgement.latency["total"])
+        with self._lock:
+            if self.recorder is not None:
+                self.recorder.judgement(judgement)
+        if self.viewer is not None:
+            self.viewer.judgement(judgement)
         for callback in self.callbacks:
             callback.on_judgement(self, judgement)
 
-    def _rest_event(self, kind: str, text: str) -> None:
-        self._outputs.rest(self._judge.rest_value)
-        self._event(kind, text)
+    def _judged(self, frame: LiveFrame, wanted: bool = True) -> Judgement | None:
+        if self._tares and self._rest is not None:
+            if not self._rest.add(frame):
+                return None
+            frame = replace(frame, tactile=self._rest.relative(frame))
+        return None if self._judge is None else self._judge(frame, wanted=wanted)
 
-    def _event(self, kind: str, text: str) -> None:
+    def _rest_event(self, when: float, kind: str, text: str) -> None:
         self._note = "" if kind == "rest" else text
-        self._outputs.event(kind, text)
+        with self._lock:
+            if self.recorder is not None:
+                self.recorder.rest = _value(self._rest)
+                self.recorder.event(kind, text)
+        if self.viewer is not None:
+            self.viewer.rest = _value(self._rest)
+            self.viewer.note(text)
 
     def _tell_status(self, on_status: Callable[[Status], None] | None) -> None:
         health = self.stream.health()
         for callback in self.callbacks:
             callback.on_health(self, health)
-        recorder, waiting = self.recorder, self._judge.waiting
+        recorder, rest = self.recorder, self._rest
         if recorder is not None and recorder.error is not None:
             self.stop_recording()  # raises it
-        if on_status is not None:
-            recorded = None if recorder is None else recorder.frames
-            latency = None if waiting else self._latencies.median()
-            judgement = None if waiting else self.judgement
-            on_status(Status(health, judgement, latency, recorded, waiting or self._note))
+        if on_status is None:
+            return
+        recorded = None if recorder is None else recorder.frames
+        if rest is not None and not rest.ready:
+            on_status(Status(health, None, None, recorded, rest.status()))
+        else:
+            kept = list(self._latencies)
+            latency = statistics.median(kept) if kept else None
+            on_status(Status(health, self.judgement, latency, recorded, self._note))
+
+
+def _value(rest: Rest | None) -> np.ndarray | None:
+    return rest.value if rest is not None and rest.ready else None

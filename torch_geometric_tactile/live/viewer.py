@@ -4,15 +4,21 @@ import asyncio
 import ipaddress
 import logging
 import time
+from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.live._viewer.client import ViewerClient
-from torch_geometric_tactile.live._viewer.page import ViewerPage
-from torch_geometric_tactile.live._viewer.screen import ViewerScreen
+from torch_geometric_tactile.data.live_frame import LiveFrame
+from torch_geometric_tactile.live._viewer.page import (
+    FirstSecond,
+    ViewerClient,
+    answer,
+    pack_message,
+)
+from torch_geometric_tactile.live._viewer.scene import Scene, Scenes
 from torch_geometric_tactile.live._web_server import WebServer
 
 if TYPE_CHECKING:
@@ -23,9 +29,14 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _MOST_PAGES = 8
 _CLOSING = 1.0  # seconds that a page is waited for
+_NOTES = 20
+_SHOWN_HEALTH = (
+    *("state", "frames", "rate", "jitter", "lost", "corrupt", "skipped", "repeated"),
+    *("reconnects", "stale_taxels", "age", "checksum"),
+)
 
 
-class Viewer:
+class Viewer(WebServer):
     r"""Shows a stream on a page in the browser: the hand in its pose, readings as colour and shear
     as arrows, label probabilities, rate, age and loss.
 
@@ -56,6 +67,8 @@ class Viewer:
             tare button is pressed. If :obj:`None`, the rest that is shown is measured anew.
         on_record (callable, optional): Called likewise by the record button, to begin or end a
             recording; set :attr:`recording` in it. Without it there is no such button.
+        rest (numpy.ndarray, optional): What readings are shown relative to :math:`(N, C)`. While it
+            is :obj:`None`, the page's first second.
 
     Raises:
         ImportError: If websockets is missing.
@@ -81,17 +94,18 @@ class Viewer:
         joint: np.ndarray | None = None,
         kinematics: "HandKinematics | None" = None,
     ) -> None:
-        self._screen = ViewerScreen(stream, layout, joint, kinematics)
+        super().__init__(host, port, name="the viewer", most=_MOST_PAGES, closing=_CLOSING)
+        self.stream = stream
+        self.on_tare: Callable[[], object] | None = None
+        self.on_record: Callable[[], object] | None = None
+        self.rest: np.ndarray | None = None
+        self.scenes = Scenes(stream, layout, joint, kinematics, self.note)
         self._turn = asyncio.Lock()
-        self._server = WebServer(
-            self._show,
-            host,
-            port,
-            name="the viewer",
-            most=_MOST_PAGES,
-            closing=_CLOSING,
-            page=ViewerPage().answer,
-        )
+        self._first = FirstSecond()
+        self._judgement: Judgement | None = None
+        self._recording_since: float | None = None
+        self._notes: deque[tuple[int, float, str]] = deque(maxlen=_NOTES)
+        self._numbers = 0
 
     def start(self) -> None:
         r"""Begins to serve, in a thread of its own; does nothing if it does already.
@@ -99,23 +113,22 @@ class Viewer:
         Raises:
             OSError: If the port is taken or the address is not one of this machine.
         """
-        self._screen.prepare()
+        self.scenes.prepare()
         self._turn = asyncio.Lock()
-        self._server.start()
-        if not _is_local(self._server.host):
+        super().start()
+        if not _is_local(self.host):
             _LOG.warning(
                 "the viewer is served on '%s': who reaches this address sees it and may press its "
                 "buttons",
-                self._server.host,
+                self.host,
             )
 
     @property
     def url(self) -> str:
         r"""Address of the page; its port is known once it is served."""
-        host = self._server.host
-        host = "127.0.0.1" if host in ("", "0.0.0.0") else host
+        host = "127.0.0.1" if self.host in ("", "0.0.0.0") else self.host
         host = "[::1]" if host == "::" else f"[{host}]" if ":" in host else host
-        return f"http://{host}:{self._server.port}/"
+        return f"http://{host}:{self.port}/"
 
     def judgement(self, judgement: "Judgement") -> None:
         r"""Shows what a model says; the last one stays until the next.
@@ -123,7 +136,7 @@ class Viewer:
         Args:
             judgement (Judgement): The judgement.
         """
-        self._screen.judgement = judgement
+        self._judgement = judgement
 
     def note(self, text: str) -> None:
         r"""Shows a line, such as an event or a warning.
@@ -131,63 +144,102 @@ class Viewer:
         Args:
             text (str): The line.
         """
-        self._screen.note(text)
-
-    @property
-    def rest(self) -> np.ndarray | None:
-        r"""What readings are shown relative to :math:`(N, C)`. While it is :obj:`None`, the page's
-        first second.
-        """
-        return self._screen.rest.given
-
-    @rest.setter
-    def rest(self, rest: np.ndarray | None) -> None:
-        self._screen.rest.given = None if rest is None else np.asarray(rest)
+        self._numbers += 1
+        self._notes.append((self._numbers, time.time(), text))
 
     @property
     def recording(self) -> bool:
         r"""Whether a recording is shown as running."""
-        return self._screen.recording_since is not None
+        return self._recording_since is not None
 
     @recording.setter
     def recording(self, recording: bool) -> None:
         if recording != self.recording:
-            self._screen.recording_since = time.perf_counter() if recording else None
-
-    @property
-    def on_tare(self) -> Callable[[], object] | None:
-        r"""What the tare button calls."""
-        return self._screen.on_tare
-
-    @on_tare.setter
-    def on_tare(self, callback: Callable[[], object] | None) -> None:
-        self._screen.on_tare = callback
-
-    @property
-    def on_record(self) -> Callable[[], object] | None:
-        r"""What the record button calls."""
-        return self._screen.on_record
-
-    @on_record.setter
-    def on_record(self, callback: Callable[[], object] | None) -> None:
-        self._screen.on_record = callback
-
-    def close(self) -> None:
-        r"""Ends the serving, and disconnects the pages; does nothing if it is closed."""
-        self._server.close()
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
+            self._recording_since = time.perf_counter() if recording else None
 
     async def _show(self, connection: Any) -> None:
-        await ViewerClient(connection, self._screen, self._turn).run()
+        await ViewerClient(connection, self, self._turn).run()
+
+    def _page(self, connection: Any, request: Any, full: bool) -> Any:
+        return answer(connection, request, full)
+
+    def _layout_message(self, scene: Scene, channels: int) -> bytes:
+        head = {
+            "kind": "layout",
+            "source": self.stream.source.name,
+            "unit": self.stream.meta.get("unit"),
+            "channels": channels,
+            **scene.head(),
+        }
+        return pack_message(head, scene.arrays())
+
+    def _relative(self, frame: LiveFrame) -> np.ndarray:
+        if self.rest is not None and np.shape(self.rest) == frame.tactile.shape:
+            relative: np.ndarray = (frame.tactile - self.rest).astype(np.float32)
+            return relative
+        return self._first.relative(frame)
+
+    def _facts(self, since_note: int) -> dict[str, Any]:
+        # What changes beside the readings.
+        since, health = self._recording_since, self.stream.health()
+        error = getattr(self.stream, "error", None)
+        told = None if error is None else str(error) or type(error).__name__
+        measured = "measured" if self._first.ready else "measuring"
+        return {
+            "source": self.stream.source.name,
+            "health": {**{n: getattr(health, n, None) for n in _SHOWN_HEALTH}, "error": told},
+            "rest": measured if self.rest is None else "given",
+            "recording": None if since is None else time.perf_counter() - since,
+            "can_record": self.on_record is not None,
+            "judgement": _described(self._judgement),
+            "notes": [note for note in tuple(self._notes) if note[0] > since_note],
+        }
+
+    def _press_tare(self) -> None:
+        # Calls `on_tare`, or measures the rest that is shown anew.
+        if self.on_tare is None:
+            self.rest = None
+            self._first.retare()
+            self.note("Rest measured anew")
+        else:
+            self._call(self.on_tare, "The tare")
+
+    def _press_record(self, wanted: bool) -> None:
+        # Calls `on_record`, if this would change what is recorded.
+        if self.on_record is not None and wanted != self.recording:
+            self._call(self.on_record, "The recording")
+
+    def _call(self, callback: Callable[[], object], what: str) -> None:
+        try:
+            callback()
+        except Exception as error:  # of the caller: told where the button is
+            _LOG.warning("%s failed: %s", what, error)
+            self.note(f"{what} failed: {error}")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"
+
+
+def _described(judgement: "Judgement | None") -> dict[str, Any] | None:
+    if judgement is None:
+        return None
+    return {
+        "label": _shown_label(judgement),
+        "task": judgement.task,
+        "names": list(judgement.class_names),
+        "probability": np.asarray(judgement.probability, dtype=float).tolist(),
+        "latency": (judgement.finished - judgement.received) / 1e6,
+        "since": (time.perf_counter_ns() - judgement.finished) / 1e9,
+    }
+
+
+def _shown_label(judgement: "Judgement") -> str:
+    if np.isnan(judgement.probability).any():
+        return "no answer"
+    if judgement.task == "regression":
+        return ""
+    label: str = judgement.label
+    return (label.replace(";", ", ") or "none") if judgement.task == "multilabel" else label
 
 
 def _is_local(host: str) -> bool:

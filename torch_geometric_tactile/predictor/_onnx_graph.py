@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 
-from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.predictor._onnx_lowering import is_framewise, lowered
-from torch_geometric_tactile.predictor._onnx_steps import GivenRest, as_window
+from torch_geometric_tactile.data import StaticData, join_frames
+from torch_geometric_tactile.predictor._onnx_steps import GivenRest, is_framewise, lowered
 from torch_geometric_tactile.predictor._settling import access
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.transforms import FillMissing
@@ -32,10 +31,10 @@ class OnnxGraph(Module):
         self.layout = predictor.layout
         self.window = preparation.window
         self._predictor = [predictor]  # no submodule of the weights a second time
-        self._constant = preparation._constant
+        self._constant = preparation.constant
         changing = {"x", "joint"}
-        frame_parts = preparation._frame_parts
-        window_parts = preparation._parts
+        frame_parts = preparation.frame_parts
+        window_parts = preparation.last_parts
         known = copy.copy(self._constant)
         is_windowed = self.window is not None
         if self.window is not None:
@@ -52,7 +51,7 @@ class OnnxGraph(Module):
                 f"{' and '.join(repr(rest.part) for rest in rests)})"
             )
         self.rest = rests[0] if rests else None
-        self.num_joints = _count_joints(predictor, [*frame_parts, *window_parts])
+        self.num_joints = _count_joints(predictor)
         self.joint_of_frames = is_windowed and any(
             "joint" in (access(part)[0] or ()) for part in frame_parts
         )
@@ -82,7 +81,7 @@ class OnnxGraph(Module):
         return (*model.initial_state(1), torch.zeros(1)) if self.is_stepped else ()
 
     def _joint(self, data: StaticData) -> dict[str, Tensor]:
-        return {"joint": data.joint} if "joint" in self._predictor[0]._names else {}
+        return {"joint": data.joint} if "joint" in self._predictor[0].network.modalities else {}
 
     def _find_channels(self) -> int:
         # By trying: a predictor that was built by hand need not say.
@@ -221,7 +220,7 @@ class OnnxGraph(Module):
             x, count = data.x, len(frames)
             if count > 1:
                 data = data.index_select(slice(count - 1, None, count))
-            data.x = as_window(x)
+            data.x = join_frames(x.transpose(0, 1)).unsqueeze(0)
             data.num_frames = count
         return self._applied(self._steps, data)
 
@@ -236,15 +235,12 @@ def _finite(values: Tensor) -> Tensor:
     return values.masked_fill(values.isinf(), torch.nan)  # as a predictor takes them
 
 
-def _count_joints(predictor: Predictor, parts: Sequence[Any]) -> int:
-    if not predictor.preparation.needs_joint:
+def _count_joints(predictor: Predictor) -> int:
+    preparation = predictor.preparation
+    if not preparation.needs_joint:
         return 0
-    hands = [getattr(part, "kinematics", None) for part in parts]
-    known = [
-        predictor.preparation.num_joints,
-        getattr(predictor.model, "num_joints", None),
-        *(hand.num_joints for hand in hands if hand is not None),
-    ]
+    counting = (predictor.model, preparation.hand)
+    known = [preparation.num_joints, *(getattr(one, "num_joints", None) for one in counting)]
     found = [number for number in known if number]
     if not found:
         raise ValueError("the predictor must know 'num_joints' to be exported (got None)")

@@ -4,7 +4,6 @@ import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
@@ -14,13 +13,19 @@ from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, a
 from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
-from torch_geometric_tactile.predictor._file_options import checked_options, stored_options
+from torch_geometric_tactile.predictor._readings import (
+    ArrayLike,
+    as_numbers,
+    checked_options,
+    joint_rows,
+    shape_of,
+    stored_options,
+)
+from torch_geometric_tactile.predictor._session import Session, keyed
 from torch_geometric_tactile.predictor._settling import access, apply_once, is_settled
 from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
-from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import fit_parts, fitted_parts
-
-ArrayLike = Tensor | np.ndarray | Sequence[Any]
+from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
+from torch_geometric_tactile.transforms import Tare, fitted_parts
 
 
 class Preparation:
@@ -50,7 +55,8 @@ class Preparation:
         self.num_joints = num_joints
         self.window = window
         self.frame_transform = copy.deepcopy(frame_transform)
-        self.session: int | None = None
+        self.dtype = torch.float
+        self.device: torch.device | None = None
         of_frames = flat(self.frame_transform)
         parts = [*of_frames, *flat(self.pre_transform), *flat(self.transform)]
         self.fitted = fitted_parts(Compose(parts))
@@ -60,24 +66,34 @@ class Preparation:
                     f"'{part}' must be fitted before it is part of a predictor (got none of its "
                     "numbers): call its fit, or train with TactileDataModule"
                 )
-        self.keys = tuple(dict.fromkeys(part.key for part in self.fitted if part.key is not None))
+        self.session = Session(self)
         reads = {name for part in parts for name in access(part)[0] or ()}
         self.needs_joint = "joint" in reads
-        self._constant, self._frame_parts = apply_once(self.shared, of_frames)
-        self._parts = parts[len(of_frames) :]
-        if not self._frame_parts:  # what they change may be what later parts read
-            self._constant, self._parts = apply_once(self._constant, self._parts)
+        self.constant, self.frame_parts = apply_once(self.shared, of_frames)
+        self.last_parts = parts[len(of_frames) :]
+        if not self.frame_parts:  # what they change may be what later parts read
+            self.constant, self.last_parts = apply_once(self.constant, self.last_parts)
+
+    @property
+    def parts(self) -> list[Any]:
+        r"""The transforms of each reading: those of frames, then those of windows."""
+        return [*self.frame_parts, *self.last_parts]
+
+    @property
+    def hand(self) -> HandKinematics | None:
+        r"""The hand whose joints pose the taxels, if a transform does so."""
+        hands = [getattr(part, "kinematics", None) for part in self.parts]
+        return next((hand for hand in hands if hand is not None), None)
 
     @property
     def causal(self) -> bool:
         r"""Whether no transform looks at frames to come."""
-        parts = [*self._frame_parts, *self._parts]
-        return all(getattr(part, "causal", True) for part in parts)
+        return all(getattr(part, "causal", True) for part in self.parts)
 
     @property
     def measures_frames(self) -> bool:
         r"""Whether a transform measures the sessions on frames, before windows are cut."""
-        return bool(_keyed(self._frame_parts))
+        return bool(keyed(self.frame_parts))
 
     @classmethod
     def of_dataset(cls, dataset: StaticDataset, transform: Transform | None = None) -> Self:
@@ -106,8 +122,6 @@ class Preparation:
         joint: ArrayLike | None = None,
         session: int | None = None,
         *,
-        dtype: torch.dtype = torch.float,
-        device: torch.device | None = None,
         num_frames: int | None = None,
     ) -> StaticData:
         r"""Returns readings as data, before any transform.
@@ -118,7 +132,7 @@ class Preparation:
             - **joint:** Angles in radians :math:`(J,)`, for
               all frames, or :math:`(B, J)`.
         """
-        x = _tensor("reading", reading, dtype, device)
+        x = as_numbers("reading", reading, self.dtype, self.device)
         num_taxels = self.layout.num_taxels
         if x.dim() == 2:
             x = x.unsqueeze(0)
@@ -130,21 +144,30 @@ class Preparation:
             raise ValueError(
                 f"'reading' must have shape ({num_taxels}, {channels}), a frame of layout "
                 f"'{self.layout.name}', or (num_frames, {num_taxels}, {channels}) "
-                f"(got {tuple(_shape(reading))})"
+                f"(got {shape_of(reading)})"
             )
-        data = copy.copy(self._constant)
+        data = copy.copy(self.constant)
         data.x = x
         if self.window is not None:
             data.num_frames = num_frames
         if joint is not None and self.num_joints != 0:
-            data.joint = self._joint(_tensor("joint", joint, dtype, device), len(x))
+            angles = as_numbers("joint", joint, self.dtype, self.device)
+            data.joint = joint_rows(angles, len(x), self.num_joints)
         elif self.needs_joint:
             raise ValueError(
                 f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, which "
                 "the transform or the model needs (got None)"
             )
-        for key in self.keys:
-            data[key] = torch.full((len(x),), self._session(session), device=device)
+        self.session.mark(data, session)
+        return data
+
+    def frames(
+        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
+    ) -> StaticData:
+        r"""Returns frames as data, before any transform, also where the model takes windows."""
+        data = self.data(reading, joint, session, num_frames=1)
+        if self.window is not None:
+            del data.num_frames
         return data
 
     def ordered(self, recording: Recording) -> Recording:
@@ -162,46 +185,91 @@ class Preparation:
             return self.window.length
         return max(1, x.size(-1) // self.num_channels)
 
-    def _joint(self, joint: Tensor, num_frames: int) -> Tensor:
-        given = tuple(joint.shape)
-        if joint.dim() == 1:
-            joint = joint.expand(num_frames, -1)
-        if (
-            joint.dim() != 2
-            or len(joint) != num_frames
-            or self.num_joints
-            not in (
-                None,
-                joint.size(1),
-            )
-        ):
-            raise ValueError(
-                f"'joint' must have shape ({self.num_joints or 'num_joints'},) or ({num_frames}, "
-                f"{self.num_joints or 'num_joints'}), angles in radians (got {given})"
-            )
-        return joint
+    def prepare(
+        self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
+    ) -> StaticData:
+        r"""Returns readings as the model takes them, after all transforms.
 
-    def _session(self, session: int | None) -> int:
-        session = self.session if session is None else session
-        if session is None:
-            names = " and ".join(repr(part) for part in self.fitted if part.key is not None)
-            raise ValueError(
-                f"'session' must be given, or adapt to a new one first: {names} measures each "
-                "session by itself; call 'adapt' with some unlabelled readings of this session"
-            )
-        return session
+        Args:
+            reading (torch.Tensor or numpy.ndarray): As for a call.
+            joint (torch.Tensor or numpy.ndarray, optional): As for a call.
+            session (int, optional): As for a call.
+        """
+        data = self.data(reading, joint, session)
+        if self.frame_parts:
+            data = frame_by_frame(self.frame_parts, data)
+        return self.prepared_windows(data)
 
-    def prepared(self, data: StaticData) -> StaticData:
-        r"""Applies the transforms to readings."""
-        if self._frame_parts:
-            data = frame_by_frame(self._frame_parts, data)
+    def prepare_samples(self, data: StaticData) -> StaticData:
+        r"""Returns samples of a data set as the model takes them.
+
+        Args:
+            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
+                before its :obj:`transform`.
+        """
+        if data.num_nodes != self.layout.num_taxels:
+            raise ValueError(
+                f"'data' must have {self.layout.num_taxels} taxels, as layout "
+                f"'{self.layout.name}' (got {data.num_nodes})"
+            )
+        return apply_transform(self.transform, data)
+
+    def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
+        r"""Returns one frame of a stream as the model takes it, or for a model of windows as these
+        are cut from: after the transforms of frames only.
+
+        Args:
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
+            joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
+        """
+        frame = self.prepared_frames(self.frames(reading, joint))
+        return self.prepared_windows(frame) if self.window is None else frame
+
+    def prepare_window(self, frame: StaticData, window: Tensor) -> StaticData:
+        r"""Returns a window of a stream as the model takes it.
+
+        Args:
+            frame (StaticData): What :meth:`prepare_frame` returned for its last frame.
+            window (torch.Tensor): The readings of such frames :math:`(N, C \cdot T)`, in the order
+                of :func:`~torch_geometric_tactile.data.join_frames`.
+        """
+        assert self.window is not None
+        data = copy.copy(frame)
+        data.x = window.unsqueeze(0)
+        data.num_frames = self.window.length
         return self.prepared_windows(data)
 
     def prepared_windows(self, data: StaticData) -> StaticData:
-        r"""Applies the transforms of windows to those that :meth:`cut` returned."""
-        for part in self._parts:
+        r"""Applies the transforms of windows to those that :meth:`windows` returned."""
+        for part in self.last_parts:
             data = apply_transform(part, data)
         return data
+
+    def prepared_frames(self, frames: StaticData) -> StaticData:
+        r"""Applies the transforms of frames to those that windows are cut from."""
+        for part in self.frame_parts:
+            frames = apply_transform(part, frames)
+        return frames
+
+    def windows(self, recording: Recording) -> tuple[StaticData, Tensor]:
+        r"""Returns the windows of a recording, cut as in training and before the transforms of
+        windows, and the last frame of each :math:`(W,)`.
+
+        Args:
+            recording (Recording): The recording.
+
+        Raises:
+            ValueError: If the model takes single frames, or as of a call.
+        """
+        if self.window is None:
+            raise ValueError("this predictor takes single frames, not windows: call 'recording'")
+        recording = self.ordered(recording)
+        # A session is the same for all frames, and may be adapted to with these windows, unless it
+        # is measured on the frames.
+        unknown = self.session.number is None and not self.measures_frames
+        frames = self.frames(recording.tactile, recording.joint, -1 if unknown else None)
+        frames.time = torch.as_tensor(recording.time.copy())
+        return self.cut(frames)
 
     def cut(self, frames: StaticData) -> tuple[StaticData, Tensor]:
         r"""Returns the windows of the frames of one recording, before the transforms of windows,
@@ -210,41 +278,45 @@ class Preparation:
         assert self.window is not None
         return self.window.cut(self.prepared_frames(frames), self.layout)
 
-    def prepared_frames(self, frames: StaticData) -> StaticData:
-        r"""Applies the transforms of frames to those that windows are cut from."""
-        for part in self._frame_parts:
-            frames = apply_transform(part, frames)
-        return frames
+    def facts(self) -> dict[str, Any]:
+        r"""Returns what live use must know of the readings, as JSON values."""
+        parts = self.session.parts
+        return {
+            "layout": self.layout.name,
+            "layout_content": self.layout.to_dict(),
+            "num_taxels": self.layout.num_taxels,
+            "num_channels": self.num_channels,
+            "num_joints": (self.num_joints or None) if self.needs_joint else 0,
+            "window": None if self.window is None else self.window.to_dict(),
+            "rest": {"transform": repr(parts[0])} if parts else None,
+        }
 
-    def prepared_samples(self, data: StaticData) -> StaticData:
-        r"""Applies :obj:`transform` to samples of a data set."""
-        if data.num_nodes != self.layout.num_taxels:
-            raise ValueError(
-                f"'data' must have {self.layout.num_taxels} taxels, as layout "
-                f"'{self.layout.name}' (got {data.num_nodes})"
-            )
-        return apply_transform(self.transform, data)
+    def to(self, device: torch.device, dtype: torch.dtype) -> None:
+        r"""Moves what all frames share to a device, and takes readings in a precision."""
+        self.device, self.dtype = device, dtype
+        self.constant = self.constant.to(device)
 
-    def adapt(self, data: StaticData) -> int:
-        r"""Measures a session that is new, without labels, and returns its number."""
-        known = [int(p.key_values.max()) for p in self.fitted if p.key and p.key_values is not None]
-        number = 1 + max(known, default=-1)
-        for key in self.keys:
-            data[key] = torch.full((data.num_samples,), number)
-        if self.measures_frames:
-            fit_parts(Compose(self._frame_parts), data, adapt=True)
-        if not self.measures_frames or _keyed(self._parts):
-            if self.measures_frames:
-                data, _ = self.cut(data)
-                for key in self.keys:
-                    data[key] = torch.full((data.num_samples,), number)
-            fit_parts(Compose(self._parts), data, adapt=True)
-        self.session = number
-        return number
 
-    def to(self, device: torch.device) -> None:
-        r"""Moves what all frames share to a device."""
-        self._constant = self._constant.to(device)
+def tared(preparation: Preparation) -> Preparation:
+    r"""Returns a preparation that subtracts the rest before all that another one does."""
+    measuring = preparation.session.parts
+    if measuring:
+        raise ValueError(f"the predictor measures the rest already, by {measuring[0]!r}")
+    if flat(preparation.frame_transform):
+        raise ValueError(
+            "the rest must be subtracted before all other transforms, and frames go through "
+            f"{preparation.frame_transform!r} before they are cut to windows"
+        )
+    return Preparation(
+        preparation.layout,
+        preparation.shared,
+        Compose([Tare(), *flat(preparation.pre_transform)]),
+        preparation.transform,
+        preparation.num_channels,
+        preparation.num_joints,
+        window=preparation.window,
+        read_options=preparation.read_options,
+    )
 
 
 def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:
@@ -261,10 +333,6 @@ def shared_by_frames(layout: TaxelLayout, adjacency: str | Tensor | None) -> Sta
         if value is not None:
             shared[key] = value
     return shared
-
-
-def _keyed(parts: Sequence[Any]) -> list[Any]:
-    return [part for part in fitted_parts(Compose(parts)) if part.key is not None]
 
 
 def _first_stored(dataset: StaticDataset) -> StaticData:
@@ -289,19 +357,3 @@ def _only_shared(data: StaticData) -> StaticData:
         if key != "x" and data.is_shared(key):
             out[key] = data[key]
     return out
-
-
-def _tensor(name: str, value: ArrayLike, dtype: torch.dtype, device: torch.device | None) -> Tensor:
-    try:
-        if isinstance(value, np.ma.MaskedArray):  # what is masked is missing
-            value = np.ma.filled(value.astype(np.result_type(value.dtype, np.float32)), np.nan)
-        elif isinstance(value, np.ndarray) and not value.flags.writeable:
-            value = value.copy()  # PyTorch has no tensors that cannot be written
-        tensor = torch.as_tensor(value).to(device=device, dtype=dtype)
-        return tensor.masked_fill(tensor.isinf(), torch.nan)  # no reading: it is missing too
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
-
-
-def _shape(value: Any) -> Sequence[int]:
-    return tuple(value.shape) if hasattr(value, "shape") else np.shape(value)

@@ -4,7 +4,7 @@ import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -14,15 +14,14 @@ from torch_geometric_tactile import __version__
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
-from torch_geometric_tactile.predictor._builder import Builder, load_weights
-from torch_geometric_tactile.predictor._describer import Describer
+from torch_geometric_tactile.predictor._network import TASKS, Network
+from torch_geometric_tactile.predictor._plain_data import Builder, Describer, load_weights
 from torch_geometric_tactile.predictor._preparation import Preparation
 from torch_geometric_tactile.predictor._tensor_file import read_tensors, write_tensors
 from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import TaxelLayout
 
-TASKS = ("multiclass", "multilabel", "regression")
 # Since 2, a file has a checksum; since 3, a threshold and windows of frames.
 _FORMAT = 3
 _OLD_FORMATS = (1, 2)
@@ -33,35 +32,26 @@ _WEIGHT = "model."
 _logger = logging.getLogger(__name__)
 
 
-class Content(NamedTuple):
-    r"""What a predictor is made of."""
-
-    preparation: Preparation
-    model: Module
-    class_names: tuple[str, ...]
-    task: str
-    threshold: float | None = None
-
-
-def describe(content: Content) -> tuple[dict[str, Any], dict[str, Tensor]]:
+def describe(
+    preparation: Preparation, network: Network
+) -> tuple[dict[str, Any], dict[str, Tensor]]:
     r"""Returns the header of a predictor, JSON values, and its tensors without the weights."""
-    preparation, model = content.preparation, content.model
     describer = Describer(preparation.layout)
     shared = preparation.shared
     attributes = {key: shared[key] for key in shared.to_dict() if key != "x"}
     header = {
         "format": _FORMAT,
         "package": __version__,
-        "task": content.task,
-        "class_names": list(content.class_names),
-        "threshold": content.threshold,
+        "task": network.task,
+        "class_names": list(network.class_names),
+        "threshold": network.threshold,
         "layout": preparation.layout.to_dict(),
         "num_channels": preparation.num_channels,
         "num_joints": preparation.num_joints,
-        "session": preparation.session,
+        "session": preparation.session.number,
         "shared": describer.value(attributes),
         "schema": shared.schema,
-        "model": describer.model(model),
+        "model": describer.model(network.model),
     }
     header["read_options"] = preparation.read_options
     header["window"] = None if preparation.window is None else preparation.window.to_dict()
@@ -86,7 +76,7 @@ def checkpoint_entry(
         dataset (StaticDataset): The data set that it is trained on.
         transform (callable, optional): What comes after the data set's own transform, fitted.
         task (str): What the model does.
-        threshold (float, optional): As of :class:`Content`.
+        threshold (float, optional): As of :class:`Predictor`.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -96,9 +86,9 @@ def checkpoint_entry(
         >>> sorted(entry)
         ['header', 'tensors']
     """
-    names = tuple(dataset.class_names)
-    content = Content(Preparation.of_dataset(dataset, transform), model, names, task, threshold)
-    header, tensors = describe(content)
+    preparation = Preparation.of_dataset(dataset, transform)
+    network = Network(model, dataset.class_names, task, threshold)
+    header, tensors = describe(preparation, network)
     # Copies: a view would drag its whole storage into the checkpoint.
     return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
 
@@ -157,7 +147,7 @@ def build(
     weights: Mapping[str, Tensor],
     model: Module | None = None,
     transforms: Sequence[Transform] | None = None,
-) -> Content:
+) -> tuple[Preparation, Network]:
     r"""Builds the parts of a predictor."""
     if header.get("format") not in (_FORMAT, *_OLD_FORMATS):
         raise ValueError(
@@ -207,17 +197,17 @@ def build(
                 f"{part!r} must be fitted on {num_joints} joints, as 'num_joints' says (got "
                 f"{fitted.size(-1)})"
             )
-    preparation.session = header["session"]
+    preparation.session.number = header["session"]
     built = builder.model(header["model"], model)
     load_weights(built, weights)
     names = tuple(map(str, header["class_names"]))
-    return Content(preparation, built, names, header["task"], threshold)
+    return preparation, Network(built, names, header["task"], threshold)
 
 
-def save(content: Content, path: PathLike) -> None:
+def save(preparation: Preparation, network: Network, path: PathLike) -> None:
     r"""Writes a predictor to a file, whole or not at all."""
-    header, tensors = describe(content)
-    for name, value in content.model.state_dict().items():
+    header, tensors = describe(preparation, network)
+    for name, value in network.model.state_dict().items():
         if not isinstance(value, Tensor):
             raise ValueError(
                 f"'model' must have tensors only in its state (got {type(value).__name__} in "
@@ -229,7 +219,7 @@ def save(content: Content, path: PathLike) -> None:
 
 def load(
     path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
-) -> Content:
+) -> tuple[Preparation, Network]:
     r"""Reads a predictor from a file."""
     if not Path(path).is_file():
         raise FileNotFoundError(
@@ -247,17 +237,13 @@ def load(
             raise ValueError("it must have a checksum (got none): it is damaged")
         if not has_checksum:
             _logger.warning("'%s' has no checksum: save it again with this version", path)
-        weights = {
-            name.removeprefix(_WEIGHT): tensors.pop(name)
-            for name in list(tensors)
-            if name.startswith(_WEIGHT)
-        }
-        return build(header, tensors, weights, model, transforms)
+        own = {name: t for name, t in tensors.items() if not name.startswith(_WEIGHT)}
+        return build(header, own, _weights(tensors), model, transforms)
 
 
 def load_checkpoint(
     path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
-) -> Content:
+) -> tuple[Preparation, Network]:
     r"""Reads a predictor from a checkpoint of ``tactile fit``."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"there is no checkpoint '{path}'")
@@ -269,12 +255,13 @@ def load_checkpoint(
                 "it has no predictor: it was written by an older version, or trained without "
                 "TactileDataModule; train again, or build one with Predictor.from_dataset"
             )
-        weights = {
-            name.removeprefix(_WEIGHT): value
-            for name, value in content["state_dict"].items()
-            if name.startswith(_WEIGHT)
-        }
+        weights = _weights(content["state_dict"])
         return build(entry["header"], entry["tensors"], weights, model, transforms)
+
+
+def _weights(tensors: Mapping[str, Any]) -> dict[str, Any]:
+    found = [name for name in tensors if name.startswith(_WEIGHT)]
+    return {name.removeprefix(_WEIGHT): tensors[name] for name in found}
 
 
 def is_checkpoint(path: PathLike) -> bool:

@@ -11,16 +11,18 @@ from importlib import import_module
 from os import fspath
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.recording import UNITS
-from torch_geometric_tactile.predictor._onnx_check import TOLERANCE, largest_difference
+from torch_geometric_tactile.predictor._network import Network
 from torch_geometric_tactile.predictor._onnx_graph import OnnxGraph
-from torch_geometric_tactile.predictor.content import Content
 from torch_geometric_tactile.predictor.predictor import Predictor
+from torch_geometric_tactile.transforms import FittedTransform
 
 #: The key of the metadata of a file, JSON.
 _METADATA = "torch_geometric_tactile"
@@ -28,6 +30,10 @@ _FORMAT = 1
 _OPSET = 18
 _NO_DIGEST = "0" * 64
 _EXTRAS = ("onnx", "onnxscript", "onnxruntime")
+_TOLERANCE = 1e-5
+_SEED = 0
+
+_Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T, J)
 
 
 class Exported(NamedTuple):
@@ -69,10 +75,10 @@ def export_onnx(
     entry = program.metadata_props.add()
     entry.key = _METADATA
     session = _open_session(program.SerializeToString())
-    difference = largest_difference(session, graph, checked)
-    if not difference <= TOLERANCE:
+    difference = _largest_difference(session, graph, checked)
+    if not difference <= _TOLERANCE:
         raise ValueError(
-            f"the graph of {predictor!r} must give its numbers to {TOLERANCE:g} (got a difference "
+            f"the graph of {predictor!r} must give its numbers to {_TOLERANCE:g} (got a difference "
             f"of {difference:.2g}): nothing was written"
         )
     metadata["parity"] = difference
@@ -113,11 +119,10 @@ def _open_session(model: bytes | PathLike) -> Any:
 
 def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[str, Any]:
     r"""Returns the metadata of a graph."""
-    window, rest = graph.window, None
+    preparation, hand = predictor.preparation.facts(), predictor.preparation.hand
     if graph.rest is not None:
         part = graph.rest.part
-        rest = {
-            "transform": repr(part),
+        preparation["rest"] |= {
             "per": part.per,
             "has_scale": graph.rest.has_scale,
             "first": part.first,
@@ -130,39 +135,22 @@ def _describe(predictor: Predictor, graph: OnnxGraph, unit: str | None) -> dict[
         "format": _FORMAT,
         "package": __version__,
         "model": type(predictor.model).__name__,
-        "task": predictor.task,
-        "class_names": list(predictor.class_names),
-        "threshold": predictor.threshold,
-        "layout": predictor.layout.name,
-        "layout_content": predictor.layout.to_dict(),
-        "num_taxels": predictor.layout.num_taxels,
+        **predictor.network.facts(),
+        **preparation,
         "num_channels": graph.num_channels,
         "num_joints": graph.num_joints,
-        "joint_names": _joint_names(predictor),
+        "joint_names": None if hand is None else list(hand.joint_names),
         "joint_of_frames": graph.joint_of_frames,
         "unit": unit,
-        "window": None if window is None else window.to_dict(),
         "is_stepped": graph.is_stepped,
-        "rest": rest,
     }
-
-
-def _joint_names(predictor: Predictor) -> list[str] | None:
-    preparation = predictor.preparation
-    for part in (*preparation._frame_parts, *preparation._parts):
-        hand = getattr(part, "kinematics", None)
-        if hand is not None:
-            return list(hand.joint_names)
-    return None
 
 
 def _copy(predictor: Predictor) -> Predictor:
     # In single precision on the processor; what a trace leaves in caches stays in the copy.
-    preparation = copy.deepcopy(predictor.preparation)
-    model = copy.deepcopy(predictor.model).float()
-    names, task = predictor.class_names, predictor.task
-    out = Predictor._of(Content(preparation, model, names, task, predictor.threshold))
-    return out.to("cpu")
+    out = copy.deepcopy(predictor)
+    network = Network(out.model.float(), out.class_names, out.task, out.threshold)
+    return Predictor._of(out.preparation, network).to("cpu")
 
 
 def _program(graph: OnnxGraph) -> Any:
@@ -204,3 +192,112 @@ def _quiet() -> Iterator[None]:
             yield
     finally:
         logger.setLevel(level)
+
+
+def _examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator[_Example]:
+    r"""Yields frames like those that the predictor was fitted on, and others: hardly touched,
+    one taxel without a reading, and many.
+    """
+    draw = np.random.default_rng(_SEED)
+    size = (graph.length, graph.layout.num_taxels, graph.num_channels)
+    center, scale = _usual(predictor, size)
+    joints = (graph.length, graph.num_joints)
+    for i in range(count + 3):
+        frames = center + (1 + i) / 2 * scale * draw.standard_normal(size)
+        angles = draw.uniform(-0.3, 0.9, joints)
+        if i == count:  # hardly touched
+            frames = center + 1e-1 * scale * draw.standard_normal(size)
+            angles = np.zeros(joints)
+        elif i == count + 1:
+            frames[:, :1] = np.nan
+        elif i == count + 2:
+            frames[:, ::3] = np.nan
+        joint = angles.astype(np.float32) if graph.num_joints else None
+        yield frames.astype(np.float32), joint
+
+
+def _usual(predictor: Predictor, size: tuple[int, ...]) -> tuple[Any, Any]:
+    # Centre and scale of the readings, as far as a transform has measured them.
+    preparation = predictor.preparation
+    center, scale = np.zeros(size), np.ones(size)
+    for part in preparation.parts:
+        if not isinstance(part, FittedTransform) or part.attr != "x" or part.center is None:
+            continue
+        assert part.scale is not None
+        found = [value[0].numpy() for value in (part.center, part.scale)]
+        rows = found[0].shape[-1]
+        if rows == size[2] * size[0] and size[0] > 1:  # of windows, channel outer, time inner
+            found = [value.reshape(-1, size[2], size[0]).mean(axis=-1) for value in found]
+        if found[0].shape[-1] != size[2]:
+            break
+        center = center + found[0]
+        if not part.unit_scale:
+            return center, found[1] + np.zeros(size)
+    return center, scale
+
+
+def _reference(predictor: Predictor, graph: OnnxGraph, example: _Example, rest: Any) -> np.ndarray:
+    r"""Returns what the predictor itself says, without the graph."""
+    frames, joint = example
+    if rest:
+        given = {name: torch.from_numpy(value) for name, value in rest.items()}
+        predictor.preparation.session.give(given["rest"], given.get("rest_scale"))
+    if graph.window is None:
+        angles = None if joint is None else torch.from_numpy(joint[0])
+        return predictor(torch.from_numpy(frames[0]), angles).numpy()
+    recording = Recording(time=np.arange(len(frames)) / 100, tactile=frames, joint=joint)
+    return predictor.recording(recording)[-1].numpy()
+
+
+def _answer(session: Any, graph: OnnxGraph, example: _Example, rest: Any) -> np.ndarray:
+    r"""Returns what the exported graph says."""
+    frames, joint = example
+    feed: dict[str, np.ndarray] = dict(rest)
+    if not graph.is_stepped:
+        feed["tactile"] = frames if graph.window is None else frames[None]
+        if joint is not None:
+            feed["joint"] = joint if graph.joint_of_frames else joint[-1]
+        first: np.ndarray = session.run(["probability"], feed)[0][0]
+        return first
+    for i, state in enumerate(graph.state):
+        feed[f"state_{i}"] = state.numpy()
+    names = [name for name in graph.output_names if name != "before_rest"]
+    for i, frame in enumerate(frames):
+        feed["tactile"] = frame[None]
+        if joint is not None:
+            feed["joint"] = joint[i]
+        probability, *states = session.run(names, feed)
+        feed |= {f"state_{j}": state for j, state in enumerate(states)}
+    last: np.ndarray = probability[0]
+    return last
+
+
+def _largest_difference(session: Any, graph: OnnxGraph, predictor: Predictor) -> float:
+    r"""Returns the largest difference between graph and predictor, infinite if one of them alone
+    has no answer (NaN).
+    """
+    worst = 0.0
+    for example in _examples(graph, predictor):
+        rest = _drawn_rest(graph, predictor)
+        expected = _reference(predictor, graph, example, rest)
+        found = _answer(session, graph, example, rest)
+        if found.shape != expected.shape or not np.array_equal(np.isnan(found), np.isnan(expected)):
+            return float("inf")
+        # Of the numbers of a regression, in units of the largest.
+        unit = max(1.0, float(np.nanmax(np.abs(expected), initial=0.0)))
+        difference = np.nanmax(np.abs(found - expected), initial=0.0)
+        worst = max(worst, float(difference) / unit)
+    return worst
+
+
+def _drawn_rest(graph: OnnxGraph, predictor: Predictor) -> dict[str, np.ndarray]:
+    if graph.rest is None:
+        return {}
+    part = graph.rest.part
+    shape = graph.rest_shape()
+    center = np.zeros(shape) if part.center is None else part.center[0].numpy()
+    rest = {"rest": center + 0.123456789}
+    if graph.rest.has_scale:
+        scale = np.ones(shape) if part.scale is None else 1.1 * part.scale[0].numpy()
+        rest["rest_scale"] = scale.astype(np.float32)
+    return rest

@@ -1,28 +1,60 @@
 r"""From a reading to probabilities."""
 
 import copy
-from collections.abc import Iterator, Sequence
-from typing import Any, Self
+import functools
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import Module
-from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile._typing import PathLike, Transform
-from torch_geometric_tactile.data import Recording, StaticDataset
-from torch_geometric_tactile.data._transform_rules import flat
+from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
-from torch_geometric_tactile.predictor._preparation import ArrayLike, Preparation, shared_by_frames
-from torch_geometric_tactile.predictor._trained_model import Task, TrainedModel
-from torch_geometric_tactile.predictor._windowed_model import WindowedModel, check_size
-from torch_geometric_tactile.predictor.content import Content
+from torch_geometric_tactile.predictor._network import Network, Task
+from torch_geometric_tactile.predictor._preparation import Preparation, shared_by_frames, tared
+from torch_geometric_tactile.predictor._readings import ArrayLike, shape_of
+from torch_geometric_tactile.predictor._session import Session
+from torch_geometric_tactile.predictor._window_cut import WindowCut
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.transforms import Tare
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
-class Predictor(WindowedModel):
+def _method_of(
+    part: str, method: Callable[Concatenate[Any, _P], _R]
+) -> Callable[Concatenate[Any, _P], _R]:
+    r"""Returns a method that calls that of a part, with its documentation."""
+    owner = attrgetter(part)
+
+    @functools.wraps(method)
+    def call(self: Any, /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        return method(owner(self), *args, **kwargs)
+
+    return call
+
+
+class _Attribute(Generic[_R]):
+    r"""An attribute that a part keeps."""
+
+    def __init__(self, part: str) -> None:
+        self._part = part
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: Any, kind: type | None = None) -> _R:
+        value: _R = getattr(getattr(owner, self._part), self._name)
+        return value
+
+    def __set__(self, owner: Any, value: _R) -> None:
+        setattr(getattr(owner, self._part), self._name, value)
+
+
+class Predictor:
     r"""A trained model together with everything that prepares its readings: the layout of the
     sensor, the fitted transforms and the names of its classes. It takes readings as the sensor
     gives them.
@@ -98,14 +130,20 @@ class Predictor(WindowedModel):
         preparation = Preparation(
             layout, shared, pre_transform, transform, num_channels, num_joints
         )
-        names = tuple(class_names)
-        super().__init__(Content(preparation, copy.deepcopy(model), names, task, threshold))
+        self._join(preparation, Network(copy.deepcopy(model), class_names, task, threshold))
 
     @classmethod
-    def _of(cls, parts: Content) -> Self:
+    def _of(cls, preparation: Preparation, network: Network) -> Self:
         predictor = cls.__new__(cls)
-        TrainedModel.__init__(predictor, parts)
+        predictor._join(preparation, network)
         return predictor
+
+    def _join(self, preparation: Preparation, network: Network) -> None:
+        self.preparation, self.network = preparation, network
+        network.model.eval()
+        if "joint" in network.modalities:
+            preparation.needs_joint = True
+        self.to(network.device)
 
     @classmethod
     def from_dataset(
@@ -128,8 +166,8 @@ class Predictor(WindowedModel):
             threshold (float, optional): As of the class.
         """
         preparation = Preparation.of_dataset(dataset, transform)
-        names = tuple(dataset.class_names)
-        return cls._of(Content(preparation, copy.deepcopy(model), names, task, threshold))
+        network = Network(copy.deepcopy(model), dataset.class_names, task, threshold)
+        return cls._of(preparation, network)
 
     @classmethod
     def from_checkpoint(
@@ -149,7 +187,7 @@ class Predictor(WindowedModel):
             FileNotFoundError: If there is no such file.
             ValueError: If the file cannot be read, or as :meth:`load`.
         """
-        return cls._of(content.load_checkpoint(path, model, transforms))
+        return cls._of(*content.load_checkpoint(path, model, transforms))
 
     @classmethod
     def load(
@@ -174,7 +212,7 @@ class Predictor(WindowedModel):
             ValueError: If the file is damaged or of another version, or :obj:`model` or
                 :obj:`transforms` are missing or differ from those that were saved.
         """
-        return cls._of(content.load(path, model, transforms))
+        return cls._of(*content.load(path, model, transforms))
 
     def save(self, path: PathLike) -> None:
         r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. The
@@ -183,9 +221,74 @@ class Predictor(WindowedModel):
         Args:
             path (str or PathLike): The file.
         """
-        names = self.class_names
-        parts = Content(self.preparation, self.model, names, self.task, self.threshold)
-        content.save(parts, path)
+        content.save(self.preparation, self.network, path)
+
+    @property
+    def layout(self) -> TaxelLayout:
+        r"""The layout of the sensor."""
+        return self.preparation.layout
+
+    @property
+    def transform(self) -> Transform | None:
+        r"""What the samples of a data set go through, with its fitted state."""
+        return self.preparation.transform
+
+    @property
+    def read_options(self) -> dict[str, Any]:
+        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` that read a file as
+        those of the training: the names of the columns, the number of channels, and the like;
+        empty if the predictor does not know them.
+        """
+        return dict(self.preparation.read_options)
+
+    @property
+    def window(self) -> WindowCut | None:
+        r"""How windows are cut from the frames of a recording; :obj:`None` for single frames."""
+        return self.preparation.window
+
+    @property
+    def causal(self) -> bool:
+        r"""Whether an answer could be given with the last frame of its window: whether no transform
+        looks at frames to come. One that needs the whole window first, such as
+        :class:`~torch_geometric_tactile.transforms.Resample` of whole trials, says so by its
+        attribute :obj:`causal`.
+        """
+        return self.preparation.causal
+
+    @property
+    def measures_rest(self) -> bool:
+        r"""Whether a :class:`~torch_geometric_tactile.transforms.Tare` takes all readings that a
+        session is measured by for those at rest.
+        """
+        return self.preparation.session.is_of_rest
+
+    def to(self, device: torch.device | str) -> Self:
+        r"""Moves model and preparation to a device.
+
+        Args:
+            device (torch.device or str): The device.
+        """
+        self.network.to(device)
+        self.preparation.to(self.network.device, self.network.dtype)
+        return self
+
+    model = _Attribute[Module]("network")
+    class_names = _Attribute[tuple[str, ...]]("network")
+    task = _Attribute[Task]("network")
+    threshold = _Attribute[float | None]("network")
+
+    logits = _method_of("network", Network.logits)
+    probability = _method_of("network", Network.probability)
+    names = _method_of("network", Network.names)
+    labels = _method_of("network", Network.labels)
+    prepare = _method_of("preparation", Preparation.prepare)
+    prepare_samples = _method_of("preparation", Preparation.prepare_samples)
+    prepare_frame = _method_of("preparation", Preparation.prepare_frame)
+    prepare_window = _method_of("preparation", Preparation.prepare_window)
+    windows = _method_of("preparation", Preparation.windows)
+    adapt = _method_of("preparation.session", Session.adapt)
+    adapt_recording = _method_of("preparation.session", Session.adapt_recording)
+    adapt_windows = _method_of("preparation.session", Session.adapt_windows)
 
     def __call__(
         self,
@@ -196,8 +299,7 @@ class Predictor(WindowedModel):
         r"""Returns the probabilities of the classes or labels."""
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
-        num_dims = reading.ndim if hasattr(reading, "ndim") else np.ndim(reading)
-        return out[0] if num_dims == 2 else out
+        return out[0] if len(shape_of(reading)) == 2 else out
 
     def with_tare(self) -> Self:
         r"""Returns a predictor of raw readings, where this one takes readings relative to rest,
@@ -208,27 +310,7 @@ class Predictor(WindowedModel):
             ValueError: If a transform measures sessions already, or frames go through a transform
                 before they are cut to windows.
         """
-        preparation = self.preparation
-        measures = [part for part in preparation.fitted if part.key is not None]
-        if measures:
-            raise ValueError(f"the predictor measures the rest already, by {measures[0]!r}")
-        if flat(preparation.frame_transform):
-            raise ValueError(
-                "the rest must be subtracted before all other transforms, and frames go through "
-                f"{preparation.frame_transform!r} before they are cut to windows"
-            )
-        tared = Preparation(
-            preparation.layout,
-            preparation.shared,
-            Compose([Tare(), *flat(preparation.pre_transform)]),
-            preparation.transform,
-            preparation.num_channels,
-            preparation.num_joints,
-            window=preparation.window,
-            read_options=preparation.read_options,
-        )
-        names = self.class_names
-        return self._of(Content(tared, copy.deepcopy(self.model), names, self.task, self.threshold))
+        return self._of(tared(self.preparation), copy.deepcopy(self.network))
 
     def recording(self, recording: Recording, batch_size: int = 256) -> Tensor:
         r"""Returns the probabilities of all frames of a recording :math:`(T, C)`, or of a model of
@@ -245,8 +327,30 @@ class Predictor(WindowedModel):
         """
         if self.window is not None:
             return self.of_windows(self.windows(recording)[0], batch_size)
+        _check_size(batch_size)
         recording = self.preparation.ordered(recording)
-        parts = [self(one.tactile, one.joint) for one in _chunks(recording, batch_size)]
+        starts = range(0, max(recording.num_frames, 1), batch_size)
+        chunks = [recording.select(slice(start, start + batch_size)) for start in starts]
+        return torch.cat([self(chunk.tactile, chunk.joint) for chunk in chunks])
+
+    def of_windows(self, windows: StaticData, batch_size: int = 256) -> Tensor:
+        r"""Returns the probabilities of windows :math:`(W, C)`.
+
+        Args:
+            windows (StaticData): What :meth:`windows` returned.
+            batch_size (int): Number of windows that are computed at a time.
+
+        Raises:
+            ValueError: If :obj:`batch_size` is below one.
+        """
+        _check_size(batch_size)
+        self.preparation.session.mark(windows)
+        parts = []
+        with torch.inference_mode():
+            for start in range(0, windows.num_samples, batch_size):
+                part = windows.index_select(slice(start, start + batch_size))
+                data = self.preparation.prepared_windows(part)
+                parts.append(self.probability(self.logits(data)))
         return torch.cat(parts)
 
     def __repr__(self) -> str:
@@ -256,7 +360,6 @@ class Predictor(WindowedModel):
         )
 
 
-def _chunks(recording: Recording, size: int) -> Iterator[Any]:
-    check_size(size)
-    for start in range(0, max(recording.num_frames, 1), size):
-        yield recording.select(slice(start, start + size))
+def _check_size(size: int) -> None:
+    if size < 1:
+        raise ValueError(f"'batch_size' must be at least 1 (got {size})")

@@ -2,6 +2,7 @@ r"""Predictions as a table."""
 
 import csv
 import itertools
+import math
 import os
 import re
 from collections import Counter
@@ -47,8 +48,9 @@ def write_recordings(
                 columns = {**column_names(recording), **columns}
                 frames: Sequence[int] = range(recording.num_frames)
                 if adapt:
-                    measured = recording if rest is None else _beginning(recording, rest)
-                    predictor.adapt_recording(measured)
+                    seconds = math.inf if rest is None else rest
+                    first = (recording.time < recording.time[:1] + seconds).sum()
+                    predictor.adapt_recording(recording.select(slice(int(first))))
                 if predictor.window is not None:
                     frames = predictor.windows(recording)[1].tolist()
                 probability = predictor.recording(recording, _BATCH_SIZE)
@@ -79,12 +81,6 @@ def _hint(error: str, path: PathLike) -> str:
             "'--num-channels' and '--ignore', as to 'tactile inspect'"
         )
     return ""
-
-
-def _beginning(recording: Recording, seconds: float) -> Recording:
-    kept = recording.time < recording.time[:1] + seconds
-    joint = None if recording.joint is None else recording.joint[kept]
-    return Recording(time=recording.time[kept], tactile=recording.tactile[kept], joint=joint)
 
 
 def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -> Counter[str]:

@@ -1,11 +1,14 @@
 r"""Where the viewer draws the taxels."""
 
 import math
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from torch_geometric_tactile._typing import PathLike
 
 if TYPE_CHECKING:  # without a layout, a live robot is shown without torch
     from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
@@ -79,6 +82,91 @@ class Scene:
         r"""Returns the arrays that the page is sent."""
         names = ("pos", "axes", "size", "link", "pose")
         return {name: getattr(self, name) for name in names}
+
+
+class Scenes:
+    r"""The scene of a stream for any number of pages: on its layout, which is given or named by the
+    source, or else a grid by number.
+    """
+
+    def __init__(
+        self,
+        stream: Any,
+        layout: "TaxelLayout | PathLike | None",
+        joint: np.ndarray | None,
+        kinematics: "HandKinematics | None",
+        note: Callable[[str], None],
+    ) -> None:
+        self._stream, self._note = stream, note
+        self._layout: TaxelLayout | None = None
+        self._asked = layout is not None
+        self._joint, self._kinematics = joint, kinematics
+        self._scene: Scene | None = None
+        self._lock = threading.Lock()
+        self._posed: tuple[np.ndarray, np.ndarray] | None = None
+        if layout is not None:  # what does not fit is told before anything runs
+            from torch_geometric_tactile.sensors import as_layout
+
+            self._layout = as_layout(layout)
+            self._layout_scene = layout_scene(self._layout, kinematics, joint)
+
+    def scene(self, num_taxels: int) -> Scene:
+        r"""Returns the scene of frames with this number of taxels; the same one if asked again.
+
+        Shapes:
+            - **num_taxels:** Number of taxels :math:`N`.
+        """
+        with self._lock:
+            if self._scene is None or self._scene.num_taxels != num_taxels:
+                self._posed = None
+                self._scene = self._new_scene(num_taxels)
+            return self._scene
+
+    def prepare(self) -> None:
+        r"""Reads the layout that the source names, if it does already."""
+        with self._lock:
+            if self._layout is None and not self._asked and self._stream.meta.get("sensor"):
+                self._find_layout(self._stream.meta["sensor"])
+
+    def _new_scene(self, num_taxels: int) -> Scene:
+        if self._layout is None and not self._asked:
+            self._find_layout(self._stream.meta.get("sensor"))
+        if self._layout is None:
+            return number_scene(num_taxels)
+        if self._layout.num_taxels == num_taxels:
+            return self._layout_scene
+        self._note(
+            f"Layout {self._layout.name} has {self._layout.num_taxels} taxels, and frames have "
+            f"{num_taxels}: shown by number"
+        )
+        return number_scene(num_taxels)
+
+    def _find_layout(self, name: Any) -> None:
+        self._asked = True
+        if name is None:
+            return
+        try:
+            from torch_geometric_tactile.sensors import stock_layout, stock_names
+
+            if name in stock_names("layouts"):
+                self._layout = stock_layout(name)
+                self._layout_scene = layout_scene(self._layout, self._kinematics, self._joint)
+        except ImportError:
+            self._note(f"Layout {name} needs PyTorch: shown by number")
+
+    def pose(self, scene: Scene, joint: np.ndarray | None) -> np.ndarray:
+        r"""Returns the poses of the links; the same array while the joints do not move."""
+        kept = self._posed
+        if (
+            joint is None
+            or scene.kinematics is None
+            or joint.shape != (scene.num_joints,)
+            or not np.isfinite(joint).all()
+        ):
+            return scene.pose if kept is None else kept[1]
+        if kept is None or not np.array_equal(kept[0], joint):
+            self._posed = kept = (joint.copy(), scene.posed(joint))
+        return kept[1]
 
 
 def number_scene(num_taxels: int) -> Scene:

@@ -1,20 +1,38 @@
-r"""Transforms and models from plain data. Only classes that :mod:`classes` lists are built."""
+r"""Transforms and models as plain data, and built of it: their class by its name, their arguments
+and their state.
+
+Only classes that :mod:`classes` lists are built. Any other is a user's own: its name, its text
+(:obj:`repr`) and its tensors are written, and the object is given again when the file is read.
+"""
 
 import copy
+import inspect
+import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import Module
+from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
-from torch_geometric_tactile.data._transform_rules import flat
-from torch_geometric_tactile.predictor._own_classes import describe_own
+from torch_geometric_tactile.data._transform_rules import KEPT_AS, flat
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
 from torch_geometric_tactile.predictor.missing_own_error import MissingOwnError
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform
+
+
+def _describe_own(value: Any) -> dict[str, Any]:
+    r"""Returns the name and the text of a user's own transform or model."""
+    kind = type(value).__name__
+    if inspect.isroutine(value):
+        return {"own": kind, "text": value.__qualname__}
+    is_told = type(value).__repr__ is not object.__repr__  # which tells an address
+    return {"own": kind, "text": repr(value) if is_told else kind}
 
 
 class Builder:
@@ -68,9 +86,9 @@ class Builder:
 
     def _given(self, described: Mapping[str, Any]) -> Any:
         for i, transform in enumerate(self._own):
-            if all(described.get(key) == value for key, value in describe_own(transform).items()):
+            if all(described.get(key) == value for key, value in _describe_own(transform).items()):
                 return self._own.pop(i)
-        given = [describe_own(transform)["text"] for transform in self._own]
+        given = [_describe_own(transform)["text"] for transform in self._own]
         raise MissingOwnError(
             f"'transforms' must hold the transform of your own '{described.get('text')}', which is "
             f"not built by name (got {given})",
@@ -175,3 +193,132 @@ def _check_state(transform: FittedTransform, state: Any) -> None:
         or not (center.is_floating_point() and scale.is_floating_point())
     ):
         raise ValueError(f"the state of {transform!r} must be a centre and a scale for each key")
+
+
+class _NotPlainError(ValueError):
+    r"""A value that cannot be written as plain data."""
+
+
+class Describer:
+    r"""Turns transforms and models into JSON values and named tensors."""
+
+    def __init__(self, layout: TaxelLayout | None) -> None:
+        self.layout = layout
+        self.tensors: dict[str, Tensor] = {}
+
+    def transform(self, transform: Any) -> dict[str, Any]:
+        r"""Describes a transform, with its fitted state."""
+        kind = type(transform).__name__
+        if transform_classes().get(kind) is type(transform):
+            mark = len(self.tensors)
+            try:
+                if isinstance(transform, Compose):  # which may hold any callable
+                    parts = [{"$transform": self.transform(part)} for part in transform.transforms]
+                    arguments: Any = {"transforms": parts}
+                else:
+                    arguments = self.value(_arguments_of(transform))
+                described = {"class": kind, "arguments": arguments}
+                self._check(described, transform)
+            except _NotPlainError:
+                self._forget(mark)
+                described = _describe_own(transform)
+        else:
+            described = _describe_own(transform)
+        if hasattr(transform, "state_dict"):
+            described["state"] = self.value(transform.state_dict())
+        return described
+
+    def model(self, model: Module) -> dict[str, Any]:
+        r"""Describes a model, without its weights."""
+        kind = type(model).__name__
+        arguments = getattr(model, "_hub_arguments", None)
+        if model_classes().get(kind) is not type(model) or arguments is None:
+            return _describe_own(model)
+        mark = len(self.tensors)
+        try:
+            return {"class": kind, "arguments": self.value(arguments)}
+        except _NotPlainError:  # an encoder of edge features, for example
+            self._forget(mark)
+            return _describe_own(model)
+
+    def value(self, value: Any) -> Any:
+        r"""Describes an argument or a state."""
+        if value is None or isinstance(value, bool | int | str):
+            return value
+        if isinstance(value, float):
+            return value if math.isfinite(value) else {"$float": str(value)}
+        if isinstance(value, list | tuple):
+            return [self.value(item) for item in value]
+        if isinstance(value, Mapping):
+            if not all(isinstance(key, str) and not key.startswith("$") for key in value):
+                raise _NotPlainError(f"the keys of a mapping must be texts (got {list(value)})")
+            return {key: self.value(item) for key, item in value.items()}
+        if isinstance(value, np.ndarray | np.generic):
+            value = torch.as_tensor(value)
+        if isinstance(value, Tensor):
+            name = f"tensor.{len(self.tensors)}"
+            self.tensors[name] = value.detach()
+            return {"$tensor": name}
+        if isinstance(value, TaxelLayout):
+            own = self.layout
+            same = own is not None and (value is own or value.to_dict() == own.to_dict())
+            return {"$layout": None if same else value.to_dict()}
+        if isinstance(value, HandKinematics):
+            return {"$kinematics": value.to_dict()}
+        if isinstance(value, BaseTransform):
+            return {"$transform": self.transform(value)}
+        raise _NotPlainError(f"'{type(value).__name__}' is no plain value")
+
+    def _check(self, described: dict[str, Any], transform: Any) -> None:
+        # What is built from the description must be the transform again, or its arguments are not
+        # the attributes of the same names.
+        if isinstance(transform, Compose):  # whose parts were checked one by one
+            return
+        again = Builder(self.layout, self.tensors).transform(described)
+        other = Describer(self.layout)
+        arguments = other.value(_arguments_of(again))
+        if repr(again) != repr(transform) or not _equal(
+            arguments, other.tensors, described["arguments"], self.tensors
+        ):
+            raise _NotPlainError(f"{transform!r} differs from what its arguments make")
+
+    def _forget(self, mark: int) -> None:
+        for name in list(self.tensors)[mark:]:
+            del self.tensors[name]
+
+
+def _arguments_of(transform: Any) -> dict[str, Any]:
+    r"""Returns the arguments of a transform's constructor: what its method :obj:`arguments`
+    returns, or else its attributes of the same names.
+    """
+    if hasattr(transform, "arguments"):
+        arguments: dict[str, Any] = transform.arguments()
+        return arguments
+    if type(transform).__init__ is object.__init__:
+        return {}
+    out = {}
+    for name in list(inspect.signature(type(transform).__init__).parameters)[1:]:
+        kept = name if hasattr(transform, name) else KEPT_AS.get(name, name)
+        if not hasattr(transform, kept):
+            raise _NotPlainError(f"{type(transform).__name__} keeps no '{name}'")
+        out[name] = getattr(transform, kept)
+    return out
+
+
+def _equal(
+    a: Any, a_tensors: Mapping[str, Tensor], b: Any, b_tensors: Mapping[str, Tensor]
+) -> bool:
+    # Descriptions with the numbers of their tensors in place of the tensors' names.
+    def text(value: Any, tensors: Mapping[str, Tensor]) -> str:
+        def filled(item: Any) -> Any:
+            if isinstance(item, list):
+                return [filled(one) for one in item]
+            if isinstance(item, dict):
+                if "$tensor" in item:
+                    return tensors[item["$tensor"]].tolist()
+                return {key: filled(one) for key, one in item.items() if key != "state"}
+            return item
+
+        return json.dumps(filled(value))
+
+    return text(a, a_tensors) == text(b, b_tensors)

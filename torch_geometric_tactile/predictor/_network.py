@@ -1,16 +1,15 @@
-r"""A model with the layout and the transforms that it was trained with."""
+r"""A model that runs, and what its outputs mean."""
 
-from typing import Any, Literal, Self
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
+from torch.nn import Module
 
-from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data import StaticData
-from torch_geometric_tactile.predictor._window_cut import WindowCut
-from torch_geometric_tactile.predictor.content import TASKS, Content
-from torch_geometric_tactile.sensors import TaxelLayout
 
+TASKS = ("multiclass", "multilabel", "regression")
 Task = Literal["multiclass", "multilabel", "regression"]
 
 # What gives a sample the attributes that models ask for.
@@ -21,87 +20,43 @@ _SOURCES = {
 }
 
 
-class TrainedModel:
-    r"""A model in evaluation mode, with the layout and the transforms that it was trained with and
-    the names of its classes: from the samples of a data set to probabilities and labels.
-
-    Args:
-        parts (Content): What it is made of.
-
-    Raises:
-        ValueError: If the task is unknown.
+class Network:
+    r"""A model with its task and the names of its classes: from prepared samples to probabilities
+    and labels.
     """
 
-    def __init__(self, parts: Content) -> None:
-        if parts.task not in TASKS:
-            raise ValueError(f"'task' must be one of {list(TASKS)} (got '{parts.task}')")
-        threshold = parts.threshold
-        if threshold is not None and (parts.task != "multiclass" or not 0 <= threshold <= 1):
+    def __init__(
+        self,
+        model: Module,
+        class_names: Sequence[str] = (),
+        task: str = "multiclass",
+        threshold: float | None = None,
+    ) -> None:
+        if task not in TASKS:
+            raise ValueError(f"'task' must be one of {list(TASKS)} (got '{task}')")
+        if threshold is not None and (task != "multiclass" or not 0 <= threshold <= 1):
             raise ValueError(
                 "'threshold' must be a probability, with task='multiclass' and two classes (got "
-                f"{threshold} with task='{parts.task}')"
+                f"{threshold} with task='{task}')"
             )
-        self.preparation, self.model, self.class_names, _, self.threshold = parts
-        self.task = parts.task
-        self.model.eval()
-        numbers = [p for p in self.model.parameters() if p.is_floating_point()]
-        self._dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
-        self._names = tuple(getattr(self.model, "modalities", ()))
-        if "joint" in self._names:
-            self.preparation.needs_joint = True
-        self.to(numbers[0].device if numbers else "cpu")
+        self.model = model
+        self.class_names = tuple(class_names)
+        self.task: Task = task  # type: ignore[assignment]
+        self.threshold = threshold
+        numbers = [p for p in model.parameters() if p.is_floating_point()]
+        self.dtype = numbers[0].dtype if numbers else torch.get_default_dtype()
+        self.device = numbers[0].device if numbers else torch.device("cpu")
+        self.modalities: tuple[str, ...] = tuple(getattr(model, "modalities", ()))
 
-    @property
-    def layout(self) -> TaxelLayout:
-        r"""The layout of the sensor."""
-        return self.preparation.layout
+    def facts(self) -> dict[str, Any]:
+        r"""Returns what live use must know of the outputs, as JSON values."""
+        names = list(self.class_names)
+        return {"task": self.task, "class_names": names, "threshold": self.threshold}
 
-    @property
-    def transform(self) -> Transform | None:
-        r"""What the samples of a data set go through, with its fitted state."""
-        return self.preparation.transform
-
-    @property
-    def read_options(self) -> dict[str, Any]:
-        r"""The options of :func:`~torch_geometric_tactile.io.read_recording` that read a file as
-        those of the training: the names of the columns, the number of channels, and the like;
-        empty if the predictor does not know them.
-        """
-        return dict(self.preparation.read_options)
-
-    @property
-    def window(self) -> WindowCut | None:
-        r"""How windows are cut from the frames of a recording; :obj:`None` for single frames."""
-        return self.preparation.window
-
-    @property
-    def causal(self) -> bool:
-        r"""Whether an answer could be given with the last frame of its window: whether no transform
-        looks at frames to come. One that needs the whole window first, such as
-        :class:`~torch_geometric_tactile.transforms.Resample` of whole trials, says so by its
-        attribute :obj:`causal`.
-        """
-        return self.preparation.causal
-
-    def to(self, device: torch.device | str) -> Self:
-        r"""Moves model and preparation to a device.
-
-        Args:
-            device (torch.device or str): The device.
-        """
-        self._device = torch.device(device)
-        self.model.to(self._device)
-        self.preparation.to(self._device)
-        return self
-
-    def prepare_samples(self, data: StaticData) -> StaticData:
-        r"""Returns samples of a data set as the model takes them.
-
-        Args:
-            data (StaticData): The samples, after the :obj:`pre_transform` of the data set and
-                before its :obj:`transform`.
-        """
-        return self.preparation.prepared_samples(data)
+    def to(self, device: torch.device | str) -> None:
+        r"""Moves the model to a device."""
+        self.device = torch.device(device)
+        self.model.to(self.device)
 
     def logits(self, data: StaticData) -> Tensor:
         r"""Returns what the model makes of prepared data :math:`(B, C)`, with gradients.
@@ -111,7 +66,7 @@ class TrainedModel:
         """
         if self.model.training:
             self.model.eval()
-        inputs = {name: getattr(data, name, None) for name in self._names}
+        inputs = {name: getattr(data, name, None) for name in self.modalities}
         lacking = [name for name, value in inputs.items() if value is None]
         if data.edge_index is None and getattr(self.model, "needs_edges", False):
             lacking.insert(0, "edge_index")
