@@ -12,8 +12,6 @@ from compared import GIVEN, touches
 
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
-from torch_geometric_tactile.experiments._compared_samples import prediction_rows
-from torch_geometric_tactile.experiments._estimate import estimate_seconds
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
@@ -22,8 +20,12 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.judgement import Judgement
-from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.reports._compare import comparison_csv, comparison_markdown
+from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds
+from torch_geometric_tactile.reports._compare import (
+    comparison_csv,
+    comparison_markdown,
+    prediction_rows,
+)
 from torch_geometric_tactile.sensors import biotac_sp, grid
 from torch_geometric_tactile.training import training_recipe
 
@@ -365,11 +367,11 @@ def test_estimate_is_of_each_model_and_trains_one_network_at_a_time(tmp_path, mo
     monkeypatch.setattr(networks, "fit_classifier", lambda *a: trained.append(a) or fit(*a))
     settings = ComparisonSettings(models=("fnn", "svm_linear"), folds=3, epochs=2)
     found = plan(tmp_path, settings)
-    seconds = estimate_seconds(found.experiments)
+    seconds = _estimate_seconds(found.experiments)
     assert set(seconds) == {"fnn", "svm_linear"}
     assert all(value > 0 for value in seconds.values())
     assert len(trained) == 2  # the first of a kind twice, whose imports do not count
-    assert estimate_seconds([]) == {}
+    assert _estimate_seconds([]) == {}
 
 
 def test_run_of_a_table_is_no_comparison(tmp_path):
