@@ -21,6 +21,7 @@ from torch_geometric_tactile.experiments.comparison import (
 )
 from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds
+from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.reports._compare import (
     comparison_csv,
     comparison_markdown,
@@ -78,6 +79,15 @@ def test_all_models_that_fit_the_data_are_planned(tmp_path):
     assert "posed_taxel_net" not in names
     assert len(found.experiments) == 4 * len(names)
     assert found.protocols[0].protocol.describe() == "4 folds by trial, stratified by y"
+
+
+def test_data_set_is_built_once(tmp_path, monkeypatch):
+    built, build = [], DataSource._build
+    monkeypatch.setattr(DataSource, "_build", lambda *a: built.append(a) or build(*a))
+    found = plan(tmp_path, THREE)
+    for experiment in found.experiments[:3]:
+        experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+    assert len(built) == 1
 
 
 def test_models_without_a_place_are_told():
