@@ -12,8 +12,6 @@ from compared import GIVEN, touches
 
 from torch_geometric_tactile.experiments import _networks as networks
 from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
-from torch_geometric_tactile.experiments._compared_samples import prediction_rows
-from torch_geometric_tactile.experiments._estimate import estimate_seconds
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import data_source
 from torch_geometric_tactile.experiments.comparison import (
@@ -22,8 +20,13 @@ from torch_geometric_tactile.experiments.comparison import (
     summarize,
 )
 from torch_geometric_tactile.experiments.judgement import Judgement
-from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.reports._compare import comparison_csv, comparison_markdown
+from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds
+from torch_geometric_tactile.experiments.source import DataSource
+from torch_geometric_tactile.reports._compare import (
+    comparison_csv,
+    comparison_markdown,
+    prediction_rows,
+)
 from torch_geometric_tactile.sensors import biotac_sp, grid
 from torch_geometric_tactile.training import training_recipe
 
@@ -76,6 +79,15 @@ def test_all_models_that_fit_the_data_are_planned(tmp_path):
     assert "posed_taxel_net" not in names
     assert len(found.experiments) == 4 * len(names)
     assert found.protocols[0].protocol.describe() == "4 folds by trial, stratified by y"
+
+
+def test_data_set_is_built_once(tmp_path, monkeypatch):
+    built, build = [], DataSource._build
+    monkeypatch.setattr(DataSource, "_build", lambda *a: built.append(a) or build(*a))
+    found = plan(tmp_path, THREE)
+    for experiment in found.experiments[:3]:
+        experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
+    assert len(built) == 1
 
 
 def test_models_without_a_place_are_told():
@@ -365,11 +377,11 @@ def test_estimate_is_of_each_model_and_trains_one_network_at_a_time(tmp_path, mo
     monkeypatch.setattr(networks, "fit_classifier", lambda *a: trained.append(a) or fit(*a))
     settings = ComparisonSettings(models=("fnn", "svm_linear"), folds=3, epochs=2)
     found = plan(tmp_path, settings)
-    seconds = estimate_seconds(found.experiments)
+    seconds = _estimate_seconds(found.experiments)
     assert set(seconds) == {"fnn", "svm_linear"}
     assert all(value > 0 for value in seconds.values())
     assert len(trained) == 2  # the first of a kind twice, whose imports do not count
-    assert estimate_seconds([]) == {}
+    assert _estimate_seconds([]) == {}
 
 
 def test_run_of_a_table_is_no_comparison(tmp_path):

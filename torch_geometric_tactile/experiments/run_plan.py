@@ -3,23 +3,33 @@ r"""Running a plan: on many processes, finished experiments kept."""
 import os
 import signal
 import threading
-from collections.abc import Callable, Container, Generator, Iterable, Iterator, Sequence
+import time
+from collections import Counter
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
+import torch
+
 from torch_geometric_tactile._parallel import Backend, check_backend, kept_memory, run_parallel
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments._estimate import estimate_seconds
+from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
+from torch_geometric_tactile.experiments._held_out import Parts, choice_parts
+from torch_geometric_tactile.experiments._run_experiment import fit
 from torch_geometric_tactile.experiments._run_store import RunStore
 from torch_geometric_tactile.experiments._worker import close_process, run_safely
 from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.training._config_files import merged
 
+_PROBE = 256  # samples
+_PROBE_EPOCHS = 3
+_SQUARE = ("rbf_svm", "signal_svm")  # their time grows with the square of the samples
 # Called with each run that ended, how many ended so far, and how many are to be run.
 OnProgress = Callable[[Experiment, int, int], None]
 
@@ -119,7 +129,7 @@ def run_plan(
     failed: dict[str, str] = {}
     try:
         if on_estimate is not None and train:
-            seconds = estimate_seconds(todo)
+            seconds = _estimate_seconds(todo)
             on_estimate(seconds)
             todo.sort(key=lambda experiment: seconds.get(experiment.name, 0.0))
         with _noticed_stop() as stopped, closing(_run(todo, workers)) as running:
@@ -157,6 +167,79 @@ def run_plan(
         failed=failed,
         missing=len(experiments) - _count(experiments, results),
     )
+
+
+def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
+    # For how many seconds one process is busy with the runs of each model, about: each is tried
+    # on a few samples, and its time is extrapolated. The test parts are not read.
+    count = Counter(e.name for e in todo)
+    threads = torch.get_num_threads()
+    found: dict[str, float] = {}
+    warm: set[bool] = set()
+    for experiment in {e.name: e for e in reversed(todo)}.values():
+        torch.set_num_threads(experiment.threads)
+        try:
+            if experiment.is_estimator not in warm:  # the first of a kind imports much
+                warm.add(experiment.is_estimator)
+                _of_run(experiment)
+            found[experiment.name] = count[experiment.name] * _of_run(experiment)
+        finally:
+            torch.set_num_threads(threads)
+    return found
+
+
+def _of_run(experiment: Experiment) -> float:
+    choice = experiment.choice
+    assert choice is not None
+    parts = choice_parts(experiment)
+    model = merged(experiment.model, choice.settings[0])
+    few = _some(parts.fit, _PROBE)
+    tried = len(choice.settings) if len(choice.settings) > 1 else 0  # nothing to choose of one
+    finals = 1 if experiment.is_estimator else choice.members
+    trainings = tried * len(parts.fit) + finals * len(parts.train)
+    try:
+        if experiment.is_estimator:
+            return _of_estimator(experiment, model, parts, few, trainings)
+        probe = replace(experiment, epochs=_PROBE_EPOCHS, choice=replace(choice, members=1))
+        whole, steps = _seconds(probe, model, few, _some(parts.val, 8))
+    except ValueError:  # the run tells
+        return 0.0
+    epochs = experiment.epochs * trainings / (_PROBE_EPOCHS * len(few))
+    return (whole - steps) * (tried + finals) + steps * epochs
+
+
+def _of_estimator(
+    experiment: Experiment,
+    model: Mapping[str, object],
+    parts: Parts,
+    few: StaticDataset,
+    trainings: int,
+) -> float:
+    assert experiment.choice is not None
+    last = merged(experiment.model, experiment.choice.settings[-1])  # slower for some
+    tried = [_seconds(experiment, m, few, _some(parts.val, 8))[0] for m in (model, last)]
+    seconds = sum(tried) / len(tried)
+    growth = len(parts.fit) / len(few)
+    if str(model["class_path"]).endswith(_SQUARE):
+        seconds *= growth
+    return seconds / len(few) * trainings
+
+
+def _seconds(
+    experiment: Experiment,
+    model: Mapping[str, object],
+    train: StaticDataset,
+    other: StaticDataset,
+) -> tuple[float, float]:
+    # In all, and in the steps alone.
+    start = time.perf_counter()
+    seconds = fit(experiment, model, train, other).seconds
+    return time.perf_counter() - start, seconds
+
+
+def _some(part: StaticDataset, count: int) -> StaticDataset:
+    index = torch.linspace(0, len(part) - 1, min(count, len(part))).long()
+    return part[index]
 
 
 @contextmanager

@@ -4,22 +4,28 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import markdown_table, markdown_text, printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.experiments._compared_samples import (
-    PartScores,
-    part_scores,
-    prediction_rows,
+from torch_geometric_tactile.data import StaticDataset
+from torch_geometric_tactile.experiments._held_out import column_of
+from torch_geometric_tactile.experiments._scores import (
+    LEAST_PAIRS,
+    NAMES,
+    RULE,
+    prediction_scores,
+    shown_number,
 )
-from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, NAMES, RULE, shown_number
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
+from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.reports._predictions import cell_text
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
@@ -37,6 +43,8 @@ _WHO_SEES_TIME = (
     "statistics of each signal; all others take the frames of a taxel as channels."
 )
 _PARTS = "The test samples of all splits together."
+_KINDS = ("set", "session", "group", "trial")
+_MOST = 50
 _SIMULATED = "The samples are simulated: the results may not hold for a real hand."
 _SERIES = {False: "plain models", True: "graph models"}
 
@@ -110,24 +118,13 @@ def comparison_markdown(comparison: Comparison) -> str:
         "",
         *markdown_table(["model", "description", "chosen"], _escaped(_chosen(comparison))),
     ]
-    for part in part_scores(comparison):
-        lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {part.kind}", "", _PARTS, ""]
-        names, rows = _part_rows(comparison, part)
-        lines += markdown_table(names, _escaped(rows))
+    for kind, part_header, part_rows in _part_tables(comparison):
+        lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {kind}", "", _PARTS, ""]
+        lines += markdown_table(part_header, _escaped(part_rows))
     if comparison.run.failed:
         lines += ["", "## Failed runs", ""]
         lines += [f"- {markdown_text(f'{k}: {v}')}" for k, v in comparison.run.failed.items()]
     return "\n".join(lines) + "\n"
-
-
-def _part_rows(comparison: Comparison, part: PartScores) -> tuple[list[str], list[list[str]]]:
-    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
-    models = [result.model.name for result in ordered]
-    rows = [
-        [name, f"{count:,}", *(shown_number(comparison.metric, part.scores[m][i]) for m in models)]
-        for i, (name, count) in enumerate(part.counts.items())
-    ]
-    return [part.kind, "test samples", *models], rows
 
 
 def _facts(comparison: Comparison) -> list[str]:
@@ -225,3 +222,63 @@ def _picture(comparison: Comparison) -> "Figure":
     label = f"{NAMES[metric]}{unit}, mean and standard deviation over splits"
     panel = ComparisonPanel("", label, rows)  # type: ignore[arg-type]
     return plot_comparison([panel], series, comparison.run.plan.table.title)
+
+
+def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+    # The scores of the models on the test samples of each set, session or group, where there are 2
+    # to 50 of a kind.
+    dataset, metric = comparison.run.plan.data.load(), comparison.metric
+    ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
+    said: dict[str, list[Judgement]] = {result.model.name: [] for result in ordered}
+    for experiment, result in comparison.run.results:
+        if experiment.name in said:
+            said[experiment.name].append(Judgement.from_dict(result["predictions"]))
+    joined = {name: Judgement.join(judgements) for name, judgements in said.items()}
+    for kind in _KINDS[:-1]:
+        of_model = {name: _names(dataset, kind, j.index) for name, j in joined.items()}
+        names, counts = np.unique(next(iter(of_model.values()), []), return_counts=True)
+        if not 2 <= len(names) <= _MOST:
+            continue
+        rows = []
+        for name, count in zip(names.tolist(), counts.tolist(), strict=True):
+            parts = [joined[model].select(of_model[model] == name) for model in joined]
+            scores = (prediction_scores(p.y, p.prediction, metric == "mae")[metric] for p in parts)
+            rows.append([name, f"{count:,}", *(shown_number(metric, score) for score in scores)])
+        yield kind, [kind, "test samples", *joined], rows
+
+
+def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
+    r"""Yields the header of a table with a row for each model, split and test sample, and
+    its rows.
+    """
+    dataset = comparison.run.plan.data.load()
+    kinds = [kind for kind in _KINDS if column_of(dataset, kind) is not None]
+    y = column_of(dataset, "y")
+    width = [""] if y is None or y.ndim == 1 else [f"_{i}" for i in range(y.shape[1])]
+    answers = [f"{name}{end}" for name in ("y", "prediction") for end in width]
+    yield ["model", "seed", "fold", "index", *kinds, *answers]
+    for experiment, result in comparison.run.results:
+        said = Judgement.from_dict(result["predictions"])
+        columns = [_names(dataset, kind, said.index).tolist() for kind in kinds]
+        for values in (said.y, said.prediction):
+            columns += _named(values, dataset.class_names).reshape(len(values), -1).T.tolist()
+        head = [experiment.name, experiment.seed, experiment.fold]
+        assert said.index is not None
+        for row in zip(said.index.tolist(), *columns, strict=True):
+            yield [*head, *row]
+
+
+def _names(dataset: StaticDataset, kind: str, index: np.ndarray | None) -> np.ndarray:
+    # Of the samples with these places among all that the data set holds, selected or not.
+    column = column_of(dataset, kind)
+    if column is None or index is None:
+        return np.array([])
+    place = np.zeros(dataset.len(), dtype=np.int64)
+    place[np.asarray(dataset.indices())] = np.arange(len(dataset))
+    return _named(column[place[index]], dataset._names.get(kind, ()))
+
+
+def _named(values: np.ndarray, names: Any) -> np.ndarray:
+    if values.dtype.kind == "f":
+        return values
+    return np.array([names[v] if v < len(names) else str(v) for v in values.ravel().tolist()])
