@@ -10,9 +10,8 @@ import yaml
 from fake_configs import fake_config
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.training._fit_summary import fit_summary
 from torch_geometric_tactile.training._given_arguments import GivenArguments
-from torch_geometric_tactile.training._lightning_cli import TactileCLI
+from torch_geometric_tactile.training._lightning_cli import TactileCLI, fit_summary
 
 CONFIG = fake_config("TactileGCN", 60, val=0.2, split="group")
 
@@ -95,17 +94,9 @@ def test_configuration_without_its_data_is_printed_without_sizes(capsys):
 
 
 def test_arguments_are_sorted_by_section():
-    args = [
-        "fit",
-        "--data.val",
-        "0.2",
-        "--model.model=A",
-        "--data.test=0",
-        "--trainer.devices",
-        "1",
-    ]
-    given = GivenArguments.read(args)
-    assert given.of("data") == ["--data.val", "0.2", "--data.test=0"]
+    args = "fit --data.val 0.2 --model.model=A --data.test=0 --trainer.devices 1"
+    given = GivenArguments.read(args.split())
+    assert given.of("data") == ["--data.val=0.2", "--data.test=0"]
     assert given.last("model.model", "model.model.class_path") == "A"
     assert given.last("data.val") == "0.2"
     assert given.last("seed_everything") is None
