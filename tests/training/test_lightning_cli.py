@@ -8,6 +8,7 @@ import lightning as L
 import torch
 import yaml
 from fake_configs import fake_config
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.training._given_arguments import GivenArguments
@@ -134,14 +135,7 @@ def test_summary_without_parts(config):
 def test_summary_names_the_best_checkpoint(config):
     cli = built(config)
     callback = L.pytorch.callbacks.ModelCheckpoint(monitor="val/loss", save_last=True)
-    trainer = L.Trainer(
-        accelerator="cpu",
-        max_epochs=1,
-        logger=False,
-        callbacks=[callback],
-        enable_progress_bar=False,
-        enable_model_summary=False,
-    )
+    trainer = quiet_trainer(callbacks=[callback], enable_checkpointing=True)
     trainer.fit(cli.model, datamodule=cli.datamodule)
     text = fit_summary(trainer)
     assert "Best checkpoint by val/loss: checkpoints/epoch=0" in text
