@@ -243,10 +243,10 @@ class _EachNumber(MultiOutputRegressor):
 
 def _kernel_machine(
     task: str,
-    C: float,
+    C: float,  # noqa: N803
     width: float,
     most: int | None,
-    class_weight: _Weight,  # noqa: N803
+    class_weight: _Weight,
 ) -> Any:
     if _is_classes(task):
         return _FewerSVC(C, width, most, class_weight)

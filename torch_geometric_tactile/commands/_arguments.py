@@ -112,6 +112,19 @@ def options_named(arguments: argparse.Namespace, **more: str) -> Iterator[None]:
         raise ValueError(text) from error
 
 
+def add_run_data(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the options that say which data and which configuration a run had."""
+    parser.add_argument(
+        "--config",
+        metavar="CONFIG",
+        help="configuration of data and model, which may name classes of your own: a file, or the "
+        "name of a shipped one (default: the data of the config.yaml of the run)",
+    )
+    parser.add_argument(
+        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
+    )
+
+
 def add_workers(parser: argparse.ArgumentParser) -> None:
     r"""Adds the options for processes, threads and machines."""
     workers = parser.add_argument_group("processes and machines")

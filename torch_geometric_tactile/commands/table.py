@@ -186,7 +186,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.experiments.run_plan import Workers, run_plan
     from torch_geometric_tactile.papers.load_table import load_table
     from torch_geometric_tactile.papers.write_table import write_table
-    from torch_geometric_tactile.visualization._new_figure import new_figure
+    from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     table = load_table(arguments.name)

@@ -142,8 +142,8 @@ def positive_scores(
     }
 
 
-def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
-    # True positives, false positives and false negatives of each class.
+def f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
+    r"""Returns the scores of true positives, false positives and false negatives of each class."""
     of_two = task == "multiclass" and len(counts[0]) == 2
     return {"f1": macro_f1(*counts), **(positive_scores(*counts) if of_two else {})}
 
@@ -225,5 +225,5 @@ def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
         right = (true_positive + true_negative) / num_samples
         read["label_accuracy"] = right.mean()
         read |= {f"label_accuracy_{i}": part for i, part in enumerate(right)}
-    read |= _f1_scores([true_positive, false_positive, false_negative], task)
+    read |= f1_scores([true_positive, false_positive, false_negative], task)
     return {**read, "auroc": value["auroc"]}

@@ -27,7 +27,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.training._collected_metrics import (
     Task,
-    _f1_scores,
+    f1_scores,
     macro_auroc,
     make_metrics,
     positives,
@@ -118,7 +118,7 @@ def classification_metrics(
         values["label_accuracy"] = right
         values |= {f"label_accuracy_{i}": right[:, i] for i in range(num_classes)}
     counts = (positive & predicted, ~positive & predicted, positive & ~predicted)
-    f1 = _f1_scores([count.sum(0) for count in counts], task)
+    f1 = f1_scores([count.sum(0) for count in counts], task)
     return {
         **{name: float(value.double().mean()) for name, value in values.items()},
         **{name: float(value) for name, value in f1.items()},

@@ -8,8 +8,12 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._style import MOST_WIDTH, plain_text, title_figure
+from torch_geometric_tactile.visualization._style import (
+    MOST_WIDTH,
+    new_figure,
+    plain_text,
+    title_figure,
+)
 from torch_geometric_tactile.visualization._taxel_map import checked_values, value_scale
 from torch_geometric_tactile.visualization.hand import plot_hand
 

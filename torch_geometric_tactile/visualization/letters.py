@@ -8,11 +8,11 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     SMALL,
     current_theme,
+    new_figure,
     plain_text,
     title_axes,
     title_figure,
