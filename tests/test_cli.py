@@ -6,41 +6,22 @@ import sys
 import time
 
 import pytest
+from fake_configs import SCALED, fake_config, fake_dataset
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.cli import main
 
-CONFIG = """
-model:
-  model:
-    class_path: torch_geometric_tactile.nn.models.GraspGCN
-data:
-  dataset:
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 400
-      pre_transform:
-        class_path: torch_geometric_tactile.transforms.KNNGraph
-        init_args: {k: 2}
-  test_dataset:
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 100
-      split: test
-      pre_transform:
-        class_path: torch_geometric_tactile.transforms.KNNGraph
-        init_args: {k: 2}
-  split: group
-  val: 0.2
-  transform:
-    class_path: torch_geometric_tactile.transforms.SessionZScore
-  batch_size: 8
-trainer:
-  max_epochs: 400
-  accelerator: cpu
-  devices: 1
-  enable_progress_bar: false
-"""
+CONFIG = fake_config(
+    "GraspGCN",
+    400,
+    epochs=400,
+    is_logged=True,
+    test_dataset=fake_dataset(100, split="test"),
+    split="group",
+    val=0.2,
+    transform=SCALED,
+    batch_size=8,
+)
 
 
 def tactile(*args, **kwargs):
@@ -57,8 +38,10 @@ def tactile(*args, **kwargs):
 @pytest.fixture
 def config(tmp_path):
     pytest.importorskip("lightning", reason="needs the extra 'train'")
+    import yaml
+
     path = tmp_path / "grasp.yaml"
-    path.write_text(CONFIG)
+    path.write_text(yaml.safe_dump(CONFIG))
     return path
 
 

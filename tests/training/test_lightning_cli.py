@@ -7,7 +7,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 import torch
 import yaml
-from fake_configs import fake_config
+from fake_configs import fake_config, fake_dataset
 from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.cli import main
@@ -157,14 +157,9 @@ def test_seed_gives_the_weights_that_it_gave_before(config):
 
 def test_model_without_edges_from_fit_to_predict(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    plain = {
-        "class_path": CONFIG["data"]["dataset"]["class_path"],
-        "init_args": {"num_samples": 60},
-    }
-    section = {**CONFIG["data"], "dataset": plain, "test_dataset": plain}
-    trainer = {key: value for key, value in CONFIG["trainer"].items() if key != "logger"}
-    model = {"model": {"class_path": "torch_geometric_tactile.nn.models.TaxelNet"}}
-    own = {"model": model, "data": section, "trainer": trainer}
+    plain = {**fake_dataset(60), "init_args": {"num_samples": 60}}
+    parts = {"val": 0.2, "split": "group", "dataset": plain, "test_dataset": plain}
+    own = fake_config("TaxelNet", 60, is_logged=True, **parts)
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
     assert main(["fit", "--config", "own.yaml"]) == 0
     checkpoint = "runs/own/version_0/checkpoints/last.ckpt"
