@@ -221,9 +221,10 @@ def symmetric_limit(values: np.ndarray, quantile: float) -> tuple[float, bool]:
     return limit, float(size.max()) > limit
 
 
-def title_figure(figure: "Figure", title: str) -> None:
-    r"""Writes the title of a figure, in as many lines as its width needs."""
-    figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
+def title_figure(figure: "Figure", title: str | None) -> None:
+    r"""Writes the title of a figure, if there is one, in as many lines as its width needs."""
+    if title is not None:
+        figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
 
 
 def title_axes(ax: "Axes", title: str, size: float = TEXT, **kwargs: Any) -> "Text":

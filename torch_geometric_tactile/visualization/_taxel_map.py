@@ -158,8 +158,7 @@ def finish_map(
 
 def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
     r"""Draws a colour bar beside a map."""
-    bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
-    bar.set_label(plain_text(label))
+    ax.figure.colorbar(scale, ax=ax, shrink=0.9, label=plain_text(label))
 
 
 def figure_size(plane: Tensor, width: float) -> tuple[float, float]:

@@ -102,8 +102,7 @@ def plot_embedding(
     plot_hand(layout, kinematics, ax=hand, color_by=color_by, names="digit")
     hand.set_axis_off()
     _draw_legend(figure, layout.digit_names)
-    if title is not None:
-        title_figure(figure, title)
+    title_figure(figure, title)
     return figure
 
 

@@ -105,12 +105,12 @@ def plot_grasps(
                 ax.set_ylabel("")
                 ax.tick_params(labelleft=False)
             panels.append(ax)
-    bar = figure.colorbar(
+    figure.colorbar(
         value_scale(None, (-limit, limit), "diverging"),
         ax=panels,
         extend="both" if clipped else "neither",
         shrink=0.8,
         aspect=15 * len(readings),
+        label=plain_text(f"reading ({unit})"),
     )
-    bar.set_label(plain_text(f"reading ({unit})"))
     return figure

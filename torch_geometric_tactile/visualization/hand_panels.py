@@ -99,14 +99,13 @@ def plot_hand_panels(
         ax.set_axis_off()
     for ax in axes.flat[len(checked) :]:
         ax.set_visible(False)
-    bar = figure.colorbar(
+    figure.colorbar(
         value_scale(None, limits, "diverging"),
         ax=axes,
         shrink=0.8,
         aspect=30,
         extend="both" if largest > end else "neither",
+        label=plain_text(label),
     )
-    bar.set_label(plain_text(label))
-    if title is not None:
-        title_figure(figure, title)
+    title_figure(figure, title)
     return figure
