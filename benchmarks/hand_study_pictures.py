@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._style import open_plot, title_axes
+from torch_geometric_tactile.visualization._style import new_figure, open_plot, title_axes
 from torch_geometric_tactile.visualization.figure import save_figure
 
 # The colours of all pictures, paler for variants of a model.

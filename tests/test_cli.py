@@ -6,41 +6,22 @@ import sys
 import time
 
 import pytest
+from fake_configs import SCALED, fake_config, fake_dataset
 
 from torch_geometric_tactile import __version__
 from torch_geometric_tactile.cli import main
 
-CONFIG = """
-model:
-  model:
-    class_path: torch_geometric_tactile.nn.models.GraspGCN
-data:
-  dataset:
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 400
-      pre_transform:
-        class_path: torch_geometric_tactile.transforms.KNNGraph
-        init_args: {k: 2}
-  test_dataset:
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 100
-      split: test
-      pre_transform:
-        class_path: torch_geometric_tactile.transforms.KNNGraph
-        init_args: {k: 2}
-  split: group
-  val: 0.2
-  transform:
-    class_path: torch_geometric_tactile.transforms.SessionZScore
-  batch_size: 8
-trainer:
-  max_epochs: 400
-  accelerator: cpu
-  devices: 1
-  enable_progress_bar: false
-"""
+CONFIG = fake_config(
+    "GraspGCN",
+    400,
+    epochs=400,
+    is_logged=True,
+    test_dataset=fake_dataset(100, split="test"),
+    split="group",
+    val=0.2,
+    transform=SCALED,
+    batch_size=8,
+)
 
 
 def tactile(*args, **kwargs):
@@ -57,8 +38,10 @@ def tactile(*args, **kwargs):
 @pytest.fixture
 def config(tmp_path):
     pytest.importorskip("lightning", reason="needs the extra 'train'")
+    import yaml
+
     path = tmp_path / "grasp.yaml"
-    path.write_text(CONFIG)
+    path.write_text(yaml.safe_dump(CONFIG))
     return path
 
 
@@ -199,7 +182,7 @@ def test_out_is_the_folder_of_the_runs_and_no_adverts_are_shown(config, tmp_path
     assert "dirpath" not in done.stderr
 
 
-def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path):
+def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path, monkeypatch, capsys):
     command = [sys.executable, "-m", "torch_geometric_tactile", "fit", "--config", str(config)]
     process = subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -214,9 +197,9 @@ def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path):
     import torch
 
     epoch = torch.load(last, weights_only=True)["epoch"]
-    stop = ["--trainer.max_epochs", epoch + 3, "--ckpt_path", last]
-    done = tactile("fit", "--config", config, *stop, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    stop = ["--trainer.max_epochs", str(epoch + 3), "--ckpt_path", str(last)]
+    assert main(["fit", "--config", str(config), *stop]) == 0
     resumed = tmp_path / "runs/grasp/version_1"
     with (resumed / "metrics.csv").open() as file:
         epochs = [int(row["epoch"]) for row in csv.DictReader(file)]
@@ -225,13 +208,11 @@ def test_fit_is_killed_resumed_tested_and_predicts(config, tmp_path):
     assert (resumed / "config.yaml").is_file()
     assert list((tmp_path / "runs/grasp/tensorboard").rglob("events.out.tfevents.*"))
 
-    checkpoint = ["--ckpt_path", resumed / "checkpoints/last.ckpt"]
-    done = tactile("test", "--config", config, *checkpoint, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "test/accuracy_palm_side_test" in done.stdout
+    checkpoint = str(resumed / "checkpoints/last.ckpt")
+    assert main(["test", "--config", str(config), "--ckpt_path", checkpoint]) == 0
+    assert "test/accuracy_palm_side_test" in capsys.readouterr().out
 
-    done = tactile("predict", checkpoint[1], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert main(["predict", checkpoint]) == 0
     with (tmp_path / "predictions.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["index"]) for row in rows] == list(range(100))

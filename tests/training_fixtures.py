@@ -9,6 +9,15 @@ from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.sensors import grid
 
 
+def quiet_trainer(tmp_path=None, **settings):
+    """A trainer on the CPU that writes and shows nothing unless told otherwise."""
+    import lightning as L
+
+    off = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")
+    usual = {**dict.fromkeys(off, False), "accelerator": "cpu", "devices": 1, "max_epochs": 1}
+    return L.Trainer(**{**usual, "default_root_dir": tmp_path, **settings})
+
+
 class LabelledDataset(StaticDataset):
     """Ten trials of six frames on four taxels, with joints and edge features; label i (of three) is
     whether joint i is positive, and class i is the highest of the three."""

@@ -9,7 +9,7 @@ from PIL import Image
 
 from torch_geometric_tactile.sensors import TaxelLayout, allegro_uskin
 from torch_geometric_tactile.visualization import plot_hand, save_figure
-from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import new_figure
 
 FOLDER = Path(__file__).parent
 

@@ -4,6 +4,7 @@ import re
 import numpy as np
 import pytest
 import torch
+from fake_configs import SCALED, fake_config, fake_dataset
 
 from torch_geometric_tactile import Predictor
 from torch_geometric_tactile.cli import main
@@ -131,31 +132,15 @@ def test_mistakes_are_one_line(folder, capsys):
     assert not (folder / "predictions.csv").exists()
 
 
-CONFIG = """
-model:
-  model: {class_path: torch_geometric_tactile.nn.models.GraspGCN}
-data:
-  dataset: &fake
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 100
-      pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
-  test_dataset:
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 50
-      split: test
-      pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
-  transform: {class_path: torch_geometric_tactile.transforms.SessionZScore}
-trainer: {max_epochs: 1, accelerator: cpu, devices: 1, enable_progress_bar: false}
-"""
-
-
 @pytest.mark.filterwarnings("ignore")
 def test_the_test_part_of_a_run_is_predicted(tmp_path, monkeypatch, capsys):
     pytest.importorskip("lightning", reason="needs the extra 'train'")
+    import yaml
+
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "grasp.yaml").write_text(CONFIG)
+    parts = {"test_dataset": fake_dataset(50, split="test"), "transform": SCALED}
+    config = fake_config("GraspGCN", 100, is_logged=True, **parts)
+    (tmp_path / "grasp.yaml").write_text(yaml.safe_dump(config))
     assert main(["fit", "--config", "grasp.yaml"]) == 0
     checkpoint = "runs/grasp/version_0/checkpoints/last.ckpt"
     assert main(["predict", checkpoint]) == 0

@@ -230,7 +230,7 @@ def test_killed_process_is_explained(quick, capsys, monkeypatch):
     assert "fewer jobs" in error
 
 
-@pytest.mark.parametrize("flag", ["--trials", "--jobs", "--max-attempts"])
+@pytest.mark.parametrize("flag", ["--trials", "--jobs", "--max-attempts", "--presses", "--grasps"])
 def test_numbers_below_one_are_refused(flag, capsys):
     with pytest.raises(SystemExit, match="2"):
         build_parser().parse_args(["simulate", "--out", "a", flag, "0"])
@@ -263,6 +263,7 @@ def test_help_has_examples(capsys):
         build_parser().parse_args(["simulate", "--help"])
     text = capsys.readouterr().out
     assert "tactile simulate --out grasps" in text
+    assert "tactile simulate --out letters --objects letters --preview" in text
     assert "plausible, not measured" in " ".join(text.split())
     assert "    simulate " in build_parser().format_help()
 
@@ -283,25 +284,43 @@ def test_grasps_of_three_fingertips(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("flags", "message"),
+    ("option", "value"),
     [
-        (["--trials", "3"], "'trials' must be left out for 'bigs' (got 3); 'grasps' is their num"),
-        (["--preset", "ci"], "'preset' must be left out for 'bigs' (got ci)"),
-        (["--hand", "allegro_uskin"], "'hand' must be left out for 'bigs' (got allegro_uskin)"),
-        (["--seconds", "4"], "'seconds' must be left out for 'bigs' (got 4.0)"),
-        (["--spread", "wide"], "'spread' must be left out for 'bigs' (got wide)"),
-        (["--motion", "squeeze"], "'motion' must be left out for 'bigs' (got squeeze)"),
-        (["--max-attempts", "3"], "'max_attempts' must be left out for 'bigs' (got 3)"),
-        (["--num-objects", "3"], "'num_objects' must be left out for 'bigs' (got 3)"),
+        ("trials", "3"),
+        ("preset", "ci"),
+        ("hand", "allegro_uskin"),
+        ("seconds", "4.0"),
+        ("spread", "wide"),
+        ("motion", "squeeze"),
+        ("max_attempts", "3"),
+        ("num_objects", "3"),
     ],
 )
-def test_what_only_the_hand_has_is_refused_for_fingertips(tmp_path, capsys, flags, message):
-    out = tmp_path / "bigs"
-    assert main(["simulate", "--out", str(out), "--objects", "bigs", *flags]) == 1
-    assert message in capsys.readouterr().err
-    assert not out.exists()
+def test_what_only_the_hand_has_is_refused_for_others(tmp_path, capsys, option, value):
+    for objects, number in (("bigs", "grasps"), ("letters", "presses")):
+        flags = ["--objects", objects, f"--{option.replace('_', '-')}", value]
+        assert main(["simulate", "--out", str(tmp_path / "a"), *flags]) == 1
+        instead = f"; '{number}' is their number" if option == "trials" else ""
+        message = f"error: '{option}' must be left out for '{objects}' (got {value}){instead}\n"
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
 
 
-def test_number_of_grasps_is_that_of_fingertips(tmp_path, capsys):
-    assert main(["simulate", "--out", str(tmp_path / "a"), "--grasps", "3"]) == 1
-    assert "'grasps' must be left out for objects other than 'bigs'" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("objects", "option", "owner", "number"),
+    [
+        ("paper8", "grasps", "bigs", "trials"),
+        ("letters", "grasps", "bigs", "presses"),
+        ("paper8", "presses", "letters", "trials"),
+        ("shapes", "presses", "letters", "trials"),
+        ("bigs", "presses", "letters", "grasps"),
+    ],
+)
+def test_each_has_a_number_of_its_own(tmp_path, capsys, objects, option, owner, number):
+    flags = ["--objects", objects, f"--{option}", "3"]
+    assert main(["simulate", "--out", str(tmp_path / "a"), *flags]) == 1
+    assert (
+        f"'{option}' must be left out for objects other than '{owner}' (got 3); "
+        f"'{number}' is their number"
+    ) in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from torch_geometric_tactile.cli import build_parser, main
+from torch_geometric_tactile.cli import main
 
 
 def simulate(out, *flags):
@@ -39,11 +39,11 @@ def test_seed_decides(tmp_path, capsys):
 
 
 def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
-    from torch_geometric_tactile.reports import _simulated_letters as simulated_letters
+    from torch_geometric_tactile.reports import _simulation as simulation
 
     asked = []
     monkeypatch.setattr(
-        simulated_letters,
+        simulation,
         "simulate_letters",
         lambda *args, layout: asked.append(args) or (x for x in ()),
     )
@@ -52,65 +52,16 @@ def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_tells_what_is_kept(tmp_path, capsys, monkeypatch):
-    from torch_geometric_tactile.reports import _simulated_letters as simulated_letters
+    from torch_geometric_tactile.reports import _simulation as simulation
     from torch_geometric_tactile.sim import simulate_letters
 
     def stopped(*args, layout):
         yield from simulate_letters(*args, letters="ABC", layout=layout)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulated_letters, "simulate_letters", stopped)
+    monkeypatch.setattr(simulation, "simulate_letters", stopped)
     assert simulate(tmp_path, "--presses", "1") == 130
     assert "stopped; 3 finished files are kept" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--trials", "3"], "'trials' must be left out for 'letters' (got 3); 'presses' is their"),
-        (["--preset", "ci"], "'preset' must be left out for 'letters' (got ci)"),
-        (["--hand", "allegro_uskin"], "'hand' must be left out for 'letters'"),
-        (["--seconds", "4"], "'seconds' must be left out for 'letters' (got 4.0)"),
-        (["--spread", "wide"], "'spread' must be left out for 'letters' (got wide)"),
-        (["--max-attempts", "3"], "'max_attempts' must be left out for 'letters' (got 3)"),
-        (["--num-objects", "3"], "'num_objects' must be left out for 'letters' (got 3)"),
-        (
-            ["--grasps", "3"],
-            "'grasps' must be left out for objects other than 'bigs' (got 3); ",
-        ),
-    ],
-)
-def test_what_others_have_is_refused(tmp_path, capsys, flags, message):
-    out = tmp_path / "letters"
-    assert simulate(out, *flags) == 1
-    assert message in capsys.readouterr().err
-    assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("objects", "number"), [("paper8", "trials"), ("shapes", "trials"), ("bigs", "grasps")]
-)
-def test_number_of_presses_is_that_of_letters(tmp_path, capsys, objects, number):
-    flags = ["--out", str(tmp_path / "a"), "--objects", objects, "--presses", "3"]
-    assert main(["simulate", *flags]) == 1
-    assert (
-        "'presses' must be left out for objects other than 'letters' (got 3); "
-        f"'{number}' is their number"
-    ) in capsys.readouterr().err
-    assert not (tmp_path / "a").exists()
-
-
-def test_no_presses_are_refused(tmp_path, capsys):
-    with pytest.raises(SystemExit, match="2"):
-        simulate(tmp_path, "--presses", "0")
-    assert "--presses" in capsys.readouterr().err
-
-
-def test_help_has_examples(capsys):
-    with pytest.raises(SystemExit, match="0"):
-        build_parser().parse_args(["simulate", "--help"])
-    text = capsys.readouterr().out
-    assert "tactile simulate --out letters --objects letters --preview" in text
 
 
 def test_letters_on_another_array(tmp_path, capsys):

@@ -4,6 +4,8 @@ import torch
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
+import yaml
+from fake_configs import SCALED, fake_config, fake_dataset
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
 from torch_geometric_tactile.cli import main
@@ -138,25 +140,12 @@ def test_bad_input_is_named(tmp_path, capsys):
     assert "give it with '--config'" in capsys.readouterr().err
 
 
-CONFIG = """
-model:
-  model: {class_path: torch_geometric_tactile.nn.models.GraspGCN}
-data:
-  dataset: &fake
-    class_path: torch_geometric_tactile.datasets.FakeTactileDataset
-    init_args:
-      num_samples: 100
-      pre_transform: {class_path: torch_geometric_tactile.transforms.KNNGraph, init_args: {k: 2}}
-  test_dataset: *fake
-  transform: {class_path: torch_geometric_tactile.transforms.SessionZScore}
-trainer: {max_epochs: 2, accelerator: cpu, devices: 1, enable_progress_bar: false}
-"""
-
-
 @pytest.mark.filterwarnings("ignore")
 def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "grasp.yaml").write_text(CONFIG)
+    parts = {"test_dataset": fake_dataset(100), "transform": SCALED}
+    config = fake_config("GraspGCN", 100, epochs=2, is_logged=True, **parts)
+    (tmp_path / "grasp.yaml").write_text(yaml.safe_dump(config))
     assert main(["fit", "--config", "grasp.yaml"]) == 0
     capsys.readouterr()
     checkpoint = "runs/grasp/version_0/checkpoints/last.ckpt"

@@ -211,7 +211,7 @@ def text_writers() -> Iterator[Writer]:
         from torch_geometric_tactile.experiments._run_store import RunStore
         from torch_geometric_tactile.experiments.source import DataSource
         from torch_geometric_tactile.reports.html import write_report
-        from torch_geometric_tactile.visualization._new_figure import new_figure
+        from torch_geometric_tactile.visualization._style import new_figure
         from torch_geometric_tactile.visualization.figure import save_figure
     except ImportError:
         return

@@ -230,7 +230,7 @@ def report() -> Job:
     from torch_geometric_tactile.nn import TactileFNN
     from torch_geometric_tactile.reports.html import write_report
     from torch_geometric_tactile.sensors import grid
-    from torch_geometric_tactile.visualization._new_figure import new_figure
+    from torch_geometric_tactile.visualization._style import new_figure
     from torch_geometric_tactile.visualization.figure import save_figure
 
     torch.manual_seed(0)

@@ -4,9 +4,9 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-import lightning as L
 import torch
 from torch_geometric.nn import GCNConv, GraphNorm, LayerNorm, PairNorm
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.nn import (
     MTCNN,
@@ -43,15 +43,7 @@ class Linear(torch.nn.Module):
 
 
 def fit(module, data, **kwargs):
-    trainer = L.Trainer(
-        accelerator="cpu",
-        max_epochs=1,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        **kwargs,
-    )
+    trainer = quiet_trainer(**kwargs)
     trainer.fit(module, datamodule=data)
     return trainer
 
@@ -239,8 +231,7 @@ def test_good_data_gives_no_warning(labelled):
 def test_prediction_needs_no_labels(labelled):
     test = changed(labelled("multiclass"), y=None)
     data = TactileDataModule(labelled("multiclass"), test, val=0.0)
-    trainer = L.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)
-    (out,) = trainer.predict(TactileModule(Linear(), num_classes=3), datamodule=data)
+    (out,) = quiet_trainer().predict(TactileModule(Linear(), num_classes=3), datamodule=data)
     assert out.shape == (60, 3)
 
 

@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-import lightning as L
 import torch
 from torch import nn
 from torch_geometric.data import Batch
 from torch_geometric.loader import DataLoader
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Split, StaticData
@@ -61,14 +61,7 @@ def holed(labelled, rows, value=torch.nan, key="x", task="multiclass", **kwargs)
 
 
 def trainer(**kwargs):
-    return L.Trainer(
-        accelerator="cpu",
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        **{"max_epochs": 2, **kwargs},
-    )
+    return quiet_trainer(**{"max_epochs": 2, **kwargs})
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import torch
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import yaml
+from fake_configs import fake_config
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets import AllegroUSkin
@@ -53,13 +54,7 @@ def config(root):
             "val": 0,
             "transform": {"class_path": "torch_geometric_tactile.transforms.ZScore"},
         },
-        "trainer": {
-            "max_epochs": 1,
-            "accelerator": "cpu",
-            "logger": False,
-            "enable_progress_bar": False,
-            "enable_model_summary": False,
-        },
+        "trainer": fake_config("GraspGCN", 1)["trainer"],
     }
 
 

@@ -7,12 +7,12 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 import torch
 import yaml
-from fake_configs import fake_config
+from fake_configs import fake_config, fake_dataset
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.cli import main
-from torch_geometric_tactile.training._fit_summary import fit_summary
 from torch_geometric_tactile.training._given_arguments import GivenArguments
-from torch_geometric_tactile.training._lightning_cli import TactileCLI
+from torch_geometric_tactile.training._lightning_cli import TactileCLI, fit_summary
 
 CONFIG = fake_config("TactileGCN", 60, val=0.2, split="group")
 
@@ -95,17 +95,9 @@ def test_configuration_without_its_data_is_printed_without_sizes(capsys):
 
 
 def test_arguments_are_sorted_by_section():
-    args = [
-        "fit",
-        "--data.val",
-        "0.2",
-        "--model.model=A",
-        "--data.test=0",
-        "--trainer.devices",
-        "1",
-    ]
-    given = GivenArguments.read(args)
-    assert given.of("data") == ["--data.val", "0.2", "--data.test=0"]
+    args = "fit --data.val 0.2 --model.model=A --data.test=0 --trainer.devices 1"
+    given = GivenArguments.read(args.split())
+    assert given.of("data") == ["--data.val=0.2", "--data.test=0"]
     assert given.last("model.model", "model.model.class_path") == "A"
     assert given.last("data.val") == "0.2"
     assert given.last("seed_everything") is None
@@ -143,14 +135,7 @@ def test_summary_without_parts(config):
 def test_summary_names_the_best_checkpoint(config):
     cli = built(config)
     callback = L.pytorch.callbacks.ModelCheckpoint(monitor="val/loss", save_last=True)
-    trainer = L.Trainer(
-        accelerator="cpu",
-        max_epochs=1,
-        logger=False,
-        callbacks=[callback],
-        enable_progress_bar=False,
-        enable_model_summary=False,
-    )
+    trainer = quiet_trainer(callbacks=[callback], enable_checkpointing=True)
     trainer.fit(cli.model, datamodule=cli.datamodule)
     text = fit_summary(trainer)
     assert "Best checkpoint by val/loss: checkpoints/epoch=0" in text
@@ -172,14 +157,9 @@ def test_seed_gives_the_weights_that_it_gave_before(config):
 
 def test_model_without_edges_from_fit_to_predict(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    plain = {
-        "class_path": CONFIG["data"]["dataset"]["class_path"],
-        "init_args": {"num_samples": 60},
-    }
-    section = {**CONFIG["data"], "dataset": plain, "test_dataset": plain}
-    trainer = {key: value for key, value in CONFIG["trainer"].items() if key != "logger"}
-    model = {"model": {"class_path": "torch_geometric_tactile.nn.models.TaxelNet"}}
-    own = {"model": model, "data": section, "trainer": trainer}
+    plain = {**fake_dataset(60), "init_args": {"num_samples": 60}}
+    parts = {"val": 0.2, "split": "group", "dataset": plain, "test_dataset": plain}
+    own = fake_config("TaxelNet", 60, is_logged=True, **parts)
     (tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
     assert main(["fit", "--config", "own.yaml"]) == 0
     checkpoint = "runs/own/version_0/checkpoints/last.ckpt"

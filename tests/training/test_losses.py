@@ -8,6 +8,7 @@ import torch.nn.functional as F
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from sklearn.utils.class_weight import compute_class_weight
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.training._losses import balanced_weights, task_loss
@@ -85,19 +86,9 @@ def test_weights_count_in_training_only(labelled, joint_model):
 
 
 def test_balanced_weights_are_of_the_training_part(labelled, joint_model):
-    import lightning as L
-
     data = TactileDataModule(labelled("multiclass"), val=0.3)
     module = TactileModule(joint_model(), class_weights="balanced")
-    trainer = L.Trainer(
-        accelerator="cpu",
-        max_epochs=1,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-    )
-    trainer.fit(module, datamodule=data)
+    quiet_trainer().fit(module, datamodule=data)
     y = data.part("train").column("y")
     assert len(y) == 42
     expected = compute_class_weight("balanced", classes=np.arange(3), y=y.numpy())

@@ -7,6 +7,7 @@ from torch_geometric.data import Batch
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import lightning as L
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn.models import GraspGCN
@@ -32,16 +33,7 @@ def fake(split="train", num=120, **kwargs):
 
 
 def trainer(tmp_path, **kwargs):
-    return L.Trainer(
-        accelerator="cpu",
-        devices=1,
-        default_root_dir=tmp_path,
-        logger=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        plugins=[AtomicCheckpointIO()],
-        **{"max_epochs": 2, "enable_checkpointing": False, **kwargs},
-    )
+    return quiet_trainer(tmp_path, plugins=[AtomicCheckpointIO()], **{"max_epochs": 2, **kwargs})
 
 
 def trained(tmp_path, num=120, **kwargs):

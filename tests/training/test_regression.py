@@ -8,23 +8,12 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import lightning as L
 import torch
 from sklearn.metrics import mean_absolute_error, r2_score, root_mean_squared_error
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._predictions import write_samples
 from torch_geometric_tactile.training import TactileDataModule, TactileModule, regression_metrics
 from torch_geometric_tactile.training._collected_metrics import make_metrics, read_metrics
-
-
-def trainer(tmp_path, **kwargs):
-    return L.Trainer(
-        accelerator="cpu",
-        default_root_dir=tmp_path,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        **kwargs,
-    )
 
 
 def trained(numbered, model, tmp_path, targets, loss=None, **kwargs):
@@ -35,7 +24,7 @@ def trained(numbered, model, tmp_path, targets, loss=None, **kwargs):
     module = TactileModule(
         model(targets), lambda p: torch.optim.Adam(p, 0.1), task="regression", loss=loss
     )
-    trainer(tmp_path, max_epochs=40).fit(module, datamodule=data)
+    quiet_trainer(tmp_path, max_epochs=40).fit(module, datamodule=data)
     return module, data
 
 
@@ -44,10 +33,10 @@ def trained(numbered, model, tmp_path, targets, loss=None, **kwargs):
 def test_module_learns_numbers(numbered, joint_model, tmp_path, targets, loss):
     module, data = trained(numbered, joint_model, tmp_path, targets, loss)
     assert module.num_classes == targets
-    (tested,) = trainer(tmp_path).test(module, data, verbose=False)
+    (tested,) = quiet_trainer(tmp_path).test(module, data, verbose=False)
     assert set(tested) == {"test/loss", "test/mae", "test/rmse", "test/r2"}
     assert tested["test/r2"] > 0.95
-    score = torch.cat(trainer(tmp_path).predict(module, data))
+    score = torch.cat(quiet_trainer(tmp_path).predict(module, data))
     assert score.shape == (60, targets)
     expected = regression_metrics(score, data.test_dataset.column("y"))
     for name, value in expected.items():
@@ -103,7 +92,7 @@ def test_numbers_are_written(numbered, joint_model, tmp_path, targets, names, he
     parts = (numbered(targets, names=names) for _ in range(2))
     data = TactileDataModule(*parts, val=0.0)
     module = TactileModule(joint_model(targets), task="regression")
-    trainer(tmp_path, max_epochs=1).fit(module, data)
+    quiet_trainer(tmp_path, max_epochs=1).fit(module, data)
     predictor = Predictor.from_dataset(module.model, data.test_dataset, task="regression")
     write_samples(predictor, data.test_dataset, tmp_path / "predictions.csv")
     with (tmp_path / "predictions.csv").open() as file:
@@ -118,7 +107,7 @@ def test_sessions_have_their_own_error(numbered, joint_model, tmp_path):
     test._data.session = (torch.arange(60) >= 20).long()
     data = TactileDataModule(numbered(1), test, val=0.0)
     module = TactileModule(joint_model(1), task="regression")
-    (tested,) = trainer(tmp_path).test(module, data, verbose=False)
+    (tested,) = quiet_trainer(tmp_path).test(module, data, verbose=False)
     with torch.no_grad():
         error = (module.eval()(test.batch(range(60))) - test.y.view(60, 1)).abs().view(60)
     assert tested["test/mae_0"] == pytest.approx(error[:20].mean().item(), rel=1e-4)

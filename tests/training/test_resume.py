@@ -13,7 +13,7 @@ import yaml
 from lightning.pytorch.callbacks import ModelCheckpoint
 from torch import nn
 from torch_geometric.transforms import BaseTransform, Compose
-from training_fixtures import LabelledDataset
+from training_fixtures import LabelledDataset, quiet_trainer
 
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.training._lightning_cli import TactileCLI
@@ -73,14 +73,8 @@ def weights(folder, resume=None, *, seed=4, killed=None, workers=0, saved=None, 
     callbacks = [ModelCheckpoint(folder, "{step}", save_last=True, save_top_k=-1, **(saved or {}))]
     if killed is not None:
         callbacks.append(Kill(killed))
-    trainer = L.Trainer(
-        accelerator="cpu",
-        logger=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        callbacks=callbacks,
-        **{"max_epochs": EPOCHS, **settings},
-    )
+    settings = {"max_epochs": EPOCHS, "enable_checkpointing": True, **settings}
+    trainer = quiet_trainer(callbacks=callbacks, **settings)
     module = TactileModule(
         Dropping(), lr_scheduler=lambda optimizer: torch.optim.lr_scheduler.StepLR(optimizer, 1)
     )
@@ -161,16 +155,8 @@ def test_resumed_under_other_settings_of_the_trainer(tmp_path, settings, saved, 
 def test_numbers_of_a_training_that_goes_through_are_those_before(tmp_path):
     # From before checkpoints kept random states, without a transform that draws.
     L.seed_everything(4, verbose=False)
-    trainer = L.Trainer(
-        accelerator="cpu",
-        max_epochs=2,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-    )
     module = TactileModule(Dropping())
-    trainer.fit(module, datamodule=data_of(train_transform=None))
+    quiet_trainer(max_epochs=2).fit(module, datamodule=data_of(train_transform=None))
     found = module.model.lin.weight.detach().flatten()[:4]
     torch.testing.assert_close(
         found, torch.tensor([0.046659, 0.041953, -0.282960, -0.206535]), rtol=0, atol=1e-6
@@ -197,7 +183,7 @@ def test_random_states_that_were_changed_are_an_error(through, tmp_path):
 
 def test_validating_a_checkpoint_leaves_the_random_states_alone(through):
     def drawn(checkpoint):
-        trainer = L.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)
+        trainer = quiet_trainer()
         module = TactileModule(Dropping())
         torch.manual_seed(3)
         trainer.validate(module, data_of(), ckpt_path=checkpoint, verbose=False)

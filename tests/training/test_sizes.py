@@ -9,6 +9,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import torch
 import yaml
 from torch_geometric.transforms import BaseTransform, Compose
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn import models
@@ -190,13 +191,12 @@ def test_unknown_classes_are_left_to_their_builder(labelled, model):
 
 
 def test_module_of_an_own_model_is_loaded_again(labelled, tmp_path):
-    import lightning as L
 
     data = TactileDataModule(labelled("multiclass"))
     classifier = classifier_from_config(config(), data)
     assert classifier.model.sizes == (4, 2, 3, 8, 3, 8)
     assert classifier.num_classes == 3
-    trainer = L.Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)
+    trainer = quiet_trainer()
     trainer.strategy.connect(classifier)
     trainer.save_checkpoint(tmp_path / "one.ckpt")
     own = classifier_from_config(config(), data).model

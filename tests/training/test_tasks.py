@@ -8,6 +8,7 @@ from torch_geometric.data import Batch
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 import lightning as L
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.reports._predictions import write_samples
@@ -18,15 +19,7 @@ NAMES = ("hard", "heavy", "slippery")
 
 
 def trainer(tmp_path, **kwargs):
-    return L.Trainer(
-        accelerator="cpu",
-        devices=1,
-        default_root_dir=tmp_path,
-        logger=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        **{"max_epochs": 30, "enable_checkpointing": False, **kwargs},
-    )
+    return quiet_trainer(tmp_path, **{"max_epochs": 30, **kwargs})
 
 
 def trained(labelled, model, task, tmp_path, **kwargs):

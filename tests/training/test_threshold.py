@@ -5,7 +5,8 @@ from sklearn.metrics import accuracy_score, balanced_accuracy_score, f1_score
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
-import lightning as L
+
+from training_fixtures import quiet_trainer
 
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.nn.models import GraspGCN
@@ -102,17 +103,12 @@ def _data(num_samples=80, **arguments):
     return TactileDataModule(dataset, split="frame", val=0.3, test=0.3, batch_size=20, **arguments)
 
 
-def _trainer(**arguments):
-    off = dict.fromkeys(("logger", "enable_progress_bar", "enable_model_summary"), False)
-    return L.Trainer(max_epochs=1, accelerator="cpu", **off, **arguments)
-
-
 def test_threshold_of_training_counts_in_test_checkpoint_and_predictor(tmp_path):
     data = _data()
     module = TactileModule(
         _Shifted(), lambda p: torch.optim.SGD(p, lr=0.0), threshold="balanced_accuracy"
     )
-    trainer = _trainer(enable_checkpointing=False)
+    trainer = quiet_trainer()
     trainer.fit(module, data)
     assert float(trainer.callback_metrics["val/accuracy"]) < 1  # without the threshold
     logged = float(trainer.callback_metrics["val/threshold"])
@@ -138,7 +134,7 @@ def test_validation_alone_changes_no_threshold():
     data = _data()
     module = TactileModule(_Shifted(), threshold="accuracy")
     module.decision_threshold = 0.7
-    _trainer(enable_checkpointing=False).validate(module, data, verbose=False)
+    quiet_trainer().validate(module, data, verbose=False)
     assert module.decision_threshold == 0.7
 
 
@@ -160,10 +156,10 @@ def test_threshold_needs_a_validation_part_and_two_classes():
     data = TactileDataModule(dataset, split="frame", val=0.0)
     module = TactileModule(GraspGCN(), threshold="accuracy")
     with pytest.raises(ValueError, match="'threshold' must be a number without a validation part"):
-        _trainer(enable_checkpointing=False).fit(module, data)
+        quiet_trainer().fit(module, data)
     module = TactileModule(GraspGCN(out_channels=3), num_classes=3, threshold=0.4)
     with pytest.raises(ValueError, match=r"'threshold' must be left out unless .* \(got 3\)"):
-        _trainer(enable_checkpointing=False).fit(module, data)
+        quiet_trainer().fit(module, data)
 
 
 @pytest.mark.parametrize(("threshold", "task"), [(1.5, "multiclass"), (0.5, "multilabel")])

@@ -14,7 +14,7 @@ from torch_geometric_tactile.visualization import (
     plot_roc,
     save_figure,
 )
-from torch_geometric_tactile.visualization._segment_colors import segment_colors
+from torch_geometric_tactile.visualization._taxel_map import segment_colors
 
 LAYOUT = allegro_uskin()
 PLACES = torch.randn(384, 3, generator=torch.Generator().manual_seed(0))

@@ -16,7 +16,7 @@ def test_a_line_and_a_band_for_each_series():
     figure = plot_curves(CURVES, "k", "Accuracy in %", "By k")
     (ax,) = figure.axes
     assert [line.get_ydata().tolist() for line in ax.lines] == [[80.0, 90.0, 85.0], [70.0, 75.0]]
-    (band, _) = ax.collections
+    (band,) = ax.collections
     low, high = band.get_datalim(ax.transData).intervaly
     assert (low, high) == (78.0, 91.0)
     assert ax.get_xticks().tolist() == [1, 2, 3]

@@ -8,7 +8,7 @@ pytest.importorskip("IPython", reason="needs the extra 'docs'")
 from IPython.core.interactiveshell import InteractiveShell
 from PIL import Image
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import new_figure
 
 
 def test_figure_is_a_picture_in_a_notebook():

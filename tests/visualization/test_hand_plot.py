@@ -7,7 +7,7 @@ pytest.importorskip("matplotlib", reason="needs the extra 'viz'")
 
 from torch_geometric_tactile.sensors import HandKinematics, Joint, TaxelLayout, allegro_uskin
 from torch_geometric_tactile.visualization import open_hand, plot_hand
-from torch_geometric_tactile.visualization._new_figure import new_figure
+from torch_geometric_tactile.visualization._style import new_figure
 
 HAND = HandKinematics.allegro()
 LAYOUT = allegro_uskin()
@@ -186,22 +186,81 @@ def test_joint_with_gradient_is_drawn():
     plot_hand(SMALL, HINGE, torch.zeros(1, requires_grad=True))
 
 
-def test_bad_input_is_named():
-    with pytest.raises(ValueError, match=r"'value' must have shape \(384,\) \(got \(383,\)\)"):
-        plot_hand(LAYOUT, value=torch.zeros(383))
-    with pytest.raises(ValueError, match=r"one frame, of shape \(16,\) \(got \(2, 16\)\)"):
-        plot_hand(LAYOUT, joint=torch.zeros(2, 16))
-    with pytest.raises(ValueError, match=r"'name' must be an adjacency .* \(got 'round'\)"):
-        plot_hand(LAYOUT, adjacency="round")
-    with pytest.raises(ValueError, match=r"'adjacency' must have shape \(2, num_edges\)"):
-        plot_hand(LAYOUT, adjacency=torch.zeros(3, 2))
-    with pytest.raises(ValueError, match=r"'adjacency' must join taxels 0 to 2 \(got 0 to 3\)"):
-        plot_hand(SMALL, HINGE, adjacency=torch.tensor([[0], [3]]))
-    with pytest.raises(ValueError, match=r"'limits' must rise \(got 1 and 1\)"):
-        plot_hand(SMALL, HINGE, value=torch.zeros(3), limits=(1, 1))
-    with pytest.raises(ValueError, match=r"'color_by' must be 'patch' or 'digit' \(got 'link'\)"):
-        plot_hand(SMALL, HINGE, color_by="link")
-    with pytest.raises(ValueError, match=r"'names' must be 'patch' or 'digit' \(got 'link'\)"):
-        plot_hand(SMALL, HINGE, names="link")
-    with pytest.raises(ValueError, match="must have the links of layout 'odd'"):
-        plot_hand(replace(SMALL, name="odd", link_names=("base", "toe")), HINGE)
+EDGES = torch.tensor([[0, 1, 1], [1, 0, 2]])  # a pair, and an edge without its reverse
+
+
+def edge_lines(figure):
+    (item,) = [i for i in figure.axes[0].collections if type(i).__name__ == "LineCollection"]
+    return torch.tensor(item.get_segments()), torch.tensor(item.get_colors())
+
+
+def test_each_direction_has_the_half_next_to_its_target():
+    figure = plot_hand(SMALL, HINGE, torch.zeros(1), EDGES, edge_value=torch.arange(3.0))
+    place, color = edge_lines(figure)
+    expected = [[[1, 0], [2, 0]], [[1, 0], [0, 0]], [[2, 0], [4, 10]]]
+    assert torch.allclose(place, torch.tensor(expected).double(), atol=1e-4)
+    assert len(color.unique(dim=0)) == 3
+
+
+def test_edge_values_have_their_own_scale():
+    figure = plot_hand(
+        SMALL,
+        HINGE,
+        adjacency=EDGES,
+        value=torch.tensor([5.0, 6.0, 7.0]),
+        edge_value=torch.tensor([0.0, 2.0, 4.0]),
+        edge_limits=(0.0, 4.0),
+        edge_cmap="gray",
+        edge_label="weight",
+    )
+    assert edge_lines(figure)[1][:, 0].tolist() == pytest.approx([0.0, 0.5, 1.0], abs=0.01)
+    bars = {ax.get_ylabel(): ax.get_ylim() for ax in figure.axes[1:]}
+    assert bars == {"reading": (5, 7), "weight": (0, 4)}
+    assert len(plot_hand(SMALL, HINGE, adjacency=EDGES, edge_value=EDGES[0]).axes) == 2
+
+
+def test_self_loops_are_left_out_with_their_values():
+    looped = torch.tensor([[2, 0, 1, 1], [2, 1, 0, 2]])
+    value = torch.tensor([100.0, 0.0, 1.0, 2.0])
+    plain = plot_hand(SMALL, HINGE, adjacency=EDGES, edge_value=value[1:])
+    _, color = edge_lines(plot_hand(SMALL, HINGE, adjacency=looped, edge_value=value))
+    assert color.equal(edge_lines(plain)[1])
+
+
+def test_every_directed_edge_of_the_hand_is_drawn():
+    edge_index = LAYOUT.edge_index("original")
+    figure = plot_hand(LAYOUT, adjacency="original", edge_value=edge_index[0])
+    assert len(edge_lines(figure)[0]) == 1401
+
+
+ODD = replace(SMALL, name="odd", link_names=("base", "toe"))
+
+
+@pytest.mark.parametrize(
+    ("layout", "arguments", "match"),
+    [
+        (LAYOUT, {"value": torch.zeros(383)}, r"'value' must have shape \(384,\) \(got \(383,\)\)"),
+        (LAYOUT, {"joint": torch.zeros(2, 16)}, r"one frame, of shape \(16,\) \(got \(2, 16\)\)"),
+        (LAYOUT, {"adjacency": "round"}, r"'name' must be an adjacency .* \(got 'round'\)"),
+        (LAYOUT, {"adjacency": torch.zeros(3, 2)}, r"'adjacency' must have shape \(2, num_edges\)"),
+        (SMALL, {"adjacency": torch.tensor([[0], [3]])}, r"must join taxels 0 to 2 \(got 0 to 3\)"),
+        (SMALL, {"value": torch.zeros(3), "limits": (1, 1)}, r"must rise \(got 1 and 1\)"),
+        (SMALL, {"color_by": "link"}, r"'color_by' must be 'patch' or 'digit' \(got 'link'\)"),
+        (SMALL, {"names": "link"}, r"'names' must be 'patch' or 'digit' \(got 'link'\)"),
+        (ODD, {}, "must have the links of layout 'odd'"),
+        (SMALL, {"edge_value": torch.zeros(3)}, "'adjacency' must be given where 'edge_value' is"),
+        (
+            SMALL,
+            {"adjacency": EDGES, "edge_value": torch.zeros(2)},
+            r"'edge_value' must have shape \(3,\) \(got \(2,\)\)",
+        ),
+        (
+            SMALL,
+            {"adjacency": EDGES, "edge_value": EDGES[0], "edge_limits": (1, 0)},
+            "'limits' must rise",
+        ),
+    ],
+)
+def test_bad_input_is_named(layout, arguments, match):
+    with pytest.raises(ValueError, match=match):
+        plot_hand(layout, None if layout is LAYOUT else HINGE, **arguments)

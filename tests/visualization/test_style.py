@@ -22,11 +22,11 @@ from torch_geometric_tactile.visualization import (
     plot_roc,
     theme,
 )
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     colormap,
     current_theme,
+    new_figure,
     style_axes,
     wrapped,
 )

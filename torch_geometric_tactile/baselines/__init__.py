@@ -4,7 +4,7 @@ with."""
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
-from torch_geometric_tactile.baselines.plain import (
+from torch_geometric_tactile.baselines.pipelines import (
     constant,
     flat_forest,
     linear_svm,

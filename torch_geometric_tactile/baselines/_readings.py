@@ -1,10 +1,26 @@
-r"""Readings as arrays, and what they must be."""
+r"""Readings as arrays, what they must be, and the base of estimators that take them."""
 
 from typing import Any
 
 import numpy as np
+from sklearn.base import BaseEstimator
+from sklearn.utils import Tags
 
 from torch_geometric_tactile.data import StaticData
+
+
+class TakesReadings(BaseEstimator):
+    r"""The base of estimators whose input has three dimensions, and may lack readings (NaN) if they
+    say so.
+    """
+
+    _allows_nan = False
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
+        tags.input_tags.allow_nan = self._allows_nan
+        return tags
 
 
 def readings(x: Any) -> np.ndarray:

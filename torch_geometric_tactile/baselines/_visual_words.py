@@ -2,19 +2,20 @@ r"""Bags of visual words of pressure images."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from typing import Any, Self
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import ClassifierMixin
 from sklearn.cluster import MiniBatchKMeans
 from sklearn.svm import SVC, LinearSVC
-from sklearn.utils import Tags, check_random_state
+from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 from torch.nn.functional import interpolate
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import check_finite, readings
+from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite, readings
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 
 _MOST_DESCRIPTORS = 200_000  # that words are made of, and that are kept while a machine is fitted
@@ -24,7 +25,8 @@ _MOST_STEPS = 5000
 _KERNELS = ("linear", "rbf")
 
 
-class VisualWordsSVM(ClassifierMixin, BaseEstimator, ABC):
+@dataclass(repr=False, eq=False)
+class VisualWordsSVM(ClassifierMixin, TakesReadings, ABC):
     r"""A support vector machine on histograms of visual words, the base of
     :class:`~torch_geometric_tactile.baselines.SIFTSVM` and
     :class:`~torch_geometric_tactile.baselines.SURFSVM`, which describe points of an image.
@@ -34,14 +36,25 @@ class VisualWordsSVM(ClassifierMixin, BaseEstimator, ABC):
     histogram of the words that its descriptors are nearest to, scaled to unit length.
     """
 
-    layout: TaxelLayout | PathLike | None
-    num_words: int
-    factor: int
-    root: bool
-    kernel: str
-    C: float
-    class_weight: Any
-    random_state: Any
+    layout: TaxelLayout | PathLike | None = None
+    _: KW_ONLY
+    num_words: int = 500
+    factor: int = 1
+    root: bool = True
+    kernel: Literal["linear", "rbf"] = "linear"
+    C: float = 1.0
+    class_weight: dict[int, float] | str | None = None
+    random_state: int | None = None
+
+    def __post_init__(self) -> None:
+        self._library()
+
+    @staticmethod
+    @abstractmethod
+    def _library() -> Any:
+        r"""Returns the library that describes points, or raises an :class:`ImportError` that names
+        its extra.
+        """
 
     @abstractmethod
     def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
@@ -51,11 +64,6 @@ class VisualWordsSVM(ClassifierMixin, BaseEstimator, ABC):
             images (numpy.ndarray): Enlarged images of whole grey values
                 :math:`(S, H, W)`, in :obj:`uint8`.
         """
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
-        return tags
 
     def images(self, x: Any) -> np.ndarray:
         r"""Returns readings as images of whole grey values, 0 to 255, before they are enlarged.

@@ -3,13 +3,13 @@ r"""Readings as rows of numbers."""
 from typing import Any, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.utils import Tags
 
-from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines._readings import TakesReadings, readings
 
 
-class FlatReadings(TransformerMixin, BaseEstimator):
+class FlatReadings(TransformerMixin, TakesReadings):
     r"""Flattens the readings of all taxels of a sample to one row, as the first step of a
     scikit-learn pipeline. Missing readings (NaN) become zero, the mean of scaled readings.
 
@@ -23,11 +23,10 @@ class FlatReadings(TransformerMixin, BaseEstimator):
     """
 
     takes_samples = True
+    _allows_nan = True
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
-        tags.input_tags.allow_nan = True
         tags.requires_fit = False
         return tags
 

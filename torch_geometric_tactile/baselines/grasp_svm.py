@@ -1,21 +1,22 @@
 r"""The support vector machine on hand-made features."""
 
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import ClassifierMixin
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
-from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines._readings import check_finite
+from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
 
-class GraspSVM(ClassifierMixin, BaseEstimator):
+@dataclass(repr=False, eq=False)
+class GraspSVM(ClassifierMixin, TakesReadings):
     r"""The SVM baseline of the "Tactile Grasp Stability Classification Based on Graph Convolutional
     Networks" paper: 12 statistical features of every electrode's signal, 228 for 19 electrodes.
 
@@ -47,24 +48,11 @@ class GraspSVM(ClassifierMixin, BaseEstimator):
         array([0, 0, 1, 1])
     """
 
-    def __init__(
-        self,
-        num_fingers: int = 3,
-        finger: int | None = None,
-        C: float = 1.0,  # noqa: N803 - scikit-learn's name
-        kernel: str = "rbf",
-        class_weight: dict[int, float] | str | None = None,
-    ) -> None:
-        self.num_fingers = num_fingers
-        self.finger = finger
-        self.C = C
-        self.kernel = kernel
-        self.class_weight = class_weight
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
-        return tags
+    num_fingers: int = 3
+    finger: int | None = None
+    C: float = 1.0
+    kernel: str = "rbf"
+    class_weight: dict[int, float] | str | None = None
 
     def features(self, x: ArrayLike) -> np.ndarray:
         r"""Returns the features that the machine sees.

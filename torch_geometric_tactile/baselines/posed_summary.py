@@ -3,12 +3,11 @@ r"""What each patch feels, in the frame of the palm."""
 from typing import Any, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils import Tags
+from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.baselines._readings import readings
+from torch_geometric_tactile.baselines._readings import TakesReadings, readings
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
@@ -16,7 +15,7 @@ _PRESSED = 0.05  # of the strongest reading
 _STRONGEST = 99.9  # percent
 
 
-class PosedSummary(TransformerMixin, BaseEstimator):
+class PosedSummary(TransformerMixin, TakesReadings):
     r"""Summarises each patch in the frame of the palm: its force, the centre of its pressure, its
     mean normal there, and how many of its taxels are pressed. This is a few numbers per patch,
     whatever the number of taxels; a forest on them is a strong baseline.
@@ -58,15 +57,10 @@ class PosedSummary(TransformerMixin, BaseEstimator):
     """
 
     takes_samples = True
+    _allows_nan = True
 
     def __init__(self, layout: TaxelLayout | PathLike) -> None:
         self.layout = layout
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
-        tags.input_tags.allow_nan = True
-        return tags
 
     def fit(self, x: Any, y: Any = None) -> Self:
         r"""Measures the rest reading of each taxel, and the strongest reading.

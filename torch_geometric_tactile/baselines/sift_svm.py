@@ -1,17 +1,17 @@
 r"""Words of SIFT."""
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
-from torch_geometric_tactile.sensors import TaxelLayout
 
 _NONE = np.empty((0, 128), dtype=np.float32)
 
 
+@dataclass(kw_only=True, repr=False, eq=False)
 class SIFTSVM(VisualWordsSVM):
     r"""A support vector machine on words of SIFT, with which the "bilinear feature and multi-layer
     fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822) compares. It says
@@ -51,29 +51,17 @@ class SIFTSVM(VisualWordsSVM):
         >>> model.predict(data.x[test])  # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        layout: TaxelLayout | PathLike | None = None,
-        *,
-        num_words: int = 500,
-        factor: int = 1,
-        contrast_threshold: float = 0.01,
-        root: bool = True,
-        kernel: Literal["linear", "rbf"] = "linear",
-        C: float = 1.0,  # noqa: N803 - scikit-learn's name
-        class_weight: dict[int, float] | str | None = None,
-        random_state: int | None = None,
-    ) -> None:
-        _import_opencv()
-        self.layout = layout
-        self.num_words = num_words
-        self.factor = factor
-        self.contrast_threshold = contrast_threshold
-        self.root = root
-        self.kernel = kernel
-        self.C = C
-        self.class_weight = class_weight
-        self.random_state = random_state
+    contrast_threshold: float = 0.01
+
+    @staticmethod
+    def _library() -> Any:
+        try:
+            import cv2
+        except ImportError as error:
+            raise ImportError(
+                "SIFT needs OpenCV: pip install 'torch-geometric-tactile[baselines]'"
+            ) from error
+        return cv2
 
     def _check(self) -> None:
         super()._check()
@@ -88,18 +76,7 @@ class SIFTSVM(VisualWordsSVM):
         Args:
             images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
-        sift = _import_opencv().SIFT_create(contrastThreshold=self.contrast_threshold)
+        sift = self._library().SIFT_create(contrastThreshold=self.contrast_threshold)
         for image in images:
             found = sift.detectAndCompute(image, None)[1]
             yield _NONE if found is None else found
-
-
-def _import_opencv() -> Any:
-    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
-    try:
-        import cv2
-    except ImportError as error:
-        raise ImportError(
-            "SIFT needs OpenCV: pip install 'torch-geometric-tactile[baselines]'"
-        ) from error
-    return cv2

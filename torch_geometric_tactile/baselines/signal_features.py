@@ -5,15 +5,14 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils import Tags
+from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from torch_geometric_tactile.baselines._readings import check_finite
+from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite
 from torch_geometric_tactile.baselines.features import FEATURE_NAMES, statistical_features
 
 
-class SignalFeatures(TransformerMixin, BaseEstimator):
+class SignalFeatures(TransformerMixin, TakesReadings):
     r"""Turns time series into the 12 features of each electrode's signal
     (:func:`~torch_geometric_tactile.baselines.statistical_features`), 228 for 19 electrodes, as a
     step of a scikit-learn pipeline.
@@ -36,11 +35,6 @@ class SignalFeatures(TransformerMixin, BaseEstimator):
         >>> features.shape, features[0, [0, 1, 12, 13]].tolist()
         ((1, 24), [3.0, -1.0, 2.0, 0.0])
     """
-
-    def __sklearn_tags__(self) -> Tags:
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
-        return tags
 
     def fit(self, x: ArrayLike, y: Any = None) -> Self:
         r"""Takes the number of electrodes.

@@ -2,19 +2,19 @@ r"""Words of SURF."""
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
-from torch_geometric_tactile.sensors import TaxelLayout
 
 _MARGIN = 16  # scales around a point, without which mahotas leaves it out
 _WINDOW = 20  # scales across the square that a descriptor describes
 
 
+@dataclass(kw_only=True, repr=False, eq=False)
 class SURFSVM(VisualWordsSVM):
     r"""A support vector machine on words of SURF, with which the "bilinear feature and multi-layer
     fused convolutional neural network (BMF-CNN)" paper (Sensors 2020, 20, 5822) compares. It says
@@ -57,33 +57,22 @@ class SURFSVM(VisualWordsSVM):
         >>> model.predict(data.x[test])  # doctest: +SKIP
     """
 
-    def __init__(
-        self,
-        layout: TaxelLayout | PathLike | None = None,
-        *,
-        num_words: int = 500,
-        factor: int = 3,
-        spacing: int = 8,
-        scale: float = 3.0,
-        contrast: float = 0.1,
-        root: bool = True,
-        kernel: Literal["linear", "rbf"] = "rbf",
-        C: float = 10.0,  # noqa: N803 - scikit-learn's name
-        class_weight: dict[int, float] | str | None = None,
-        random_state: int | None = None,
-    ) -> None:
-        _import_surf()
-        self.layout = layout
-        self.num_words = num_words
-        self.factor = factor
-        self.spacing = spacing
-        self.scale = scale
-        self.contrast = contrast
-        self.root = root
-        self.kernel = kernel
-        self.C = C
-        self.class_weight = class_weight
-        self.random_state = random_state
+    factor: int = 3
+    spacing: int = 8
+    scale: float = 3.0
+    contrast: float = 0.1
+    kernel: Literal["linear", "rbf"] = "rbf"
+    C: float = 10.0
+
+    @staticmethod
+    def _library() -> Any:
+        try:
+            from mahotas.features import surf
+        except ImportError as error:
+            raise ImportError(
+                "SURF needs mahotas: pip install 'torch-geometric-tactile[baselines]'"
+            ) from error
+        return surf
 
     def _check(self) -> None:
         super()._check()
@@ -100,7 +89,7 @@ class SURFSVM(VisualWordsSVM):
         Args:
             images (numpy.ndarray): Enlarged images :math:`(S, H, W)`, in :obj:`uint8`.
         """
-        surf = _import_surf()
+        surf = self._library()
         margin = math.ceil(_MARGIN * self.scale)
         points = _points(images.shape[1], images.shape[2], self.spacing)
         window = max(1, round(_WINDOW * self.scale))
@@ -116,14 +105,3 @@ class SURFSVM(VisualWordsSVM):
 def _points(height: int, width: int, spacing: int) -> np.ndarray:
     rows, cols = (np.arange(spacing // 2, size, spacing) for size in (height, width))
     return np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-def _import_surf() -> Any:
-    r"""Returns the module, or raises an :obj:`ImportError` that names the extra."""
-    try:
-        from mahotas.features import surf
-    except ImportError as error:
-        raise ImportError(
-            "SURF needs mahotas: pip install 'torch-geometric-tactile[baselines]'"
-        ) from error
-    return surf

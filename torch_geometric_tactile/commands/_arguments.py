@@ -92,3 +92,16 @@ def rest(text: str) -> str | float | None:
             f"must be a phase, 'none', or seconds above 0 and up to 3600 (got {text[:40]!r})"
         )
     return number
+
+
+def add_run_data(parser: argparse.ArgumentParser) -> None:
+    r"""Adds the options that say which data and which configuration a run had."""
+    parser.add_argument(
+        "--config",
+        metavar="CONFIG",
+        help="configuration of data and model, which may name classes of your own: a file, or the "
+        "name of a shipped one (default: the data of the config.yaml of the run)",
+    )
+    parser.add_argument(
+        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
+    )

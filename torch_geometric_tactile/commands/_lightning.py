@@ -46,11 +46,7 @@ def lightning_verb(
             )
         from torch_geometric_tactile.training import _lightning_cli as lightning_cli
 
-        is_full = [argument in FULL_HELP for argument in arguments]
-        given = [
-            "--help" if full else argument
-            for argument, full in zip(arguments, is_full, strict=True)
-        ]
+        given = ["--help" if argument in FULL_HELP else argument for argument in arguments]
         lightning_cli.main([name, *given])
         return 0
 

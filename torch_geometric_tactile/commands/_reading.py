@@ -5,78 +5,65 @@ from typing import Any
 
 from torch_geometric_tactile.commands._arguments import not_negative, positive
 
-# Arguments that are passed on to the reader of the format, by the same names.
-_OPTIONS = (
-    "forces",
-    "tactile",
-    "joint",
-    "time",
-    "time_unit",
-    "label",
-    "ignore",
-    "unit",
-    "rate",
-    "num_taxels",
-    "num_channels",
-    "num_joints",
-    "header",
-    "allow_large",
-)
+# Arguments that are passed on to the reader of the format by the same names, in groups by title.
+_OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
+    None: {
+        "forces": {
+            "action": "store_true",
+            "help": "read forces in newtons instead of counts from XELA files",
+        },
+        "allow_large": {
+            "action": "store_true",
+            "help": "read an npz file whose arrays unpack to far more than the size of the file",
+        },
+    },
+    "CSV files with other column names": {
+        "tactile": {
+            "action": "append",
+            "metavar": "NAME",
+            "help": "a column of readings; repeat it in the order of the layout, or give one "
+            "regular expression (default: all columns without another role)",
+        },
+        "joint": {
+            "action": "append",
+            "metavar": "NAME",
+            "help": "a column of joint angles; like --tactile",
+        },
+        "time": {"metavar": "NAME", "help": "the time column (default: time)"},
+        "time_unit": {"metavar": "UNIT", "help": "unit of the time column: s, ms, us or ns"},
+        "label": {"metavar": "NAME", "help": "the label column"},
+        "ignore": {"action": "append", "metavar": "NAME", "help": "a column to skip"},
+        "unit": {"metavar": "UNIT", "help": "unit of the readings: count or newton"},
+    },
+    "CSV files without column names": {
+        "num_taxels": {"type": positive, "metavar": "N", "help": "number of taxels"},
+        "num_channels": {"type": positive, "metavar": "C", "help": "channels per taxel"},
+        "num_joints": {"type": not_negative, "metavar": "J", "help": "number of joints"},
+        "header": {"action": "store_false", "help": "treat the first line as data"},
+        "rate": {
+            "metavar": "HZ",
+            "type": float,
+            "help": "frames per second, for files without time",
+        },
+    },
+}
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
     r"""Adds the options of the readers of recordings."""
-    parser.add_argument(
-        "--forces",
-        action="store_true",
-        default=None,
-        help="read forces in newtons instead of counts from XELA files",
-    )
-    parser.add_argument(
-        "--allow-large",
-        action="store_true",
-        default=None,
-        help="read an npz file whose arrays unpack to far more than the size of the file",
-    )
-    names = parser.add_argument_group("CSV files with other column names")
-    names.add_argument(
-        "--tactile",
-        action="append",
-        metavar="NAME",
-        help="a column of readings; repeat it in the order of the layout, or give one regular "
-        "expression (default: all columns without another role)",
-    )
-    names.add_argument(
-        "--joint", action="append", metavar="NAME", help="a column of joint angles; like --tactile"
-    )
-    names.add_argument("--time", metavar="NAME", help="the time column (default: time)")
-    names.add_argument(
-        "--time-unit", metavar="UNIT", help="unit of the time column: s, ms, us or ns"
-    )
-    names.add_argument("--label", metavar="NAME", help="the label column")
-    names.add_argument("--ignore", action="append", metavar="NAME", help="a column to skip")
-    names.add_argument("--unit", metavar="UNIT", help="unit of the readings: count or newton")
-    sizes = parser.add_argument_group("CSV files without column names")
-    sizes.add_argument("--num-taxels", type=positive, metavar="N", help="number of taxels")
-    sizes.add_argument("--num-channels", type=positive, metavar="C", help="channels per taxel")
-    sizes.add_argument("--num-joints", type=not_negative, metavar="J", help="number of joints")
-    sizes.add_argument(
-        "--no-header",
-        action="store_false",
-        dest="header",
-        default=None,
-        help="treat the first line as data",
-    )
-    sizes.add_argument(
-        "--rate", metavar="HZ", type=float, help="frames per second, for files without time"
-    )
+    for title, options in _OPTIONS.items():
+        group = parser if title is None else parser.add_argument_group(title)
+        for name, settings in options.items():
+            flag = "no-header" if name == "header" else name.replace("_", "-")
+            group.add_argument(f"--{flag}", dest=name, default=None, **settings)
 
 
 def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
     r"""Returns the options that were given, as :func:`~torch_geometric_tactile.io.read_recording`
     takes them.
     """
-    given = {name: getattr(arguments, name) for name in _OPTIONS}
+    names = [name for options in _OPTIONS.values() for name in options]
+    given = {name: getattr(arguments, name) for name in names}
     options = {name: value for name, value in given.items() if value is not None}
     for name in ("tactile", "joint"):
         if len(options.get(name, ())) == 1:

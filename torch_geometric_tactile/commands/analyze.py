@@ -2,7 +2,7 @@ r"""``tactile analyze``: what a checkpoint or predictor has learnt."""
 
 import argparse
 
-from torch_geometric_tactile.commands._arguments import not_negative, positive
+from torch_geometric_tactile.commands._arguments import add_run_data, not_negative, positive
 
 HELP = "Show what a model has learnt: errors, embeddings, attribution"
 EXTRAS = "train,viz"
@@ -29,15 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="DIR", required=True, help="folder for the page and its figures"
     )
-    parser.add_argument(
-        "--config",
-        metavar="CONFIG",
-        help="configuration of data and model, which may name classes of your own: a file, or the "
-        "name of a shipped one (default: the data of the config.yaml of the run)",
-    )
-    parser.add_argument(
-        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
-    )
+    add_run_data(parser)
     parser.add_argument(
         "--frames",
         metavar="N",

@@ -218,7 +218,7 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.reports._compare import write_comparison
-    from torch_geometric_tactile.visualization._new_figure import new_figure
+    from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     settings = ComparisonSettings(

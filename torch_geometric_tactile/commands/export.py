@@ -2,6 +2,8 @@ r"""``tactile export``: a predictor as one ONNX graph."""
 
 import argparse
 
+from torch_geometric_tactile.commands._arguments import few
+
 HELP = "Export a model with its preprocessing to one ONNX file"
 DESCRIPTION = """\
 Writes a model as one ONNX graph that includes scaling, kinematics, edge features and the
@@ -20,8 +22,6 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
-    from torch_geometric_tactile.commands._arguments import few
-
     parser.add_argument(
         "predictor",
         metavar="MODEL",

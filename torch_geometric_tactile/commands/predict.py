@@ -3,7 +3,7 @@ r"""``tactile predict``: the probabilities of each frame, or the file of a predi
 import argparse
 import sys
 
-from torch_geometric_tactile.commands._arguments import seconds
+from torch_geometric_tactile.commands._arguments import add_run_data, seconds
 from torch_geometric_tactile.commands._reading import add_reading_options, reading_options
 
 HELP = "Write the predictions of a model for recordings or the test part"
@@ -66,15 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for models with a tare, also beside --adapt: measure only the first SECONDS of each "
         "recording, in which nothing is touched",
     )
-    parser.add_argument(
-        "--config",
-        metavar="CONFIG",
-        help="configuration of data and model, which may name classes of your own: a file, or the "
-        "name of a shipped one (default: the data of the config.yaml of the run)",
-    )
-    parser.add_argument(
-        "--root", metavar="DIR", help="folder of the data (default: the configuration's)"
-    )
+    add_run_data(parser)
     add_reading_options(parser)
 
 

@@ -2,6 +2,7 @@ r"""``tactile simulate``: grasps of a simulated hand, and presses of letters."""
 
 import argparse
 import sys
+from typing import Any
 
 from torch_geometric_tactile.commands._arguments import few, not_negative, trial_seconds
 
@@ -13,18 +14,6 @@ _HANDS = ("allegro_uskin", "allegro_uskin_240")
 _PRESETS = ("full", "ci")
 _SPREADS = ("careful", "wide")
 _MOTIONS = ("lift", "squeeze")
-
-# Options of the Allegro hand only, with their defaults.
-_OF_THE_HAND = {
-    "num_objects": None,
-    "hand": None,
-    "trials": None,
-    "preset": "full",
-    "seconds": None,
-    "spread": "careful",
-    "motion": "lift",
-    "max_attempts": 10,
-}
 
 # The option that counts the samples of the other simulations.
 _NUMBERS = {_BIGS: "grasps", _LETTERS: "presses"}
@@ -75,6 +64,69 @@ measured.
 """
 
 
+def _option(text: str, default: Any = None, **settings: Any) -> dict[str, Any]:
+    return {**settings, "default": default, "help": text}
+
+
+_OPTIONS = {
+    "num_objects": _option(
+        "objects drawn at random, with --objects shapes (default: 40)", metavar="N", type=few
+    ),
+    "hand": _option(
+        "a hand of 384 taxels, or of 240 with a bare palm (default: allegro_uskin_240 with "
+        "--objects twenty, else allegro_uskin)",
+        choices=_HANDS,
+    ),
+    "trials": _option(
+        "trials per object (default: 10, or 3 with --preset ci)", metavar="N", type=few
+    ),
+    "grasps": _option(
+        "with --objects bigs: number of grasps, half with the cylinder, a quarter each with "
+        "box and ball (default: 2000)",
+        metavar="N",
+        type=few,
+    ),
+    "presses": _option(
+        "with --objects letters: presses per letter (default: 500)", metavar="N", type=few
+    ),
+    "layout": _option(
+        "with --objects letters: layout file of the array, such as that of "
+        "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
+        "1.25 mm apart)",
+        metavar="FILE",
+    ),
+    "seed": _option("seed (default: 0)", 0, metavar="N", type=not_negative),
+    "jobs": _option("processes (default: 2)", 2, metavar="N", type=few),
+    "preset": _option(
+        "full: trials of 17 s at 100 Hz; ci: 5 s at 50 Hz, coarser and about ten times faster "
+        "to simulate (default: full)",
+        "full",
+        choices=_PRESETS,
+    ),
+    "seconds": _option(
+        "length of a trial, 1 to 3600 (default: the preset's)", metavar="S", type=trial_seconds
+    ),
+    "spread": _option(
+        "variation of the grasps in position, rotation and posture; wide: up to twice that of "
+        "careful, and now and then a finger that hardly closes (default: careful)",
+        "careful",
+        choices=_SPREADS,
+    ),
+    "motion": _option(
+        "lift: lift and hold the object; squeeze: squeeze it three to five times in place "
+        "(default: lift)",
+        "lift",
+        choices=_MOTIONS,
+    ),
+    "max_attempts": _option(
+        "grasps to try before a trial is given up (default: 10)", 10, metavar="N", type=few
+    ),
+}
+_SHARED = ("seed", "jobs")
+_OF_OTHERS = ("grasps", "presses", "layout")
+_OF_THE_HAND = tuple(name for name in _OPTIONS if name not in (*_SHARED, *_OF_OTHERS))
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     r"""Adds the arguments of the verb."""
     parser.add_argument("--out", metavar="DIR", required=True, help="folder for the recordings")
@@ -85,87 +137,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what is grasped (default: paper8; see above)",
     )
     hand = parser.add_argument_group("Allegro hand")
-    hand.add_argument(
-        "--num-objects",
-        metavar="N",
-        type=few,
-        help="objects drawn at random, with --objects shapes (default: 40)",
-    )
-    hand.add_argument(
-        "--hand",
-        choices=_HANDS,
-        help="a hand of 384 taxels, or of 240 with a bare palm (default: allegro_uskin_240 with "
-        "--objects twenty, else allegro_uskin)",
-    )
-    hand.add_argument(
-        "--trials",
-        metavar="N",
-        type=few,
-        help="trials per object (default: 10, or 3 with --preset ci)",
-    )
-    other = parser.add_argument_group("three fingertips and letters")
-    other.add_argument(
-        "--grasps",
-        metavar="N",
-        type=few,
-        help="with --objects bigs: number of grasps, half with the cylinder, a quarter each with "
-        "box and ball (default: 2000)",
-    )
-    other.add_argument(
-        "--presses",
-        metavar="N",
-        type=few,
-        help="with --objects letters: presses per letter (default: 500)",
-    )
-    other.add_argument(
-        "--layout",
-        metavar="FILE",
-        help="with --objects letters: layout file of the array, such as that of "
-        "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
-        "1.25 mm apart)",
-    )
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=not_negative,
-        default=0,
-        help="seed (default: 0)",
-    )
-    parser.add_argument("--jobs", metavar="N", type=few, default=2, help="processes (default: 2)")
-    hand.add_argument(
-        "--preset",
-        choices=_PRESETS,
-        default="full",
-        help="full: trials of 17 s at 100 Hz; ci: 5 s at 50 Hz, coarser and about ten times faster "
-        "to simulate (default: full)",
-    )
-    hand.add_argument(
-        "--seconds",
-        metavar="S",
-        type=trial_seconds,
-        help="length of a trial, 1 to 3600 (default: the preset's)",
-    )
-    hand.add_argument(
-        "--spread",
-        choices=_SPREADS,
-        default="careful",
-        help="variation of the grasps in position, rotation and posture; wide: up to twice that of "
-        "careful, and now and then a finger that hardly closes (default: careful)",
-    )
-    hand.add_argument(
-        "--motion",
-        choices=_MOTIONS,
-        default="lift",
-        help="lift: lift and hold the object; squeeze: squeeze it three to five times in place "
-        "(default: lift)",
-    )
-    hand.add_argument(
-        "--max-attempts",
-        metavar="N",
-        type=few,
-        default=10,
-        help="grasps to try before a trial is given up (default: 10)",
-    )
+    others = parser.add_argument_group("three fingertips and letters")
+    groups = dict.fromkeys(_OF_OTHERS, others) | dict.fromkeys(_OF_THE_HAND, hand)
+    for name, settings in _OPTIONS.items():
+        group = groups.get(name, parser)
+        group.add_argument(f"--{name.replace('_', '-')}", **settings)
     parser.add_argument(
         "--preview",
         action="store_true",
@@ -176,89 +152,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     r"""Runs the verb and returns the exit status."""
-    number = _NUMBERS.get(arguments.objects, "trials")
-    for objects, name in _NUMBERS.items():
-        value = getattr(arguments, name)
-        if value is not None and arguments.objects != objects:
-            raise ValueError(
-                f"'{name}' must be left out for objects other than '{objects}' (got {value}); "
-                f"'{number}' is their number"
-            )
-    if arguments.layout is not None and arguments.objects != _LETTERS:
-        raise ValueError(
-            f"'layout' must be left out for objects other than '{_LETTERS}' (got "
-            f"'{arguments.layout}'); 'hand' chooses the taxels of a hand"
-        )
-    if arguments.objects in _NUMBERS:
-        _check_left_out(arguments)
-        return _run_bigs(arguments) if arguments.objects == _BIGS else _run_letters(arguments)
+    _check_left_out(arguments)
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _simulation as simulation
+    from torch_geometric_tactile.visualization._style import new_figure
 
     if arguments.preview:
-        simulation.check_preview()
-    finished = simulation.run_simulation(
-        arguments.out,
-        objects=arguments.objects,
-        trials=arguments.trials,
-        seed=arguments.seed,
-        jobs=arguments.jobs,
-        preset=arguments.preset,
-        max_attempts=arguments.max_attempts,
-        hand=arguments.hand,
-        spread=arguments.spread,
-        seconds=arguments.seconds,
-        num_objects=arguments.num_objects,
-        motion=arguments.motion,
-    )
+        new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
+    others: dict[str, tuple[Any, tuple[str, ...]]] = {
+        _BIGS: (simulation.run_bigs, ("grasps",)),
+        _LETTERS: (simulation.run_letters, ("presses", "layout")),
+    }
+    of_the_hand = simulation.run_simulation, ("objects", *_OF_THE_HAND)
+    start, own = others.get(arguments.objects, of_the_hand)
+    given = {name: getattr(arguments, name) for name in (*_SHARED, *own)}
+    finished = start(arguments.out, **given)
     print(printable(finished.describe()), flush=True)
     if finished.given_up:
         print(f"tactile: error: {finished.describe_given_up()}", file=sys.stderr, flush=True)
     if arguments.preview and len(finished.given_up) < len(finished.reports):
-        for path in simulation.draw_preview(finished):
+        for path in finished.draw_preview():
             print(printable(f"drew {path}"))
     return 1 if finished.given_up else 0
 
 
 def _check_left_out(arguments: argparse.Namespace) -> None:
-    objects = arguments.objects
-    for name, default in _OF_THE_HAND.items():
-        if (value := getattr(arguments, name)) != default:
-            instead = f"; '{_NUMBERS[objects]}' is their number" if name == "trials" else ""
-            raise ValueError(f"'{name}' must be left out for '{objects}' (got {value}){instead}")
-
-
-def _run_bigs(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.reports import _simulated_bigs as simulated_bigs
-    from torch_geometric_tactile.reports._simulation import check_preview
-
-    if arguments.preview:
-        check_preview()
-    finished = simulated_bigs.run_bigs(
-        arguments.out, grasps=arguments.grasps, seed=arguments.seed, jobs=arguments.jobs
-    )
-    print(printable(finished.describe()), flush=True)
-    if arguments.preview:
-        print(printable(f"drew {simulated_bigs.draw_bigs_preview(finished)}"))
-    return 0
-
-
-def _run_letters(arguments: argparse.Namespace) -> int:
-    from torch_geometric_tactile._texts import printable
-    from torch_geometric_tactile.reports import _simulated_letters as simulated_letters
-    from torch_geometric_tactile.reports._simulation import check_preview
-
-    if arguments.preview:
-        check_preview()
-    finished = simulated_letters.run_letters(
-        arguments.out,
-        presses=arguments.presses,
-        seed=arguments.seed,
-        jobs=arguments.jobs,
-        layout=arguments.layout,
-    )
-    print(printable(finished.describe()), flush=True)
-    if arguments.preview:
-        print(printable(f"drew {simulated_letters.draw_letters_preview(finished)}"))
-    return 0
+    chosen = arguments.objects
+    number = _NUMBERS.get(chosen, "trials")
+    for objects, name in _NUMBERS.items():
+        value = getattr(arguments, name)
+        if value is not None and chosen != objects:
+            raise ValueError(
+                f"'{name}' must be left out for objects other than '{objects}' (got {value}); "
+                f"'{number}' is their number"
+            )
+    if arguments.layout is not None and chosen != _LETTERS:
+        raise ValueError(
+            f"'layout' must be left out for objects other than '{_LETTERS}' (got "
+            f"'{arguments.layout}'); 'hand' chooses the taxels of a hand"
+        )
+    for name in _OF_THE_HAND if chosen in _NUMBERS else ():
+        if (value := getattr(arguments, name)) != _OPTIONS[name]["default"]:
+            instead = f"; '{number}' is their number" if name == "trials" else ""
+            raise ValueError(f"'{name}' must be left out for '{chosen}' (got {value}){instead}")

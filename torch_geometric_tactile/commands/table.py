@@ -190,7 +190,7 @@ def _run(table: "Table", arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile.experiments.plan import Settings, make_plan
     from torch_geometric_tactile.experiments.run_plan import Workers
     from torch_geometric_tactile.papers.write_table import write_table
-    from torch_geometric_tactile.visualization._new_figure import new_figure
+    from torch_geometric_tactile.visualization._style import new_figure
 
     new_figure(1.0, 1.0)  # a missing matplotlib is an error before the long run
     table.select(arguments.only)  # a wrong pattern is found before the data is read

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.visualization._new_figure import DPI, INSTALL
+from torch_geometric_tactile.visualization._style import DPI, INSTALL
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _CSS_PIXELS_PER_INCH = 96

@@ -1,9 +1,10 @@
 r"""Metrics that are collected batch by batch."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 from torchmetrics import MeanAbsoluteError, MeanSquaredError, Metric, MetricCollection, R2Score
 from torchmetrics.classification import (
@@ -12,19 +13,88 @@ from torchmetrics.classification import (
     MultilabelExactMatch,
     MultilabelStatScores,
 )
-
-from torch_geometric_tactile.training._auroc import MacroAUROC
+from torchmetrics.functional.classification import binary_auroc
+from torchmetrics.utilities import dim_zero_cat
 
 Task = Literal["multiclass", "multilabel", "regression"]
-
-
-TASKS: tuple[Task, ...] = ("multiclass", "multilabel", "regression")
+TASKS: tuple[Task, ...] = get_args(Task)
 
 
 def check_task(task: str) -> None:
     r"""Raises a :class:`ValueError` if there is no such task."""
     if task not in TASKS:
         raise ValueError(f"'task' must be one of {list(TASKS)} (got '{task}')")
+
+
+class KeptScores(Metric):
+    r"""Keeps the scores :math:`(B, C)` and the classes or labels of all batches until it is reset:
+    the base of metrics that need them all at once.
+    """
+
+    full_state_update = False
+    higher_is_better = True
+    scores: list[Tensor]
+    targets: list[Tensor]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.add_state("scores", default=[], dist_reduce_fx="cat")
+        self.add_state("targets", default=[], dist_reduce_fx="cat")
+
+    def update(self, score: Tensor, y: Tensor) -> None:
+        r"""Takes the predictions of a batch.
+
+        Shapes:
+            - **score:** Probabilities :math:`(B, C)`.
+            - **y:** Classes :math:`(B,)`, or labels :math:`(B, C)`.
+        """
+        self.scores.append(score.detach())
+        self.targets.append(y)
+
+    def kept(self) -> tuple[Tensor, Tensor]:
+        r"""Returns the scores and targets of all samples so far."""
+        return dim_zero_cat(self.scores), dim_zero_cat(self.targets)
+
+
+class MacroAUROC(KeptScores):
+    r"""The mean area under the ROC curve of each class against the rest, or of each label; classes
+    that no sample has, or all have, are left out (torchmetrics counts them as zero).
+    """
+
+    def compute(self) -> Tensor:
+        r"""Returns the mean of all samples so far."""
+        if len(self.scores) == 0:
+            return torch.tensor(torch.nan)
+        score, y = self.kept()
+        return macro_auroc(score, positives(y, score.size(1)))
+
+
+def positives(y: Tensor, num_classes: int) -> Tensor:
+    r"""Returns which samples are of each class, or have each label, as booleans.
+
+    Shapes:
+        - **y:** Classes :math:`(S,)`, or labels :math:`(S, C)`.
+        - **output:** :math:`(S, C)`
+    """
+    return (y if y.dim() == 2 else F.one_hot(y.long(), num_classes)) > 0.5
+
+
+def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
+    r"""Returns the mean area under the ROC curve, over the classes that some samples have and
+    some have not; NaN if there is none, or a score is NaN.
+
+    Shapes:
+        - **input:** :math:`(S, C)` each
+        - **output:** a scalar
+    """
+    mixed = (positive.any(dim=0) & ~positive.all(dim=0)).nonzero().view(-1)
+    if len(mixed) == 0 or score.isnan().any():
+        return score.new_tensor(torch.nan)
+    areas = [
+        binary_auroc(score[:, i], positive[:, i].long(), validate_args=False)
+        for i in mixed.tolist()
+    ]
+    return torch.stack(areas).mean()
 
 
 def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tensor) -> Tensor:
@@ -72,8 +142,8 @@ def positive_scores(
     }
 
 
-def _f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
-    # True positives, false positives and false negatives of each class.
+def f1_scores(counts: Sequence[Tensor], task: Task) -> dict[str, Tensor]:
+    r"""Returns the scores of true positives, false positives and false negatives of each class."""
     of_two = task == "multiclass" and len(counts[0]) == 2
     return {"f1": macro_f1(*counts), **(positive_scores(*counts) if of_two else {})}
 
@@ -91,17 +161,12 @@ def make_metrics(num_classes: int, task: Task = "multiclass") -> MetricCollectio
             "rmse": MeanSquaredError(squared=False),
             "r2": R2Score(),
         }
-    elif task == "multilabel":
-        metrics = {
-            "accuracy": MultilabelExactMatch(num_classes),
-            "counts": MultilabelStatScores(num_classes, average=None),
-            "auroc": MacroAUROC(num_classes, task),
-        }
     else:
+        counts = MultilabelStatScores if task == "multilabel" else MulticlassStatScores
         metrics = {
-            "accuracy": MulticlassAccuracy(num_classes, average="micro"),
-            "counts": MulticlassStatScores(num_classes, average=None),
-            "auroc": MacroAUROC(num_classes, task),
+            "accuracy": session_metric(num_classes, task),
+            "counts": counts(num_classes, average=None),
+            "auroc": MacroAUROC(),
         }
     return MetricCollection(metrics, compute_groups=False)
 
@@ -160,5 +225,5 @@ def read_metrics(metrics: MetricCollection) -> dict[str, Tensor]:
         right = (true_positive + true_negative) / num_samples
         read["label_accuracy"] = right.mean()
         read |= {f"label_accuracy_{i}": part for i, part in enumerate(right)}
-    read |= _f1_scores([true_positive, false_positive, false_negative], task)
+    read |= f1_scores([true_positive, false_positive, false_negative], task)
     return {**read, "auroc": value["auroc"]}

@@ -47,11 +47,8 @@ def check_part(model: Any, data: TactileDataModule, part: StaticDataset, name: s
     for key, found in bad.items():
         index = torch.cat([rows for rows, _ in found])
         values = torch.cat([value for _, value in found])
-        raise ValueError(
-            f"{_label(key)} of the {name} part must be finite after all transforms (got "
-            f"{_count(values)} in {_samples(index.tolist(), _trials(part.column('trial'), index))})"
-            f"; {_advice(key, values)}"
-        )
+        samples = _samples(index.tolist(), _trials(part.column("trial"), index))
+        raise _not_finite(key, f"the {name} part", values, samples)
 
 
 def _suspects(part: StaticDataset) -> Tensor:
@@ -109,12 +106,8 @@ class BatchCheck:
         for key in model_inputs(self.model):
             value = getattr(self.batch, key, None)
             if isinstance(value, Tensor) and not _is_finite(value):
-                values = value[~value.isfinite()]
-                raise ValueError(
-                    f"{_label(key)} of {self.name} must be finite after all transforms (got "
-                    f"{_count(values)} in {self._samples(_bad_samples(self.batch, key))}); "
-                    f"{_advice(key, values)}"
-                )
+                samples = self._samples(_bad_samples(self.batch, key))
+                raise _not_finite(key, self.name, value[~value.isfinite()], samples)
 
     def loss(self, loss: Tensor, out: Tensor) -> None:
         r"""Checks a loss, before it reaches the weights.
@@ -194,12 +187,8 @@ def _bad_samples(batch: Data, key: str) -> Tensor | None:
 
 
 def _samples(index: Sequence[int], trials: Sequence[int]) -> str:
-    text = f"{len(index)} sample{'s' * (len(index) != 1)}: {_listed(index)}"
-    return f"{text} of trial {_listed(trials)}" if trials else text
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    return short_list(numbers, _LISTED)
+    text = f"{len(index)} sample{'s' * (len(index) != 1)}: {short_list(index, _LISTED)}"
+    return f"{text} of trial {short_list(trials, _LISTED)}" if trials else text
 
 
 def _trials(trial: Tensor | None, rows: Tensor) -> list[int]:
@@ -209,24 +198,23 @@ def _trials(trial: Tensor | None, rows: Tensor) -> list[int]:
     return listed
 
 
-def _count(values: Tensor) -> str:
+def _not_finite(key: str, where: str, values: Tensor, samples: str) -> ValueError:
     missing = int(values.isnan().sum())
     infinite = len(values) - missing
     counts = [f"{missing} NaN"] * (missing > 0) + [f"{infinite} infinite"] * (infinite > 0)
-    return " and ".join(counts)
-
-
-def _label(key: str) -> str:
-    return "readings 'x'" if key == "x" else f"'{key}'"
-
-
-def _advice(key: str, values: Tensor) -> str:
-    if not values.isnan().any():
-        return "correct them in the data, or leave these samples out"
-    if key == "x":
-        return "add FillMissing() to the transform, behind all that can give NaN"
-    return (
-        f"FillMissing() fills readings only: fill '{key}' in the data, or leave these samples out"
+    what = "readings 'x'" if key == "x" else f"'{key}'"
+    if not missing:
+        advice = "correct them in the data, or leave these samples out"
+    elif key == "x":
+        advice = "add FillMissing() to the transform, behind all that can give NaN"
+    else:
+        advice = (
+            f"FillMissing() fills readings only: fill '{key}' in the data, or leave these samples "
+            "out"
+        )
+    return ValueError(
+        f"{what} of {where} must be finite after all transforms (got {' and '.join(counts)} in "
+        f"{samples}); {advice}"
     )
 
 

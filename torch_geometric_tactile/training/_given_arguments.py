@@ -1,13 +1,14 @@
 r"""The arguments of ``fit`` and its like before they are parsed, to build the data first."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 from torch_geometric_tactile.training._config_files import merged, read_yaml
 
+CONFIG = ("--config", "-c")
 _SECTIONS = ("data", "model", "trainer")
 
 
@@ -21,26 +22,21 @@ class GivenArguments:
     @classmethod
     def read(cls, args: Sequence[str]) -> Self:
         r"""Reads the configuration files that arguments name."""
-        given, rest = cls(), iter(args)
-        for arg in rest:
-            flag, equals, value = arg.partition("=")
-            if flag in ("--config", "-c"):
-                path = value if equals else next(rest, None)
-                if path is None:
-                    given.others.append(arg)
-                else:
-                    given.config = merged(given.config, read_config(Path(path)))
+        found, others = parted(args, CONFIG.__contains__)
+        given = cls(others=others)
+        for flag, path in found:
+            if path is None:
+                given.others.append(flag)
             else:
-                given.others.append(arg)
+                given.config = merged(given.config, read_config(Path(path)))
         return given
 
     @property
     def only_informs(self) -> bool:
         r"""Whether nothing is to be run, only help or the configuration to be printed."""
         flags = [arg.partition("=")[0] for arg in self.others]
-        return any(
-            flag in ("-h", "--help", "--print_config") or flag.endswith(".help") for flag in flags
-        )
+        is_help = any(flag in ("-h", "--help") or flag.endswith(".help") for flag in flags)
+        return is_help or self.prints_config
 
     @property
     def prints_config(self) -> bool:
@@ -49,21 +45,30 @@ class GivenArguments:
 
     def of(self, section: str) -> list[str]:
         r"""Returns the arguments that change a section of the configuration."""
-        found, rest = [], iter(self.others)
-        for arg in rest:
-            name, equals, _ = arg.partition("=")
-            if name == f"--{section}" or name.startswith(f"--{section}."):
-                found += [arg] if equals else [arg, next(rest, "")]
-        return found
+        start = f"--{section}"
+        found, _ = parted(self.others, lambda flag: f"{flag}.".startswith(f"{start}."))
+        return [f"{flag}={value or ''}" for flag, value in found]
 
     def last(self, *names: str) -> str | None:
         r"""Returns the last value of an option; :obj:`None` if it is not given."""
-        value = None
-        for i, arg in enumerate(self.others):
-            flag, equals, text = arg.partition("=")
-            if flag.removeprefix("--") in names and flag.startswith("--"):
-                value = text if equals else next(iter(self.others[i + 1 :]), None)
-        return value
+        found, _ = parted(self.others, {f"--{name}" for name in names}.__contains__)
+        return found[-1][1] if found else None
+
+
+def parted(
+    args: Sequence[str], is_wanted: Callable[[str], bool]
+) -> tuple[list[tuple[str, str | None]], list[str]]:
+    r"""Returns some options with their values, :obj:`None` where there is none, and what is left of
+    the arguments.
+    """
+    found, others, rest = [], [], iter(args)
+    for arg in rest:
+        flag, equals, value = arg.partition("=")
+        if is_wanted(flag):
+            found.append((flag, value if equals else next(rest, None)))
+        else:
+            others.append(arg)
+    return found, others
 
 
 def own_modules() -> None:

@@ -1,5 +1,7 @@
 r"""The command line's ``fit``, ``validate`` and ``test``."""
 
+import logging
+import os
 import sys
 import traceback
 import warnings
@@ -20,14 +22,15 @@ from lightning.pytorch.cli import (
     instantiate_module,
 )
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from tabulate import tabulate
 
-from torch_geometric_tactile.training._adverts import no_adverts
 from torch_geometric_tactile.training._checkpoint_file import compare_settings
 from torch_geometric_tactile.training._config_files import merged, scratch_folder
-from torch_geometric_tactile.training._fit_summary import fit_summary
 from torch_geometric_tactile.training._given_arguments import (
+    CONFIG,
     GivenArguments,
     own_modules,
+    parted,
     read_config,
 )
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
@@ -35,6 +38,9 @@ from torch_geometric_tactile.training.config import find_config
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.module import TactileModule
 from torch_geometric_tactile.training.sizes import fill_sizes
+
+_ADVERT = "💡 Tip:"
+_LOGGERS = ("lightning.pytorch.utilities.rank_zero", "lightning.fabric.utilities.rank_zero")
 
 
 class TactileCLI(LightningCLI):
@@ -249,7 +255,7 @@ def main(args: Sequence[str]) -> None:
     own_modules()
     args, folder = _output_folder(args)
     args, name = resolve_config_names(args)
-    with warnings.catch_warnings(), no_adverts():
+    with warnings.catch_warnings(), _no_adverts():
         # The arguments are those of the process, but for names of configurations made paths.
         warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
         warnings.filterwarnings("ignore", message=".*LeafSpec.*")  # Lightning under torch 2.13
@@ -259,16 +265,11 @@ def main(args: Sequence[str]) -> None:
 
 
 def _output_folder(args: Sequence[str]) -> tuple[list[str], str | None]:
-    left, folder, rest = [], None, iter(args)
-    for arg in rest:
-        flag, equals, value = arg.partition("=")
-        if flag != "--out":
-            left.append(arg)
-            continue
-        folder = value if equals else next(rest, "")
+    found, others = parted(args, "--out".__eq__)
+    for _, folder in found:
         if not folder or folder.startswith("--"):
-            raise ValueError(f"'--out' must be a folder (got {folder!r})")
-    return left, folder
+            raise ValueError(f"'--out' must be a folder (got {folder or ''!r})")
+    return others, found[-1][1] if found else None
 
 
 def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
@@ -276,7 +277,7 @@ def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
     out, name = list(args), None
     for i, arg in enumerate(out):
         flag, equals, value = arg.partition("=")
-        if flag not in ("--config", "-c"):
+        if flag not in CONFIG:
             continue
         if equals:
             path = find_config(value)
@@ -288,3 +289,67 @@ def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
             continue
         name = path.stem
     return out, name
+
+
+def fit_summary(trainer: L.Trainer, folder: str | None = None) -> str:
+    r"""Returns the last metrics of the validation part as a small table, the paths of the
+    checkpoints, and the command that tests the last one. The test part is not looked at.
+    """
+    values = {key: float(value) for key, value in trainer.callback_metrics.items()}
+    rows = [(key, values[key]) for key in sorted(values) if key.startswith("val/")]
+    text = ["", f"After {trainer.current_epoch} epochs:", ""]
+    if not rows:
+        text[1] += " (there is no validation part)"
+    if "train/loss" in values:
+        rows.insert(0, ("train/loss", values["train/loss"]))
+    text += [tabulate(rows, headers=("metric", "value"), floatfmt=".4f"), ""]
+    checkpoint = None
+    for callback in trainer.checkpoint_callbacks:
+        if isinstance(callback, ModelCheckpoint):
+            last, best = callback.last_model_path, callback.best_model_path
+            checkpoint = checkpoint or last or best
+            if callback.monitor and best:
+                text.append(f"Best checkpoint by {callback.monitor}: {_short(best)}")
+            if last:
+                text.append(f"Last checkpoint: {_short(last)}")
+    if checkpoint:
+        text.append(_next_step(trainer, checkpoint, folder))
+    return "\n".join(text)
+
+
+def _next_step(trainer: L.Trainer, checkpoint: str, folder: str | None) -> str:
+    data = getattr(trainer, "datamodule", None)
+    if isinstance(data, TactileDataModule) and not len(data.part("test")):
+        return "There is no test part: give 'data.test_dataset', or a 'data.test' above 0."
+    config = None if folder is None else Path(folder) / "config.yaml"
+    named = _short(config) if config is not None and config.is_file() else "CONFIG"
+    short = _short(checkpoint)
+    return (
+        f"Test it:\n  tactile test --config {named} --ckpt_path {short}\n"
+        "Use it on raw readings (scaling included), or on a robot without PyTorch:\n"
+        f"  tactile predict {short} RECORDING\n  tactile export {short} model.onnx"
+    )
+
+
+def _short(path: str | Path) -> str:
+    relative = os.path.relpath(path)
+    return str(path) if relative.startswith("..") else relative
+
+
+@contextmanager
+def _no_adverts() -> Iterator[None]:
+    r"""Drops the messages in which Lightning recommends other products of its maker; all other
+    messages and warnings are shown.
+    """
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    for logger in loggers:
+        logger.addFilter(_is_no_advert)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(_is_no_advert)
+
+
+def _is_no_advert(record: logging.LogRecord) -> bool:
+    return not str(record.msg).startswith(_ADVERT)

@@ -5,11 +5,9 @@ from typing import get_args
 import numpy as np
 import torch
 from torch import Tensor
-from torchmetrics import Metric
-from torchmetrics.utilities import dim_zero_cat
 
 from torch_geometric_tactile._typing import ThresholdMetric
-from torch_geometric_tactile.training._collected_metrics import Task
+from torch_geometric_tactile.training._collected_metrics import KeptScores, Task
 
 THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 
@@ -86,33 +84,17 @@ def _values(
     return np.asarray((of_positive + 2 * right / (2 * right + wrong + missed)) / 2)
 
 
-class BestThreshold(Metric):
-    r"""The threshold of :func:`choose_threshold` over all batches.
-
-    It keeps the scores of all samples until it is reset.
+class BestThreshold(KeptScores):
+    r"""The threshold of :func:`choose_threshold` over all batches, of probabilities of two classes
+    :math:`(B, 2)`.
     """
-
-    full_state_update = False
-    scores: list[Tensor]
-    classes: list[Tensor]
 
     def __init__(self, metric: ThresholdMetric) -> None:
         super().__init__()
         self.metric = metric
-        self.add_state("scores", default=[], dist_reduce_fx="cat")
-        self.add_state("classes", default=[], dist_reduce_fx="cat")
-
-    def update(self, score: Tensor, y: Tensor) -> None:
-        r"""Takes the predictions of a batch.
-
-        Shapes:
-            - **score:** Probabilities :math:`(B, 2)`.
-            - **y:** Classes :math:`(B,)`.
-        """
-        self.scores.append(score[:, 1].detach())
-        self.classes.append(y)
 
     def compute(self) -> Tensor:
         r"""Returns the threshold for all samples so far."""
-        score, y = (dim_zero_cat(value).numpy(force=True) for value in (self.scores, self.classes))
-        return torch.tensor(choose_threshold(score, y, self.metric), dtype=torch.float64)
+        score, y = (value.numpy(force=True) for value in self.kept())
+        threshold = choose_threshold(score[:, 1], y, self.metric)
+        return torch.tensor(threshold, dtype=torch.float64)

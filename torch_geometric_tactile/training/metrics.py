@@ -23,14 +23,14 @@ Name                          Meaning
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
-from torch_geometric_tactile.training._auroc import macro_auroc
 from torch_geometric_tactile.training._collected_metrics import (
     Task,
-    _f1_scores,
+    f1_scores,
+    macro_auroc,
     make_metrics,
+    positives,
     predicted_classes,
     read_metrics,
 )
@@ -110,18 +110,15 @@ def classification_metrics(
         raise ValueError(
             f"'y' must be between 0 and {highest} (got {y.min().item()} to {y.max().item()})"
         )
-    if task == "multilabel":
-        positive, predicted = y > 0.5, score > 0.5
-    else:
-        positive = F.one_hot(y.long(), num_classes).bool()
-        predicted = F.one_hot(predicted_classes(score, threshold), num_classes).bool()
+    said = score if task == "multilabel" else predicted_classes(score, threshold)
+    positive, predicted = positives(y, num_classes), positives(said, num_classes)
     right = positive == predicted
     values = {"accuracy": right.all(dim=1)}
     if task == "multilabel":
         values["label_accuracy"] = right
         values |= {f"label_accuracy_{i}": right[:, i] for i in range(num_classes)}
     counts = (positive & predicted, ~positive & predicted, positive & ~predicted)
-    f1 = _f1_scores([count.sum(0) for count in counts], task)
+    f1 = f1_scores([count.sum(0) for count in counts], task)
     return {
         **{name: float(value.double().mean()) for name, value in values.items()},
         **{name: float(value) for name, value in f1.items()},

@@ -278,11 +278,8 @@ def _find(class_path: str) -> Any:
 def _parameters(cls: Any) -> dict[str, inspect.Parameter]:
     # Those of the parents as well, as far as `**kwargs` hands them on.
     found: dict[str, inspect.Parameter] = {}
-    calls = (
-        [base.__dict__["__init__"] for base in cls.__mro__ if "__init__" in base.__dict__]
-        if (isinstance(cls, type))
-        else [cls]
-    )
+    parents = cls.__mro__ if isinstance(cls, type) else ()
+    calls = [base.__dict__["__init__"] for base in parents if "__init__" in base.__dict__] or [cls]
     for call in calls:
         try:
             parameters = inspect.signature(call).parameters.values()
@@ -291,10 +288,8 @@ def _parameters(cls: Any) -> dict[str, inspect.Parameter]:
             break
         for parameter in parameters:
             if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
-                typed = parameter.replace(
-                    annotation=hints.get(parameter.name, inspect.Parameter.empty)
-                )
-                found.setdefault(parameter.name, typed)
+                annotation = hints.get(parameter.name, inspect.Parameter.empty)
+                found.setdefault(parameter.name, parameter.replace(annotation=annotation))
         if all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters):
             break
     return found

@@ -11,7 +11,7 @@ from torch_geometric_tactile.visualization.feature_maps import (
     plot_feature_maps,
     plot_sample_embeddings,
 )
-from torch_geometric_tactile.visualization.figure import save_figure
+from torch_geometric_tactile.visualization.figure import save_figure, theme
 from torch_geometric_tactile.visualization.grasp import plot_grasps
 from torch_geometric_tactile.visualization.hand import open_hand, plot_hand
 from torch_geometric_tactile.visualization.hand_panels import plot_hand_panels
@@ -24,7 +24,6 @@ from torch_geometric_tactile.visualization.metrics import (
     plot_roc,
 )
 from torch_geometric_tactile.visualization.recording import plot_recording
-from torch_geometric_tactile.visualization.style import theme
 from torch_geometric_tactile.visualization.training_history import LearningCurves, plot_training
 
 __all__ = [

@@ -1,6 +1,5 @@
 r"""Pictures of simulated grasps."""
 
-import itertools
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -8,20 +7,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim import stock_bodies
 from torch_geometric_tactile.sim.hand_model import STAND
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     SMALL,
     current_theme,
+    new_figure,
     plain_text,
     title_axes,
     title_figure,
 )
-from torch_geometric_tactile.visualization._taxel_map import value_scale
+from torch_geometric_tactile.visualization._taxel_map import value_scale, view_axes
 from torch_geometric_tactile.visualization.hand import plot_hand
 
 if TYPE_CHECKING:
@@ -67,7 +67,8 @@ def plot_grasp_film(
     shown = [int(i) for i in _spread_over_phases(recording.privileged["phase"], frames)]
     scale = value_scale(None, (0.0, _FULL_FORCE), "sequential")
     scenes = [list(_scene(recording, frame, layout, kinematics, scale)) for frame in shown]
-    plane, towards = _view(azimuth, elevation)
+    view = view_axes(azimuth, elevation)
+    plane, towards = view[:2].T, view[2]
     sizes = [np.ptp(_corners(scene, plane), axis=0) + 2 * _MARGIN for scene in scenes]
     ratio = float(np.mean([size[1] / size[0] for size in sizes]))
     tall = 1.9 * ratio
@@ -159,14 +160,6 @@ def _spread_over_phases(phase: np.ndarray, frames: int) -> np.ndarray:
     return np.searchsorted(passed, (np.arange(frames) + 0.5) / frames).clip(max=len(phase) - 1)
 
 
-def _view(azimuth: float, elevation: float) -> tuple[np.ndarray, np.ndarray]:
-    # The axes of the picture as columns, and the direction of the viewer.
-    a, e = np.deg2rad(azimuth), np.deg2rad(elevation)
-    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    right = np.array([-np.sin(a), np.cos(a), 0.0])
-    return np.stack([right, np.cross(towards, right)], axis=1), towards
-
-
 def _corners(scene: list[_Faces], plane: np.ndarray) -> np.ndarray:
     points = np.concatenate(
         [(faces.corners @ plane).reshape(-1, 2) for faces in scene if faces.is_followed]
@@ -245,14 +238,7 @@ def _scene(
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())  # of w, x, y, z
 
 
 def _shaded(corners: np.ndarray, color: _Color) -> _Faces:
@@ -280,40 +266,22 @@ def _primitive(shape: str, half: ArrayLike) -> list[np.ndarray]:
 def _unit_primitive(shape: str) -> list[np.ndarray]:
     # In many small faces: the painter's order of large ones can be wrong.
     if shape == "box":
-        return [np.array(list(_unit_box()))]
+        steps = np.linspace(-1, 1, 4)
+        face = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)
+        sides = [(axis, side) for axis in range(3) for side in (-1.0, 1.0)]
+        return [np.concatenate([_quads(np.insert(face, *side, axis=-1)) for side in sides])]
     around = np.linspace(0, 2 * np.pi, 25)
     if shape == "cylinder":
         ring = np.stack([np.cos(around), np.zeros(25), np.sin(around)], axis=1)
-        levels = np.linspace(-1, 1, 9)
-        sides, ends = [], []
-        for a, b in itertools.pairwise(ring):
-            for low, high in itertools.pairwise(levels):
-                y0, y1 = np.array([0, low, 0]), np.array([0, high, 0])
-                sides.append([a + y0, b + y0, b + y1, a + y1])
-            for end in (-1.0, 1.0):
-                y = np.array([0, end, 0])
-                ends.append([a + y, b + y, y])
-        return [np.array(sides), np.array(ends)]
-    up = np.linspace(-np.pi / 2, np.pi / 2, 13)
-    cells = [
-        [
-            [np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)]
-            for a, e in ((a0, e0), (a1, e0), (a1, e1), (a0, e1))
-        ]
-        for a0, a1 in itertools.pairwise(around)
-        for e0, e1 in itertools.pairwise(up)
-    ]
-    return [np.array(cells)]
+        heights = np.linspace(-1, 1, 9)[:, None] * [0.0, 1.0, 0.0]
+        middle = np.broadcast_to(heights[[0, -1]], (24, 2, 3))
+        ends = np.stack([ring[:-1, None] + middle, ring[1:, None] + middle, middle], axis=2)
+        return [_quads(ring[:, None] + heights), ends.reshape(-1, 3, 3)]
+    a, e = np.meshgrid(around, np.linspace(-np.pi / 2, np.pi / 2, 13), indexing="ij")
+    return [_quads(np.stack([np.cos(e) * np.cos(a), np.sin(e), np.cos(e) * np.sin(a)], axis=-1))]
 
 
-def _unit_box() -> Iterator[np.ndarray]:
-    steps = np.linspace(-1, 1, 4)
-    for axis in range(3):
-        first, second = (i for i in range(3) if i != axis)
-        for side in (-1.0, 1.0):
-            for a in itertools.pairwise(steps):
-                for b in itertools.pairwise(steps):
-                    corners = np.full((4, 3), side)
-                    corners[:, first] = [a[0], a[1], a[1], a[0]]
-                    corners[:, second] = [b[0], b[0], b[1], b[1]]
-                    yield corners
+def _quads(points: np.ndarray) -> np.ndarray:
+    # The cells of a surface (U, V, 3), as (F, 4, 3).
+    corners = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return np.stack(corners, axis=2).reshape(-1, 4, 3)

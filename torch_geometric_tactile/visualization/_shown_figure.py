@@ -17,7 +17,7 @@ from torch_geometric_tactile.visualization._style import (
 class ShownFigure(Figure):
     r"""A figure that is shown as a picture where it is the last line of a notebook's cell or is
     given to :obj:`display`, without pyplot. What is added to it has the colours and sizes of
-    :mod:`~torch_geometric_tactile.visualization.style`.
+    all pictures.
     """
 
     def _repr_png_(self) -> bytes:

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import numpy as np
+
 from torch_geometric_tactile._texts import printable
 
 if TYPE_CHECKING:
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 
+DPI = 150
+INSTALL = 'pip install "torch-geometric-tactile[viz]"'
 # Points. At most 8 inches wide, a figure in a column of 720 pixels shows 8 points as 10 pixels.
 TITLE, TEXT, SMALL, TINY = 10.5, 9.0, 8.0, 7.0
 
@@ -25,46 +29,32 @@ _MARGIN = 0.25  # inches to either side of a title
 _LETTER = 0.52  # mean width of a letter, in its size
 
 
-class Theme(NamedTuple):
-    r"""The colours of a picture."""
+_Hues = tuple[str, ...]
 
-    ground: str
-    ink: str
-    soft: str
-    faint: str
-    grid: str
-    band: str
-    palette: tuple[str, ...]
-    plain: str
-    outline: str
-    join: str
-    one_way: str
-    alarm: str
-    skin: str
-    share: str
-    sequential: str
-    diverging: tuple[str, ...]
+
+class Theme(NamedTuple):
+    r"""The colours of a picture, on a light page if not told otherwise."""
+
+    ground: str = "#ffffff"
+    ink: str = "#1b1f24"
+    soft: str = "#57606a"
+    faint: str = "#9aa3ad"
+    grid: str = "#e3e7eb"
+    band: str = "#f3f5f7"
+    palette: _Hues = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#1b1f24")
+    plain: str = "#ffffff"
+    outline: str = "#3a4149"
+    join: str = "#e69f00"
+    one_way: str = "#c4006a"
+    alarm: str = "#b00020"
+    skin: str = "#40454d"
+    share: str = "Blues"
+    sequential: str = "viridis"
+    diverging: _Hues = ("#053061", "#2f79b5", "#a7cfe4", "#f7f7f7", "#f8bfa4", "#ca4741", "#67001f")
 
 
 THEMES = {
-    "light": Theme(
-        ground="#ffffff",
-        ink="#1b1f24",
-        soft="#57606a",
-        faint="#9aa3ad",
-        grid="#e3e7eb",
-        band="#f3f5f7",
-        palette=("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#1b1f24"),
-        plain="#ffffff",
-        outline="#3a4149",
-        join="#e69f00",
-        one_way="#c4006a",
-        alarm="#b00020",
-        skin="#40454d",
-        share="Blues",
-        sequential="viridis",
-        diverging=("#053061", "#2f79b5", "#a7cfe4", "#f7f7f7", "#f8bfa4", "#ca4741", "#67001f"),
-    ),
+    "light": Theme(),
     "dark": Theme(
         ground="#14181d",
         ink="#e6e9ee",
@@ -78,9 +68,7 @@ THEMES = {
         join="#f0b73c",
         one_way="#ff6fb1",
         alarm="#ff6b7d",
-        skin="#40454d",
         share="Blues_r",
-        sequential="viridis",
         diverging=("#b9e2ff", "#56aee6", "#275878", "#232a31", "#7d3b2e", "#e8744f", "#ffd3bf"),
     ),
 }
@@ -92,6 +80,27 @@ CURRENT_THEME: ContextVar[Theme] = ContextVar("theme", default=THEMES["light"])
 def current_theme() -> Theme:
     r"""Returns the colours of the figures that are made now."""
     return CURRENT_THEME.get()
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    r"""Returns an empty figure in the colours of :func:`theme` that is drawn in memory and shown by
+    notebooks.
+
+    Examples:
+        >>> figure = new_figure(4.0, 3.0)
+        >>> figure.get_size_inches().tolist()
+        [4.0, 3.0]
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        from torch_geometric_tactile.visualization._shown_figure import ShownFigure
+    except ImportError as error:
+        raise ImportError(f"pictures need matplotlib: {INSTALL}") from error
+    ground = current_theme().ground
+    figure = ShownFigure(figsize=(width, height), layout="constrained", facecolor=ground)
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def series_color(index: int) -> str:
@@ -162,9 +171,60 @@ def hollow_handle() -> "Line2D":
     )
 
 
-def title_figure(figure: "Figure", title: str) -> None:
-    r"""Writes the title of a figure, in as many lines as its width needs."""
-    figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
+def draw_legend(
+    figure: "Figure", handles: list[Any], labels: list[str], *, columns: int, has_hollow: bool
+) -> None:
+    r"""Draws a legend below the plots, which explains hollow marks where there are some."""
+    if has_hollow:
+        handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def draw_series(
+    ax: "Axes",
+    index: int,
+    x: Any,
+    mean: Any,
+    band: tuple[Any, ...] | None,
+    *,
+    label: str,
+    markersize: float,
+    alpha: float,
+) -> None:
+    r"""Draws a series as a line with a band (places, lower and upper ends); its marks are hollow
+    without one.
+    """
+    color = series_color(index)
+    ax.plot(
+        x,
+        mean,
+        color=color,
+        marker=series_marker(index),
+        markersize=markersize,
+        markerfacecolor=current_theme().ground if band is None else color,
+        linewidth=1.6,
+        label=label,
+    )
+    if band is not None:
+        ax.fill_between(*band, color=color, alpha=alpha, linewidth=0)
+
+
+def symmetric_limit(values: np.ndarray, quantile: float) -> tuple[float, bool]:
+    r"""Returns the end of a scale about zero, a quantile of the sizes of values, and whether some
+    are beyond it; only finite ones count.
+    """
+    size = np.abs(values[np.isfinite(values)])
+    if size.size == 0 or size.max() == 0:
+        return 1.0, False
+    # Where almost no value differs from zero, the quantile is zero.
+    limit = float(np.quantile(size, quantile)) or float(size.max())
+    return limit, float(size.max()) > limit
+
+
+def title_figure(figure: "Figure", title: str | None) -> None:
+    r"""Writes the title of a figure, if there is one, in as many lines as its width needs."""
+    if title is not None:
+        figure.suptitle(fitted(title, figure.get_figwidth() - 2 * _MARGIN))
 
 
 def title_axes(ax: "Axes", title: str, size: float = TEXT, **kwargs: Any) -> "Text":

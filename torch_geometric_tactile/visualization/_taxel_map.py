@@ -1,12 +1,13 @@
 r"""What pictures of taxels share, whether of one pad or of a whole hand."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.sensors import check_edges
+from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 from torch_geometric_tactile.visualization._style import (
     SMALL,
     colormap,
@@ -17,6 +18,19 @@ from torch_geometric_tactile.visualization._style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+_DIGIT_ORDER = (0, 2, 3, 1, None, 4, 5)  # of the palette; palms are grey
+
+
+def view_axes(azimuth: float, elevation: float) -> np.ndarray:
+    r"""Returns the directions to the right, up and towards a viewer who, in degrees, walked around
+    :math:`z` and rose, as the rows of :math:`(3, 3)`.
+    """
+    turn, rise = np.deg2rad(azimuth), np.deg2rad(elevation)
+    right = [-np.sin(turn), np.cos(turn), 0.0]
+    up = [-np.sin(rise) * np.cos(turn), -np.sin(rise) * np.sin(turn), np.cos(rise)]
+    towards = [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)]
+    return np.array([right, up, towards])
 
 
 def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
@@ -144,8 +158,7 @@ def finish_map(
 
 def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
     r"""Draws a colour bar beside a map."""
-    bar = ax.figure.colorbar(scale, ax=ax, shrink=0.9)
-    bar.set_label(plain_text(label))
+    ax.figure.colorbar(scale, ax=ax, shrink=0.9, label=plain_text(label))
 
 
 def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
@@ -170,3 +183,35 @@ def taxel_diameter(plane: Tensor) -> float:
 
 def map_corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float]]:
     return (plane.amin(dim=0) - diameter).tolist(), (plane.amax(dim=0) + diameter).tolist()
+
+
+def digit_color(digit: int) -> str:
+    r"""Returns the colour of a digit, the same in all pictures."""
+    look = current_theme()
+    place = _DIGIT_ORDER[digit % len(_DIGIT_ORDER)]
+    return "#8a8f96" if place is None else look.palette[place]
+
+
+def segment_colors(
+    layout: TaxelLayout, by: Literal["patch", "digit"]
+) -> list[tuple[float, float, float]]:
+    r"""Returns the colour of each taxel: that of its digit, or its patch's tint of it."""
+    from matplotlib.colors import to_rgb
+
+    digits = layout.segments("digit").tolist()
+    patches = layout.segments("patch").tolist()
+    base = [to_rgb(digit_color(digit)) for digit in digits]
+    if by == "digit":
+        return base
+    first: dict[int, list[int]] = {}
+    for digit, patch in dict.fromkeys(zip(digits, patches, strict=True)):
+        first.setdefault(digit, []).append(patch)
+    colors = []
+    ground = to_rgb(current_theme().ground)
+    for color, digit, patch in zip(base, digits, patches, strict=True):
+        # Towards the page, with every second patch far ahead, so that neighbours differ.
+        number = first[digit].index(patch)
+        tint = 0.55 * (number % 2) + 0.3 * number / len(first[digit])
+        red, green, blue = (c + (g - c) * tint for c, g in zip(color, ground, strict=True))
+        colors.append((red, green, blue))
+    return colors

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from torch_geometric_tactile.data import Recording
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     SMALL,
     TEXT,
     colormap,
     current_theme,
+    new_figure,
     plain_text,
     series_color,
     title_axes,

@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
-    HOLLOW,
     MARKERS,
     MOST_WIDTH,
     current_theme,
-    hollow_handle,
+    draw_legend,
+    new_figure,
     open_plot,
     plain_text,
     series_color,
@@ -116,14 +115,9 @@ def plot_comparison(
     known = {name for name, is_spread_known in points if is_spread_known}
     handles = [_handle(i, name in known) for i, name in enumerate(series)]
     labels = [plain_text(name) for name in series]
-    if not all(is_spread_known for _, is_spread_known in points):
-        handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
-    figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=1 if max(map(len, labels)) > 40 else 2,
-    )
+    has_hollow = not all(is_spread_known for _, is_spread_known in points)
+    columns = 1 if max(map(len, labels)) > 40 else 2
+    draw_legend(figure, handles, labels, columns=columns, has_hollow=has_hollow)
     title_figure(figure, title)
     return figure
 

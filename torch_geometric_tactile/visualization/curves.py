@@ -4,15 +4,12 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
-    HOLLOW,
-    current_theme,
-    hollow_handle,
+    draw_legend,
+    draw_series,
+    new_figure,
     open_plot,
     plain_text,
-    series_color,
-    series_marker,
     title_figure,
 )
 
@@ -52,26 +49,16 @@ def plot_curves(
     figure = new_figure(7.0, 4.0 + 0.2 * len(curves))
     ax = figure.subplots()
     for i, (name, points) in enumerate(curves.items()):
-        color = series_color(i)
-        places, means = [p[0] for p in points], [p[1] for p in points]
-        known = [(x, mean, sd) for x, mean, sd in points if isfinite(sd)]
-        ax.plot(
-            places,
-            means,
-            color=color,
-            marker=series_marker(i),
-            markersize=5.0,
-            markerfacecolor=color if known else current_theme().ground,
-            linewidth=1.6,
+        known = [(x, mean - sd, mean + sd) for x, mean, sd in points if isfinite(sd)]
+        draw_series(
+            ax,
+            i,
+            [x for x, _, _ in points],
+            [mean for _, mean, _ in points],
+            tuple(zip(*known, strict=True)) if known else None,
             label=plain_text(name),
-        )
-        ax.fill_between(
-            [x for x, _, _ in known],
-            [mean - sd for _, mean, sd in known],
-            [mean + sd for _, mean, sd in known],
-            color=color,
+            markersize=5.0,
             alpha=0.15,
-            linewidth=0,
         )
     every = sorted({point[0] for points in curves.values() for point in points})
     if len(every) <= 20:
@@ -80,8 +67,8 @@ def plot_curves(
     ax.set_xlabel(plain_text(xlabel))
     ax.set_ylabel(plain_text(ylabel))
     handles, labels = ax.get_legend_handles_labels()
-    if not all(any(isfinite(sd) for _, _, sd in points) for points in curves.values()):
-        handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
-    figure.legend(handles, labels, loc="outside lower center", ncols=1 if len(labels) < 4 else 2)
+    has_hollow = not all(any(isfinite(sd) for _, _, sd in points) for points in curves.values())
+    columns = 1 if len(labels) + has_hollow < 4 else 2
+    draw_legend(figure, handles, labels, columns=columns, has_hollow=has_hollow)
     title_figure(figure, title)
     return figure

@@ -5,15 +5,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
-    HOLLOW,
-    current_theme,
-    hollow_handle,
+    draw_legend,
+    draw_series,
+    new_figure,
     open_plot,
     plain_text,
-    series_color,
-    series_marker,
     title_axes,
     title_figure,
 )
@@ -87,10 +84,9 @@ def plot_early_slip(
     left.set_ylim(0.0, 1.02)
     left.set_ylabel("part of the grasps")
     handles, labels = left.get_legend_handles_labels()
-    if any(np.atleast_2d(curves.recall).shape[0] < 2 for curves in methods.values()):
-        handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
+    has_hollow = any(np.atleast_2d(curves.recall).shape[0] < 2 for curves in methods.values())
     columns = 1 if max(map(len, labels), default=0) > 60 else 2
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    draw_legend(figure, handles, labels, columns=columns, has_hollow=has_hollow)
     title_figure(figure, title)
     return figure
 
@@ -111,17 +107,13 @@ def _draw(ax: "Axes", time: np.ndarray, values: np.ndarray, name: str, index: in
         return
     time, values = time[counted], values[:, counted]
     mean, deviation = np.nanmean(values, axis=0), np.nanstd(values, axis=0)
-    color = series_color(index)
-    ax.plot(
+    draw_series(
+        ax,
+        index,
         time,
         mean,
-        color=color,
-        marker=series_marker(index),
-        markersize=4,
-        markerfacecolor=color if len(values) > 1 else current_theme().ground,
-        linewidth=1.6,
+        (time, mean - deviation, mean + deviation) if len(values) > 1 else None,
         label=name,
+        markersize=4,
+        alpha=0.18,
     )
-    if len(values) > 1:
-        low, high = mean - deviation, mean + deviation
-        ax.fill_between(time, low, high, color=color, alpha=0.18, linewidth=0)

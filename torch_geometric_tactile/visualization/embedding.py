@@ -7,15 +7,15 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._segment_colors import digit_color, segment_colors
 from torch_geometric_tactile.visualization._style import (
     MARKERS,
     current_theme,
+    new_figure,
     plain_text,
     title_axes,
     title_figure,
 )
+from torch_geometric_tactile.visualization._taxel_map import digit_color, segment_colors
 from torch_geometric_tactile.visualization.hand import plot_hand
 
 if TYPE_CHECKING:
@@ -102,8 +102,7 @@ def plot_embedding(
     plot_hand(layout, kinematics, ax=hand, color_by=color_by, names="digit")
     hand.set_axis_off()
     _draw_legend(figure, layout.digit_names)
-    if title is not None:
-        title_figure(figure, title)
+    title_figure(figure, title)
     return figure
 
 

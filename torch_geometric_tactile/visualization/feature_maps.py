@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     TEXT,
     colormap,
     current_theme,
     fitted,
+    new_figure,
     plain_text,
     series_color,
     series_marker,

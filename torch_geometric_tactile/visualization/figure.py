@@ -1,11 +1,14 @@
-r"""Figures without pyplot: no global state, no display, safe in threads."""
+r"""What all figures share: their colours and their files. They are made without pyplot: no global
+state, no display, safe in threads."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.visualization._new_figure import DPI
+from torch_geometric_tactile.visualization._style import CURRENT_THEME, DPI, THEMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,3 +43,31 @@ def save_figure(figure: "Figure", path: PathLike) -> None:
             metadata={"Software": None},
             pil_kwargs={"optimize": True},
         )
+
+
+@contextmanager
+def theme(name: Literal["light", "dark"]) -> Iterator[None]:
+    r"""Draws the figures made within a :obj:`with` block in the colours of a light or a dark page.
+    Without it they are light.
+
+    Args:
+        name (str): :obj:`"light"` or :obj:`"dark"`.
+
+    Raises:
+        ValueError: If there is no such theme.
+
+    Examples:
+        >>> from torch_geometric_tactile.sensors import grid
+        >>> from torch_geometric_tactile.visualization import plot_layout
+        >>> with theme("dark"):
+        ...     figure = plot_layout(grid(2, 3, pitch=0.002))
+        >>> max(figure.get_facecolor()[:3]) < 0.2
+        True
+    """
+    if name not in THEMES:
+        raise ValueError(f"'name' must be 'light' or 'dark' (got '{name}')")
+    token = CURRENT_THEME.set(THEMES[name])
+    try:
+        yield
+    finally:
+        CURRENT_THEME.reset(token)

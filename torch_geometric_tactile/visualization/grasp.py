@@ -7,8 +7,14 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._style import MOST_WIDTH, TEXT, current_theme, plain_text
+from torch_geometric_tactile.visualization._style import (
+    MOST_WIDTH,
+    TEXT,
+    current_theme,
+    new_figure,
+    plain_text,
+    symmetric_limit,
+)
 from torch_geometric_tactile.visualization._taxel_map import figure_size, value_scale
 from torch_geometric_tactile.visualization.layout import layout_plane, plot_layout
 
@@ -62,7 +68,8 @@ def plot_grasps(
             raise ValueError(
                 f"'readings' must have shape {shape} (got {tuple(reading.shape)} for '{title}')"
             )
-    limit, clipped = _symmetric_limit(torch.stack(list(readings.values())))
+    values = torch.stack(list(readings.values())).detach().cpu().double().numpy()
+    limit, clipped = symmetric_limit(values, _QUANTILE)
     wide = min(2.3, (MOST_WIDTH - 1.0) / len(finger_names))
     width, height = figure_size(layout_plane(layout), wide)
     header = 0.3
@@ -98,22 +105,12 @@ def plot_grasps(
                 ax.set_ylabel("")
                 ax.tick_params(labelleft=False)
             panels.append(ax)
-    bar = figure.colorbar(
+    figure.colorbar(
         value_scale(None, (-limit, limit), "diverging"),
         ax=panels,
         extend="both" if clipped else "neither",
         shrink=0.8,
         aspect=15 * len(readings),
+        label=plain_text(f"reading ({unit})"),
     )
-    bar.set_label(plain_text(f"reading ({unit})"))
     return figure
-
-
-def _symmetric_limit(values: Tensor) -> tuple[float, bool]:
-    size = values.detach().cpu().double().abs()
-    size = size[size.isfinite()]
-    if size.numel() == 0 or float(size.max()) == 0:
-        return 1.0, False
-    # Where fewer than one in fifty readings differs from zero, the percentile is zero.
-    limit = float(size.quantile(_QUANTILE)) or float(size.max())
-    return limit, float(size.max()) > limit

@@ -1,25 +1,23 @@
 r"""Pictures of a whole hand in the pose of its joints."""
 
-import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sensors._views import open_angles
-from torch_geometric_tactile.visualization._hand_edges import draw_edge_values, draw_edges
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._segment_colors import segment_colors
-from torch_geometric_tactile.visualization._style import TEXT, current_theme, plain_text
+from torch_geometric_tactile.visualization._style import TEXT, current_theme, new_figure, plain_text
 from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,
     draw_color_bar,
     draw_taxels,
     finish_map,
+    segment_colors,
     value_colors,
     value_scale,
+    view_axes,
 )
 
 if TYPE_CHECKING:
@@ -166,9 +164,9 @@ def plot_hand(
     elif edge_value is None:
         colors = [to_rgba(color) for color in segment_colors(layout, color_by)]
     if edge_index is not None and edge_value is None:
-        draw_edges(ax, plane, edge_index, layout)
+        _draw_edges(ax, plane, edge_index, layout)
     elif edge_index is not None and edge_value is not None:
-        draw_edge_values(ax, plane, edge_index, edge_value, edge_scale, 1.8)
+        _draw_edge_values(ax, plane, edge_index, edge_value, edge_scale, 1.8)
     order = depth.argsort(stable=True).tolist()
     draw_taxels(
         ax,
@@ -199,11 +197,7 @@ def _taxel_places(layout: TaxelLayout, kinematics: HandKinematics, joint: Tensor
 
 
 def _view(pos: Tensor, azimuth: float, elevation: float) -> tuple[Tensor, Tensor]:
-    turn, rise = math.radians(azimuth), math.radians(elevation)
-    right = (-math.sin(turn), math.cos(turn), 0.0)
-    up = (-math.sin(rise) * math.cos(turn), -math.sin(rise) * math.sin(turn), math.cos(rise))
-    viewer = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
-    seen = pos @ pos.new_tensor([right, up, viewer]).T
+    seen = pos @ torch.from_numpy(view_axes(azimuth, elevation)).to(pos).T
     # To a nanometre, so that rounding does not order taxels of one depth.
     return seen[:, :2], seen[:, 2].mul(1e6).round()
 
@@ -242,3 +236,86 @@ def _draw_names(
                 va="top",
                 zorder=4,
             )
+
+
+def _draw_edges(ax: "Axes", plane: Tensor, edge_index: Tensor, layout: TaxelLayout) -> None:
+    r"""Draws each pair once, in the colour of its kind, and edges without their reverse as arrows.
+
+    Shapes:
+        - **plane:** The taxels in the plane, in millimetres :math:`(N, 2)`.
+        - **edge_index:** Directed edges :math:`(2, |\mathcal{E}|)`.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.patches import FancyArrowPatch
+
+    look = current_theme()
+    pieces, joins, arrows = _sorted_edges(edge_index, layout)
+    for pairs, color, kind in (
+        (pieces, look.soft, "within a patch"),
+        (joins, look.join, "between patches"),
+    ):
+        if len(pairs):
+            ax.add_collection(
+                LineCollection(
+                    list(plane[pairs].numpy()), colors=color, linewidths=0.7, zorder=1, label=kind
+                )
+            )
+    for i, (tail, head) in enumerate(plane[arrows].tolist()):
+        ax.add_patch(
+            FancyArrowPatch(
+                tail,
+                head,
+                arrowstyle="-|>",
+                mutation_scale=12,
+                shrinkA=0,
+                shrinkB=2,
+                color=look.one_way,
+                linewidth=1.6,
+                zorder=3,
+                label="one way only" if i == 0 else None,
+            )
+        )
+
+
+def _draw_edge_values(
+    ax: "Axes", plane: Tensor, edge_index: Tensor, value: Tensor, scale: Any, linewidth: float
+) -> None:
+    r"""Draws each directed edge in the colour of its value: the half next to its target, or all of
+    it if it has no reverse.
+
+    Shapes:
+        - **plane:** The taxels in the plane, in millimetres :math:`(N, 2)`.
+        - **edge_index:** Directed edges :math:`(2, |\mathcal{E}|)`.
+        - **value:** Their values :math:`(|\mathcal{E}|,)`.
+    """
+    from matplotlib.collections import LineCollection
+
+    source, target = edge_index
+    returns = _returns(source, target, len(plane)).view(-1, 1)
+    start = torch.where(returns, (plane[source] + plane[target]) / 2, plane[source])
+    ax.add_collection(
+        LineCollection(
+            list(torch.stack([start, plane[target]], dim=1).numpy()),
+            colors=scale.to_rgba(value.numpy()),
+            linewidths=linewidth,
+            capstyle="butt",
+            zorder=1,
+            label="edge value",
+        )
+    )
+
+
+def _returns(source: Tensor, target: Tensor, num_taxels: int) -> Tensor:
+    return torch.isin(target * num_taxels + source, source * num_taxels + target)
+
+
+def _sorted_edges(edge_index: Tensor, layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:
+    # Pairs within a patch, pairs between patches, and edges without their reverse, all (n, 2).
+    num_taxels = layout.num_taxels
+    source, target = checked_edges("adjacency", edge_index, num_taxels).unique(dim=1)
+    returns = _returns(source, target, num_taxels)
+    pairs = torch.stack([source, target], dim=1)
+    both = pairs[returns & (source < target)]
+    patch = layout.segments("patch")[both]
+    within = patch[:, 0] == patch[:, 1]
+    return both[within], both[~within], pairs[~returns]

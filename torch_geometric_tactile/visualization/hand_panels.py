@@ -8,8 +8,12 @@ import torch
 from torch import Tensor
 
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._style import MOST_WIDTH, plain_text, title_figure
+from torch_geometric_tactile.visualization._style import (
+    MOST_WIDTH,
+    new_figure,
+    plain_text,
+    title_figure,
+)
 from torch_geometric_tactile.visualization._taxel_map import checked_values, value_scale
 from torch_geometric_tactile.visualization.hand import plot_hand
 
@@ -95,14 +99,13 @@ def plot_hand_panels(
         ax.set_axis_off()
     for ax in axes.flat[len(checked) :]:
         ax.set_visible(False)
-    bar = figure.colorbar(
+    figure.colorbar(
         value_scale(None, limits, "diverging"),
         ax=axes,
         shrink=0.8,
         aspect=30,
         extend="both" if largest > end else "neither",
+        label=plain_text(label),
     )
-    bar.set_label(plain_text(label))
-    if title is not None:
-        title_figure(figure, title)
+    title_figure(figure, title)
     return figure

@@ -7,8 +7,13 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.sensors._views import facing_sides, pads_side_by_side
-from torch_geometric_tactile.visualization._new_figure import new_figure
-from torch_geometric_tactile.visualization._style import SMALL, current_theme, ink_on, plain_text
+from torch_geometric_tactile.visualization._style import (
+    SMALL,
+    current_theme,
+    ink_on,
+    new_figure,
+    plain_text,
+)
 from torch_geometric_tactile.visualization._taxel_map import (
     checked_edges,
     checked_values,

@@ -8,11 +8,11 @@ import numpy as np
 import torch
 
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     SMALL,
     current_theme,
+    new_figure,
     plain_text,
     title_axes,
     title_figure,
@@ -81,10 +81,8 @@ def plot_presses(
     for ax, press, text in zip(axes.flat, presses, titles, strict=False):
         _draw(ax, press, layout, scale)
         title_axes(ax, plain_text(text), size=SMALL + 0.5, pad=2)
-    bar = figure.colorbar(scale, ax=axes, aspect=40, pad=0.01)
-    bar.set_label(plain_text(label))
-    if title is not None:
-        title_figure(figure, title)
+    figure.colorbar(scale, ax=axes, aspect=40, pad=0.01, label=plain_text(label))
+    title_figure(figure, title)
     return figure
 
 

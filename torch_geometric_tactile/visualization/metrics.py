@@ -2,12 +2,11 @@ r"""Pictures of how well models classify."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     DASHES,
     MOST_WIDTH,
@@ -17,6 +16,7 @@ from torch_geometric_tactile.visualization._style import (
     current_theme,
     fitted,
     ink_on,
+    new_figure,
     open_plot,
     plain_text,
     series_color,
@@ -83,19 +83,11 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
 
 def _draw_percentages(ax: "Axes", counts: np.ndarray) -> None:
     percent = 100 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    image = ax.imshow(percent, cmap=colormap("share"), vmin=0.0, vmax=100.0)
-    for (row, column), value in np.ndenumerate(percent):
-        if value > 0:
-            ax.text(
-                column,
-                row,
-                f"{value:.0f}" if value >= 99.95 else f"{value:.1f}",
-                ha="center",
-                va="center",
-                fontsize=6,
-                color=ink_on(tuple(image.to_rgba(value))),
-            )
-    ax.tick_params(length=0)
+    texts = [
+        "" if value == 0 else f"{value:.0f}" if value >= 99.95 else f"{value:.1f}"
+        for value in percent.flat
+    ]
+    _draw_cells(ax, percent, texts, 100.0, fontsize=6)
 
 
 def _check_counts(name: str, counts: np.ndarray) -> None:
@@ -104,21 +96,22 @@ def _check_counts(name: str, counts: np.ndarray) -> None:
 
 
 def _draw_counts(ax: "Axes", counts: np.ndarray) -> None:
-    total = counts.sum(axis=1, keepdims=True)
+    total = np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)
     share = counts / np.maximum(total, 1)
-    image = ax.imshow(share, cmap=colormap("share"), vmin=0.0, vmax=1.0)
-    for (row, column), count in np.ndenumerate(counts):
-        percent = f"{100 * share[row, column]:.1f} %" if total[row, 0] else "-"
-        ax.text(
-            column,
-            row,
-            f"{int(count):,}\n{percent}",
-            ha="center",
-            va="center",
-            fontsize=TEXT + 1 if len(counts) < 4 else SMALL,
-            linespacing=1.3,
-            color=ink_on(tuple(image.to_rgba(share[row, column]))),
-        )
+    texts = [
+        f"{int(count):,}\n" + (f"{100 * part:.1f} %" if of else "-")
+        for count, part, of in zip(counts.flat, share.flat, total.flat, strict=True)
+    ]
+    size = TEXT + 1 if len(counts) < 4 else SMALL
+    _draw_cells(ax, share, texts, 1.0, fontsize=size, linespacing=1.3)
+
+
+def _draw_cells(ax: "Axes", share: np.ndarray, texts: list[str], whole: float, **look: Any) -> None:
+    image = ax.imshow(share, cmap=colormap("share"), vmin=0.0, vmax=whole)
+    for ((row, column), value), text in zip(np.ndenumerate(share), texts, strict=True):
+        if text:
+            ink = ink_on(tuple(image.to_rgba(value)))
+            ax.text(column, row, text, ha="center", va="center", color=ink, **look)
     ax.tick_params(length=0)
 
 

@@ -7,16 +7,17 @@ import numpy as np
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.recording import UNITS
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     DASHES,
     SMALL,
     TINY,
     colormap,
     current_theme,
+    new_figure,
     open_plot,
     plain_text,
     series_color,
+    symmetric_limit,
     title_figure,
 )
 
@@ -96,7 +97,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     edges, picture = _columns(time, change)
     images = axes[: recording.num_channels]
     for i, (ax, name) in enumerate(zip(images, channels, strict=True)):
-        limit, clipped = _symmetric_limit(change[:, :, i])
+        limit, clipped = symmetric_limit(change[:, :, i], _QUANTILE)
         scale = Normalize(-limit, limit)
         ax.pcolorfast(
             edges,
@@ -229,15 +230,6 @@ def _columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarr
     step = float(np.median(np.diff(time))) if num_frames > 1 else 1.0
     middles = (time[starts[1:] - 1] + time[starts[1:]]) / 2
     return np.array([time[0] - step / 2, *middles, time[-1] + step / 2]), change
-
-
-def _symmetric_limit(change: np.ndarray) -> tuple[float, bool]:
-    size = np.abs(change[~np.isnan(change)])
-    if size.size == 0 or size.max() == 0:
-        return 1.0, False
-    # Where almost no reading differs from rest, the percentile is zero.
-    limit = float(np.quantile(size, _QUANTILE)) or float(size.max())
-    return limit, float(size.max()) > limit
 
 
 def _line(i: int, count: int, single: bool) -> dict[str, str]:

@@ -3,10 +3,10 @@ r"""Pictures of how networks learnt."""
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from torch_geometric_tactile.visualization._new_figure import new_figure
 from torch_geometric_tactile.visualization._style import (
     TINY,
     current_theme,
+    new_figure,
     open_plot,
     plain_text,
     series_color,

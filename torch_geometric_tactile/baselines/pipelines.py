@@ -1,6 +1,6 @@
-r"""Plain models to compare with, one line each."""
+r"""Plain models to compare with, as scikit-learn pipelines that one call makes."""
 
-from typing import Any, Literal
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from sklearn.compose import TransformedTargetRegressor
@@ -21,7 +21,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 _Task = Literal["multiclass", "regression"]
 _Weight = Literal["balanced"] | None
-_TASKS = ("multiclass", "regression")
+_TASKS = get_args(_Task)
 
 
 def flat_forest(
@@ -160,10 +160,7 @@ def rbf_svm(
         >>> rbf_svm().fit(x, [0, 0, 1, 1]).predict(x[3:])
         array([1])
     """
-    if _is_classes(task):
-        model: Any = _FewerSVC(C=C, width=width, most=most_samples, class_weight=class_weight)
-    else:
-        model = _scaled(_FewerSVR(C=C, width=width, most=most_samples))
+    model = _kernel_machine(task, C, width, most_samples, class_weight)
     return make_pipeline(FlatReadings(), model)
 
 
@@ -193,10 +190,7 @@ def signal_svm(
         >>> signal_svm().fit(x, [0] * 4 + [1] * 4).predict(x)
         array([0, 0, 0, 0, 1, 1, 1, 1])
     """
-    if _is_classes(task):
-        model: Any = _FewerSVC(C=C, most=most_samples, class_weight=class_weight)
-    else:
-        model = _scaled(_FewerSVR(C=C, most=most_samples))
+    model = _kernel_machine(task, C, 1.0, most_samples, class_weight)
     return make_pipeline(_WindowFeatures(num_channels), StandardScaler(), model)
 
 
@@ -242,9 +236,21 @@ class _WindowFeatures(FlatReadings):
 
 
 class _EachNumber(MultiOutputRegressor):
-    def fit(self, x: np.ndarray, y: np.ndarray) -> "_EachNumber":
+    def fit(self, x: np.ndarray, y: np.ndarray) -> Self:
         super().fit(x, np.asarray(y).reshape(len(y), -1))  # one number comes without a column
         return self
+
+
+def _kernel_machine(
+    task: str,
+    C: float,  # noqa: N803
+    width: float,
+    most: int | None,
+    class_weight: _Weight,
+) -> Any:
+    if _is_classes(task):
+        return _FewerSVC(C, width, most, class_weight)
+    return _scaled(_FewerSVR(C, width, most))
 
 
 class _Fewer:
@@ -253,13 +259,15 @@ class _Fewer:
     most: int | None
     random_state: Any
 
-    def _narrow(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit(self, x: np.ndarray, y: np.ndarray) -> Self:
         variance = float(x.var())
         self.gamma = self.width / (x.shape[1] * variance) if variance > 0 else self.width
-        if self.most is None or len(x) <= self.most:
-            return x, y
-        chosen = np.random.default_rng(self.random_state or 0).permutation(len(x))[: self.most]
-        return x[chosen], y[chosen]
+        y = np.asarray(y)
+        if self.most is not None and len(x) > self.most:
+            chosen = np.random.default_rng(self.random_state or 0).permutation(len(x))[: self.most]
+            x, y = x[chosen], y[chosen]
+        super().fit(x, y)  # type: ignore[misc]
+        return self
 
 
 class _FewerSVC(_Fewer, SVC):
@@ -275,10 +283,6 @@ class _FewerSVC(_Fewer, SVC):
         self.width = width
         self.most = most
 
-    def fit(self, x: np.ndarray, y: np.ndarray) -> "_FewerSVC":
-        super().fit(*self._narrow(x, np.asarray(y)))
-        return self
-
 
 class _FewerSVR(_Fewer, SVR):
     def __init__(
@@ -292,7 +296,3 @@ class _FewerSVR(_Fewer, SVR):
         self.width = width
         self.most = most
         self.random_state = random_state
-
-    def fit(self, x: np.ndarray, y: np.ndarray) -> "_FewerSVR":
-        super().fit(*self._narrow(x, np.asarray(y)))
-        return self
