@@ -7,7 +7,7 @@ from small_models import FINGERS, LAYOUT, samples
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn import MSCNN
-from torch_geometric_tactile.nn.models._ms_cnn_patterns import PATTERNS
+from torch_geometric_tactile.nn.models._hand_maps import PATTERNS
 from torch_geometric_tactile.sensors import allegro_uskin, allegro_uskin_240, grid
 
 HAND = allegro_uskin_240()

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 
@@ -31,8 +32,7 @@ def count_taxels(layout: LayoutLike) -> int:
     r"""Returns the number of taxels :math:`N`."""
     if not isinstance(layout, int):
         return load_layout(layout, "its number of taxels").num_taxels
-    if layout < 1:
-        raise ValueError(f"'layout' must have at least 1 taxel (got {layout})")
+    need(layout >= 1, "'layout' must have at least 1 taxel", layout)
     return layout
 
 
@@ -60,10 +60,16 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
         raise ValueError(
             f"'x' must have {num_channels} {what} (got shape {tuple(x.shape)}){advice}"
         )
+    count_samples(x, num_taxels)
+    return x if x.dim() == 3 else x.reshape(-1, num_taxels, num_channels)
+
+
+def count_samples(x: Tensor, num_taxels: int) -> int:
+    r"""Returns the number of samples in readings of any form."""
     if x.dim() == 3 and x.size(1) == num_taxels:
-        return x
+        return x.size(0)
     if x.dim() == 2 and x.size(0) % num_taxels == 0:
-        return x.reshape(-1, num_taxels, num_channels)
+        return x.size(0) // num_taxels
     raise ValueError(
         f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
     )
@@ -71,8 +77,7 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
 
 def check_taxel_dropout(part: float) -> float:
     r"""Returns the part of the taxels that are not seen in training."""
-    if not 0 <= part < 1:
-        raise ValueError(f"'taxel_dropout' must be at least 0 and below 1 (got {part})")
+    need(0 <= part < 1, "'taxel_dropout' must be at least 0 and below 1", part)
     return part
 
 

@@ -8,9 +8,8 @@ from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import CausalTemporalConv
-from torch_geometric_tactile.nn.models._byte_dropout import ByteDropout
-from torch_geometric_tactile.nn.models._joined import with_joints
-from torch_geometric_tactile.nn.models._taxel_levels import TaxelNorm
+from torch_geometric_tactile.nn.models._inputs import with_joints
+from torch_geometric_tactile.nn.models._taxel_levels import ByteDropout, TaxelNorm
 
 
 class FrameFilters(Module):

@@ -1,4 +1,4 @@
-r"""Features of several inputs side by side."""
+r"""What models are given besides readings, and features of several inputs side by side."""
 
 from collections.abc import Mapping, Sequence
 
@@ -41,3 +41,22 @@ def check_no_edges(inputs: Sequence[str]) -> None:
     r"""Checks the inputs of a model without a graph."""
     if "edge" in inputs:
         raise ValueError(f"'inputs' must not have 'edge': there is no graph (got {tuple(inputs)})")
+
+
+def weight_like(edge_weight: OptTensor, x: Tensor) -> OptTensor:
+    r"""Returns edge weights in the precision of the node features, in which several layers
+    compute.
+    """
+    if edge_weight is None or not edge_weight.is_floating_point():
+        return edge_weight
+    return edge_weight.to(x.dtype)
+
+
+def given_edges(edge_index: OptTensor) -> Tensor:
+    r"""Returns edges, which a graph convolution needs."""
+    if edge_index is None:
+        raise ValueError(
+            "'edge_index' must be given (got None): the samples need edges, of an adjacency of the "
+            "layout or of the transform KNNGraph"
+        )
+    return edge_index
