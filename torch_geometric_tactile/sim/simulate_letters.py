@@ -166,8 +166,8 @@ def num_letter_files(presses: int, letters: Sequence[str] = LETTERS) -> int:
 
 
 def _same_taxels(first: TaxelLayout, second: TaxelLayout) -> bool:
-    maps = (first.image_map, second.image_map)
-    same_map = maps[0] is maps[1] if None in maps else torch.equal(*maps)
+    a, b = first.image_map, second.image_map
+    same_map = a is b if a is None or b is None else torch.equal(a, b)
     return same_map and torch.equal(first.pos, second.pos)
 
 

@@ -283,9 +283,6 @@ def test_hub_and_state(tmp_path):
             lambda: BMFCNN(grid(32, 19, 0.01)),
             r"at least 20 x 20 cells \(got 32 x 19 in 'grid_32x19",
         ),
-        (lambda: BMFCNN(out_channels=0), r"'out_channels' must be at least 1 \(got 0\)"),
-        (lambda: BMFCNN(in_channels=0), r"'in_channels' must be at least 1 \(got 0\)"),
-        (lambda: BMFCNN(hidden_channels=0), r"'hidden_channels' must be at least 1 \(got 0\)"),
         (lambda: BMFCNN(fusion="C1"), r"'fusion' must be one of \('C3', .* \(got 'C1'\)"),
         (
             lambda: BMFCNN(fusion="C1+C3", bilinear=False),

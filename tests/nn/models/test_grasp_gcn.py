@@ -237,15 +237,6 @@ def test_grasp_gcn_compile(model):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["in_channels", "hidden_channels", "out_channels", "num_fingers", "num_layers"],
-)
-def test_grasp_gcn_bad_size(name):
-    with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-        GraspGCN(**{name: 0})
-
-
-@pytest.mark.parametrize(
     ("arguments", "match"),
     [
         ({"fusion": "late"}, r"'fusion' must be 'data', 'feature' or None \(got 'late'\)"),

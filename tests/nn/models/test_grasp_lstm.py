@@ -188,12 +188,6 @@ def test_hub(tmp_path):
     assert GraspLSTM.from_pretrained(tmp_path)(x).equal(model(x))
 
 
-@pytest.mark.parametrize("name", ["out_channels", "num_fingers", "hidden_channels", "num_layers"])
-def test_bad_sizes(name):
-    with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-        GraspLSTM(**{name: 0})
-
-
 @pytest.mark.parametrize("finger", [-1, 3])
 def test_bad_finger(finger):
     with pytest.raises(ValueError, match=rf"'finger' must be between 0 and 2 \(got {finger}\)"):

@@ -331,9 +331,6 @@ def without_thumb():
         (lambda: MSCNN(pattern="VIII"), r"'pattern' must be one of \['I', .*\] \(got 'VIII'\)"),
         (lambda: MSCNN(pattern=4), r"'pattern' must be one of .* \(got 4\)"),
         (lambda: MSCNN(channels=2), r"'channels' must be 3 or 1 \(got 2\)"),
-        (lambda: MSCNN(out_channels=0), r"'out_channels' must be at least 1 \(got 0\)"),
-        (lambda: MSCNN(hidden_channels=0), r"'hidden_channels' must be at least 1 \(got 0\)"),
-        (lambda: MSCNN(num_joints=-1), r"'num_joints' must not be negative \(got -1\)"),
         (lambda: MSCNN(240), r"'layout' must be a layout, .* for its image map"),
         (
             lambda: MSCNN(no_map()),

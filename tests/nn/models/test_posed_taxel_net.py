@@ -322,10 +322,6 @@ def test_posed_taxel_net_few_taxels():
     ("arguments", "match"),
     [
         ({"layout": 24}, r"'layout' must be a layout, .* places of its taxels \(got the number"),
-        ({"out_channels": 0}, r"'out_channels' must be at least 1 \(got 0\)"),
-        ({"in_channels": 0}, r"'in_channels' must be at least 1 \(got 0\)"),
-        ({"num_strongest": 0}, r"'num_strongest' must be at least 1 \(got 0\)"),
-        ({"hidden_channels": 0}, r"'hidden_channels' must be at least 1 \(got 0\)"),
         ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ({"taxel_dropout": 1.0}, r"'taxel_dropout' must be at least 0 and below 1 \(got 1.0\)"),
     ],

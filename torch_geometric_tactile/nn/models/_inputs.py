@@ -1,10 +1,35 @@
 r"""What models are given besides readings, and features of several inputs side by side."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
+
+# What gives a sample the attributes that models ask for.
+_SOURCES = {
+    "edge_attr": "add GeometricEdgeAttr() to the transform",
+    "absolute": "add AbsoluteMorphology() to the transform",
+    "pos": "add TaxelPose() to the transform",
+    "normal": "add TaxelPose() to the transform",
+}
+
+
+def needed_inputs(
+    model: Any, data: Any, there: Callable[[], str], **sources: str
+) -> dict[str, Any]:
+    r"""Returns the attributes of samples that a model takes by keyword. Of a missing one, and of
+    edges, an error says what the samples have and where it comes from.
+    """
+    inputs = {name: getattr(data, name, None) for name in getattr(model, "modalities", ())}
+    lacking = [name for name, value in inputs.items() if value is None]
+    if data.edge_index is None and getattr(model, "needs_edges", False):
+        lacking.insert(0, "edge_index")
+    if lacking:
+        source = {**_SOURCES, **sources}.get(lacking[0], "add a transform that sets it")
+        raise ValueError(f"the model needs '{lacking[0]}' ({there()}): {source}")
+    return inputs
 
 
 def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
