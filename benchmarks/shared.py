@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 from torch.nn import LSTM, Linear, Module
 
@@ -103,6 +104,20 @@ def in_turns(
             call()
             seconds[name].append(clock() - start)
     return seconds
+
+
+def memory(*keys: str) -> int:
+    """Returns the bytes of this process that Linux calls so, such as RssAnon."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    values = dict(line.split(":", 1) for line in lines)
+    return sum(int(values[key].split()[0]) * 1024 for key in keys)
+
+
+def two_nearest(layout: TaxelLayout) -> Tensor:
+    """Returns edges of each taxel to its two nearest, in both directions."""
+    near = torch.cdist(layout.pos, layout.pos).topk(3, largest=False).indices[:, 1:].flatten()
+    row = torch.arange(layout.num_taxels).repeat_interleave(2)
+    return torch.stack([torch.cat([row, near]), torch.cat([near, row])]).unique(dim=1)
 
 
 class FlatLSTM(Module):

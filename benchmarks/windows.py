@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 import torch_geometric
-from shared import in_turns, parse, write
+from shared import in_turns, parse, two_nearest, write
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 from torch_geometric.data import Data
@@ -57,12 +57,9 @@ OPTIONS = {
 
 def sensors() -> dict[str, tuple[TaxelLayout, Tensor, int]]:
     hand, finger = allegro_uskin(), biotac()
-    knn = torch.cdist(finger.pos, finger.pos).topk(3, largest=False).indices[:, 1:]
-    row = torch.arange(19).repeat_interleave(2)
-    edges = torch.cat([torch.stack([row, knn.flatten()]), torch.stack([knn.flatten(), row])], 1)
     return {
         "hand": (hand, hand.edge_index("original"), 32),
-        "biotac": (finger, edges.unique(dim=1), 64),
+        "biotac": (finger, two_nearest(finger), 64),
     }
 
 

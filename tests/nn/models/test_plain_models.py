@@ -28,10 +28,11 @@ def test_plain_model_static_equals_batch_and_loop(model):
     assert model(**empty).shape == (0, model.out_channels)
 
 
-def test_plain_model_needs_no_edges(model):
+@pytest.mark.parametrize("name", [name for name in MODELS if not name.startswith("gcn_")])
+def test_plain_model_needs_no_edges(name):
+    model = MODELS[name]().eval()
     data = given(model, 9)
-    if "edge_index" not in data:
-        assert torch.equal(model(edge_index=EDGES, **data), model(**data))
+    assert torch.equal(model(edge_index=EDGES, **data), model(**data))
 
 
 def test_plain_model_gradients_reach_all(model):
@@ -57,10 +58,8 @@ def test_plain_model_compile(model):
 
 
 def test_plain_model_export(model):
-    if "edge_index" in given(model, 3):
-        return  # with edges: `test_model_export`
-    data = given(model, 3)
-    shapes = {name: {0: torch.export.Dim("batch")} for name in data}
+    data, batch = given(model, 3), torch.export.Dim("batch")
+    shapes = {name: None if name == "edge_index" else {0: batch} for name in data}
     exported = torch.export.export(model, (), data, dynamic_shapes=shapes).module()
     for size in (3, 20):
         data = given(model, size)

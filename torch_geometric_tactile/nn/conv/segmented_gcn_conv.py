@@ -11,6 +11,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj, OptTensor
 
+from torch_geometric_tactile.nn._sizes import is_of_taxels
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
     check_conv_sizes,
@@ -105,12 +106,7 @@ class SegmentedGCNConv(MessagePassing):
         """
         check_tensor(x)
         num_taxels = len(self.segment)
-        if (
-            x.dim() not in (2, 3)
-            or x.size(-1) != self.in_channels
-            or x.size(-2) % num_taxels
-            or (x.dim() == 3 and x.size(-2) != num_taxels)
-        ):
+        if not is_of_taxels(x, num_taxels, self.in_channels):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
                 f"(got shape {tuple(x.shape)})"

@@ -269,11 +269,6 @@ class MapStage(Module):
         self.maps.sort(key=lambda one: order.index(one.name))
         self.num_cells = first
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for conv in self.convs:
-            conv.reset_parameters()  # type: ignore[operator]
-
     def forward(self, x: Tensor) -> Tensor:
         r"""Returns the features of the cells of all maps :math:`(B, M', F')`.
 

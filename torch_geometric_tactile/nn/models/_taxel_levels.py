@@ -140,11 +140,6 @@ class TaxelBlock(Module):
         self.norm = TaxelNorm(out_channels)
         self.is_residual = in_channels == out_channels
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for part in (self.conv, self.norm):
-            part.reset_parameters()  # type: ignore[operator]
-
     def forward(self, x: Tensor, *edges: Tensor) -> Tensor:
         r"""Convolves node features :math:`(B, N, F)`."""
         out = self.norm(self.conv(x, *edges))
@@ -174,11 +169,6 @@ class TaxelLevel(Module):
         self.blocks = torch.nn.ModuleList(
             TaxelBlock(before, after, conv, num_sectors, fast) for before, after in pairwise(widths)
         )
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for block in self.blocks:
-            block.reset_parameters()  # type: ignore[operator]
 
     def forward(self, x: Tensor) -> Tensor:
         r"""Pools and convolves node features :math:`(B, N, F)`."""

@@ -6,6 +6,7 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.nn import ModuleList
 from torch.nn.init import trunc_normal_, zeros_
+from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.models._hand_maps import (
@@ -126,8 +127,7 @@ class MSCNN(TactileModel):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for stage in self.stages:
-            stage.reset_parameters()  # type: ignore[operator]
+        reset(self.stages)
         for lin in (*self.head.lins, self.head.lin_out):
             trunc_normal_(lin.weight, std=SD, a=-2 * SD, b=2 * SD)
             zeros_(lin.bias)

@@ -8,7 +8,7 @@ from torch.nn import functional as F
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._checks import need
-from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn._sizes import check_sizes, is_of_taxels
 from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
@@ -93,12 +93,7 @@ class SmallCNN(BaseModel):
         self.lin2 = Linear(hidden_channels, out_channels)
 
     def _logits(self, x: Tensor, **unused: OptTensor) -> Tensor:
-        if (
-            x.dim() not in (2, 3)
-            or x.size(-1) != self.in_channels
-            or x.size(-2) % self.num_nodes
-            or (x.dim() == 3 and x.size(-2) != self.num_nodes)
-        ):
+        if not is_of_taxels(x, self.num_nodes, self.in_channels):
             raise ValueError(
                 f"'x' must have {self.num_nodes} taxels and {self.in_channels} channels (got shape "
                 f"{tuple(x.shape)})"
