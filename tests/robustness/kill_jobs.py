@@ -4,7 +4,6 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,12 +68,6 @@ def numbers(recording) -> list[float]:
     return recording.tactile[:, 0, 0].tolist()
 
 
-def sum_of_weights(path: Path) -> float:
-    """Returns a number that any change of a checkpoint changes."""
-    weights = torch.load(path, weights_only=True)["state_dict"].values()
-    return sum(value.double().sum().item() for value in weights)
-
-
 def processing() -> Job:
     """Reads recordings and writes a processed file."""
     from torch_geometric_tactile.data._processed_file import load_static
@@ -100,9 +93,19 @@ def processing() -> Job:
 
 def convert() -> Job:
     """Converts a CSV file to npz by the command line."""
-    from torch_geometric_tactile.io import read_npz
+    from torch_geometric_tactile.cli import main
+    from torch_geometric_tactile.io import read_npz, write_wide_csv
 
-    return converted("convert", "npz", read_npz, 4)
+    def prepare(folder):
+        write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
+
+    def run(folder, tell):
+        assert main(["convert", str(folder / "a.csv"), str(folder / "b.npz")]) == 0
+
+    def read(folder):
+        return {path.name: numbers(read_npz(path)) for path in folder.glob("*.npz")}
+
+    return Job("convert", prepare, run, read, 4)
 
 
 def convert_mcap() -> Job:
@@ -110,26 +113,20 @@ def convert_mcap() -> Job:
     import google.protobuf  # noqa: F401
     import mcap  # noqa: F401
 
-    from torch_geometric_tactile.io import read_mcap
-
-    return converted("convert-mcap", "mcap", partial(read_mcap, recover=False), 2)
-
-
-def converted(name: str, suffix: str, read_one: Callable[[Path], Any], weight: int) -> Job:
-    """Converts a CSV file to another format by the command line."""
     from torch_geometric_tactile.cli import main
-    from torch_geometric_tactile.io import write_wide_csv
+    from torch_geometric_tactile.io import read_mcap, write_wide_csv
 
     def prepare(folder):
         write_wide_csv(a_recording(0, FRAMES), folder / "a.csv")
 
     def run(folder, tell):
-        assert main(["convert", str(folder / "a.csv"), str(folder / f"b.{suffix}")]) == 0
+        assert main(["convert", str(folder / "a.csv"), str(folder / "b.mcap")]) == 0
 
     def read(folder):
-        return {path.name: numbers(read_one(path)) for path in folder.glob(f"*.{suffix}")}
+        paths = folder.glob("*.mcap")
+        return {path.name: numbers(read_mcap(path, recover=False)) for path in paths}
 
-    return Job(name, prepare, run, read, weight)
+    return Job("convert-mcap", prepare, run, read, 2)
 
 
 def grasps() -> Job:
@@ -263,7 +260,13 @@ def fit() -> Job:
         )
 
     def read(folder):
-        return {path.name: sum_of_weights(path) for path in folder.glob("*.ckpt")}
+        return {
+            path.name: sum(
+                value.double().sum().item()
+                for value in torch.load(path, weights_only=True)["state_dict"].values()
+            )
+            for path in folder.glob("*.ckpt")
+        }
 
     return Job("fit", nothing, run, read, 2)
 
@@ -350,7 +353,8 @@ def demo() -> Job:
         for path in folder.glob("report/metrics.json"):
             made[path.name] = json.loads(path.read_text(encoding="utf-8"))["results"]
         for path in folder.glob("report/*.ckpt"):
-            made[path.name] = sum_of_weights(path)
+            weights = torch.load(path, weights_only=True)["state_dict"].values()
+            made[path.name] = sum(value.double().sum().item() for value in weights)
         made |= {path.name: path.read_bytes() for path in folder.glob("report/*.png")}
         return made
 
