@@ -10,9 +10,6 @@ Examples:
     python benchmarks/dataset_load.py --root ~/data/grasps
 """
 
-import argparse
-import os
-import platform
 import sys
 import tempfile
 import time
@@ -24,9 +21,8 @@ from typing import Any
 
 import numpy as np
 import torch
-import torch_geometric
+from shared import parse, print_setting
 
-import torch_geometric_tactile
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.io import write_recording
@@ -35,51 +31,22 @@ from torch_geometric_tactile.sim import paper8
 _MEGABYTE = 2**20
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=(
-            "Measures how long AllegroUSkin takes to process a folder of trials and to load the "
-            "memory-mapped result, and how much memory both take; and the same for a list of Data "
-            "objects. Checks that both hold the same readings."
-        ),
-        epilog=(
-            "The exit code is 0 if the readings are the same and the data set loads fast enough, "
-            "1 if not, and 2 if an argument is wrong."
-        ),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--root",
-        default=argparse.SUPPRESS,
-        metavar="FOLDER",
-        help="folder of trials, such as 'tactile simulate' writes; nothing is written into it "
-        "(default: a generated one)",
-    )
-    parser.add_argument("--trials", type=_positive, default=80, help="trials to generate")
-    parser.add_argument("--frames", type=_positive, default=1700, help="frames of each of them")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the generated readings")
-    parser.add_argument(
-        "--list-every",
-        type=_positive,
-        default=20,
-        metavar="N",
-        help="build the list of Data from every N-th frame",
-    )
-    parser.add_argument(
-        "--at-most",
-        type=float,
-        default=2.0,
-        metavar="SECONDS",
-        help="how long loading may take for the exit code 0",
-    )
-    return parser.parse_args(argv)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
-    return number
+OPTIONS = {
+    "--root": (
+        None,
+        "folder of trials, such as 'tactile simulate' writes; nothing is written into it (default: "
+        "a generated one)",
+    ),
+    "--trials": (80, "trials to generate"),
+    "--frames": (1700, "frames of each of them"),
+    "--seed": (0, "seed of the generated readings"),
+    "--list-every": (20, "build the list of Data from every so many frames"),
+    "--at-most": (2.0, "how many seconds loading may take for the exit code 0"),
+}
+EPILOG = (
+    "The exit code is 0 if the readings are the same and the data set loads fast enough, 1 if not, "
+    "and 2 if an argument is wrong."
+)
 
 
 def generate(folder: Path, trials: int, frames: int, seed: int) -> None:
@@ -148,8 +115,8 @@ def measure(step: Callable[[str, int], dict[str, Any]], root: str, every: int) -
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
-    source = getattr(args, "root", None)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
+    source = args.root
     with tempfile.TemporaryDirectory() as root:
         raw = Path(root, "raw")
         if source is None:
@@ -166,17 +133,11 @@ def main(argv: list[str] | None = None) -> int:
         steps["load list of Data"] = measure(load_list, root, args.list_every)
     loaded, listed = steps["load"], steps["load list of Data"]
     size = loaded["bytes"] / _MEGABYTE
-    machine = platform.processor() or platform.machine()
-    print(
-        f"data      {source or f'generated, seed {args.seed}'}: {loaded['frames']} frames, "
-        f"{size:.0f} MB of readings, {num_bytes / _MEGABYTE:.0f} MB of files"
-    )
-    print(f"setting   list of Data from every {args.list_every}th frame, its figures multiplied")
-    print(f"machine   {machine}, {os.cpu_count()} CPUs")
-    print(
-        f"versions  Python {platform.python_version()}, torch {torch.__version__}, "
-        f"torch_geometric {torch_geometric.__version__}, "
-        f"torch_geometric_tactile {torch_geometric_tactile.__version__}"
+    print_setting(
+        *("torch", "torch_geometric", "torch_geometric_tactile"),
+        data=f"{source or f'generated, seed {args.seed}'}: {loaded['frames']} frames, "
+        f"{size:.0f} MB of readings, {num_bytes / _MEGABYTE:.0f} MB of files",
+        setting=f"list of Data from every {args.list_every}th frame, its figures multiplied",
     )
     print(f"\n{'':<24}{'seconds':>10}{'peak MB':>10}{'of readings':>13}")
     for name, result in steps.items():

@@ -11,7 +11,6 @@ Examples:
     python benchmarks/early_slip_report.py --runs runs
 """
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from joblib import Parallel, delayed
+from shared import parse
 from sklearn.linear_model import Ridge
 from sklearn.metrics import roc_auc_score
 from torch import Tensor, nn
@@ -255,20 +255,18 @@ def _save(path: Path, found: dict[str, Part], scores: dict[str, np.ndarray], too
 
 def main() -> int:
     """Runs the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--root", required=True, help="folder of tactile simulate bigs")
-    parser.add_argument("--runs", type=Path, required=True, help="folder of finished runs")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--protocols", nargs="+", choices=PROTOCOLS, default=list(PROTOCOLS))
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
-    arguments = parser.parse_args()
-    run(
-        arguments.root,
-        arguments.runs,
-        arguments.seeds,
-        arguments.protocols,
-        arguments.methods,
+    arguments = parse(
+        __doc__,
+        {
+            "--root": (..., "folder of tactile simulate bigs"),
+            "--runs": (..., "folder of finished runs"),
+            "--seeds": (3, "of splits and weights"),
+            "--protocols": (list(PROTOCOLS), "what is held out", PROTOCOLS),
+            "--methods": (list(METHODS), "which", METHODS),
+        },
     )
+    runs, seeds = Path(arguments.runs), arguments.seeds
+    run(arguments.root, runs, seeds, arguments.protocols, arguments.methods)
     return 0
 
 

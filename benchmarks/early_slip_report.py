@@ -4,16 +4,14 @@ Examples:
     python benchmarks/early_slip_report.py --runs runs
 """
 
-import argparse
-import json
 import sys
 from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 from early_slip import PROTOCOLS, WITHIN
+from shared import parse, table, write_json
 
-from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.papers import (
     SlipScores,
     alarm_threshold,
@@ -72,15 +70,13 @@ def numbers(runs: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
     return out
 
 
-def table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
+def alarm_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
     """Returns the lines of a table in Markdown."""
     at = [SECONDS.index(seconds) for seconds in (0.1, 0.3, 0.5, 1.0)]
-    heads = [f"alarm {SECONDS[i]:g} s before" for i in at]
-    lines = [
-        f"| method | {' | '.join(heads)} | false, same moments (0.3 s) | announced within "
-        f"{WITHIN:g} s | median lead | moments of holding grasps with an alarm | ROC |",
-        "|---|" + "---|" * (len(heads) + 5),
-    ]
+    head = ["method", *(f"alarm {SECONDS[i]:g} s before" for i in at)]
+    head += ["false, same moments (0.3 s)", f"announced within {WITHIN:g} s", "median lead"]
+    head += ["moments of holding grasps with an alarm", "ROC"]
+    lines = []
     for method, row in rows.items():
         recall = 100 * np.array(row["recall"])
         cells = [_spread(recall[:, i]) for i in at]
@@ -89,8 +85,8 @@ def table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
         cells.append(f"{np.nanmean(row['median_lead']):.2f} s")
         cells.append(_spread(100 * np.array(row["moments_alarmed"])))
         cells.append(_spread(np.array(row["roc_auc"]), 3))
-        lines.append(f"| {_NAMES[method]} | {' | '.join(cells)} |")
-    return lines
+        lines.append([_NAMES[method], *cells])
+    return table(head, lines)
 
 
 def _spread(values: np.ndarray, digits: int = 1) -> str:
@@ -101,21 +97,23 @@ def _spread(values: np.ndarray, digits: int = 1) -> str:
 
 def main() -> int:
     """Writes the tables, the numbers and the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--runs", type=Path, required=True)
-    parser.add_argument("--json", type=Path, default=Path("docs/results/early_slip.json"))
-    parser.add_argument("--images", type=Path, default=Path("docs/images"))
-    arguments = parser.parse_args()
-    found = numbers(arguments.runs)
+    arguments = parse(
+        __doc__,
+        {
+            "--runs": (..., "folder of early_slip.py"),
+            "--json": (Path("docs/results/early_slip.json"), "where numbers are written"),
+            "--images": (Path("docs/images"), "where pictures are written"),
+        },
+    )
+    found = numbers(Path(arguments.runs))
     if not found:
         print(f"no runs in '{arguments.runs}'", file=sys.stderr)
         return 1
     content = {"seconds": SECONDS, "threshold_false_alarms": FALSE_ALARMS, "protocols": found}
-    with atomic_path(arguments.json) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_json(arguments.json, content)
     for protocol, rows in found.items():
         print(f"\n{protocol}\n")
-        print("\n".join(table(rows)))
+        print("\n".join(alarm_table(rows)))
         curves = {
             _NAMES[name]: AlarmCurves(np.array(row["recall"]), np.array(row["false_alarms"]))
             for name, row in rows.items()

@@ -11,7 +11,6 @@ judged twice on the training part of the BioTac SP stability set:
 In both, the readings held out count as new sessions, scaled by their own mean and deviation.
 """
 
-import argparse
 import copy
 import platform
 
@@ -19,6 +18,7 @@ import numpy as np
 import torch
 import torch_geometric
 from joblib import Parallel, delayed
+from shared import parse
 from tabulate import tabulate
 from torch_geometric.transforms import BaseTransform, Compose
 from tqdm import tqdm
@@ -129,15 +129,16 @@ def accuracy(name, seed, fold, session, folds, root):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    arguments = parse(
+        __doc__,
+        {
+            "--root": (None, "root of BioTacSP; its default if left out"),
+            "--seeds": (3, "random partitions into folds"),
+            "--folds": (5, "of each partition"),
+            "--jobs": (2, "processes"),
+            "--only": (list(CANDIDATES), "candidates", list(CANDIDATES)),
+        },
     )
-    parser.add_argument("--root", default=None, help="root of BioTacSP; its default if left out")
-    parser.add_argument("--seeds", type=int, default=3, help="random partitions into folds")
-    parser.add_argument("--folds", type=int, default=5)
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--only", nargs="*", choices=list(CANDIDATES), default=list(CANDIDATES))
-    arguments = parser.parse_args()
     BioTacSP(arguments.root)  # download and process before the processes start
 
     jobs = [

@@ -11,7 +11,6 @@ Examples:
     python benchmarks/hand_questions.py --paper8 paper8 --shapes shapes --out answers.jsonl
 """
 
-import argparse
 import copy
 import json
 import statistics
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from shared import parse
 from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
@@ -46,28 +46,16 @@ Change = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class Question:
-    r"""One training, whatever its seed.
-
-    Args:
-        key (str): Its name.
-        config (str): The configuration.
-        protocol (Protocol): What is held out.
-        changes (tuple of callable): What is changed in the configuration.
-        task (str): What is told apart.
-        part (str): The part that is looked at.
-        tare (str, optional): The frames at rest.
-        trials (int, optional): How many trials are trained on; all if left out.
-        epochs (int): Number of epochs.
-    """
+    r"""One training, whatever its seed."""
 
     key: str
     config: str
-    protocol: Protocol = _P1
-    changes: tuple[Change, ...] = ()
+    protocol: Protocol = _P1  # what is held out
+    changes: tuple[Change, ...] = ()  # of the configuration
     task: str = "property"
-    part: str = "test"
-    tare: str | None = "hover"
-    trials: int | None = None
+    part: str = "test"  # that is looked at
+    tare: str | None = "hover"  # the frames at rest
+    trials: int | None = None  # that are trained on; all if left out
     epochs: int = 10
 
 
@@ -229,21 +217,18 @@ def answer(question: Question, root: str, seed: int, stride: int) -> dict[str, A
     }
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--paper8", required=True, help="folder of simulated trials, 8 objects")
-    parser.add_argument("--shapes", help="folder of simulated trials of drawn shapes")
-    parser.add_argument("--out", required=True, help="a line of JSON for each training; goes on")
-    parser.add_argument("--only", default="", help="beginning of the names of questions")
-    parser.add_argument("--seeds", type=int, default=3, help="splits and trainings of each")
-    parser.add_argument("--stride", type=int, default=50, help="use every n-th frame")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--paper8": (..., "folder of simulated trials, 8 objects"),
+    "--shapes": (None, "folder of simulated trials of drawn shapes"),
+    "--out": (..., "a line of JSON for each training; goes on"),
+    "--only": ("", "beginning of the names of questions"),
+    "--seeds": (3, "splits and trainings of each"),
+    "--stride": (50, "use every n-th frame"),
+}
 
 
 def main(argv: list[str] | None = None) -> int:
-    arguments = parse(argv)
+    arguments = parse(__doc__, OPTIONS, argv)
     torch.set_num_threads(1)
     out = Path(arguments.out)
     lines = out.read_text("utf-8").splitlines() if out.is_file() else []

@@ -13,7 +13,6 @@ Examples:
     python benchmarks/hand_study_report.py --runs runs
 """
 
-import argparse
 import json
 import sys
 import time
@@ -35,8 +34,9 @@ from hand_study_data import (
     with_readings,
 )
 from hand_study_models import make
+from hand_study_numbers import score
+from shared import parse, write
 
-from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms import TaxelPose
 
@@ -159,27 +159,18 @@ def answer(run: Run, tests: Tests) -> dict[str, Any]:
     return out
 
 
-def score(task: str, y: Any, said: Any) -> float:
-    """Percent that is right, or the mean absolute error in millimetres."""
-    y, said = np.asarray(y), np.asarray(said)
-    return float(100 * (y == said).mean() if task == "shape" else np.abs(y - said).mean())
-
-
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--shapes", required=True, help="folder of trials, 384 taxels")
-    parser.add_argument("--shapes240", required=True, help="folder of trials, 240 taxels")
-    parser.add_argument("--runs", required=True, help="a file for each training; goes on")
-    parser.add_argument("--only", default="", help="beginning of the names of runs")
-    parser.add_argument("--models", nargs="+", help="only these")
-    parser.add_argument("--stride", type=int, default=40, help="use every n-th frame")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--shapes": (..., "folder of trials, 384 taxels"),
+    "--shapes240": (..., "folder of trials, 240 taxels"),
+    "--runs": (..., "a file for each training; goes on"),
+    "--only": ("", "beginning of the names of runs"),
+    "--models": (sorted({run.model for run in all_runs()}), "which"),
+    "--stride": (40, "use every n-th frame"),
+}
 
 
 def main(argv: list[str] | None = None) -> int:
-    arguments = parse(argv)
+    arguments = parse(__doc__, OPTIONS, argv)
     torch.set_num_threads(1)
     folder = Path(arguments.runs)
     folder.mkdir(parents=True, exist_ok=True)
@@ -190,12 +181,11 @@ def main(argv: list[str] | None = None) -> int:
     tests = Tests(frames, devices, other)
     for run in all_runs():
         file = folder / f"{run.key}.json"
-        wanted = arguments.models is None or run.model in arguments.models
+        wanted = run.model in arguments.models
         if file.exists() or not wanted or not run.key.startswith(arguments.only):
             continue
         found = answer(run, tests)
-        with atomic_path(file) as path:
-            path.write_text(json.dumps(found), encoding="utf-8")
+        write(file, json.dumps(found))
         reached = score(run.task, found["y"], found["answers"]["test"])
         print(f"{run.key}: {reached:.2f} ({found['seconds']} s)", flush=True)
     return 0

@@ -5,8 +5,6 @@ Examples:
     python benchmarks/hand_study_report.py --runs runs
 """
 
-import argparse
-import json
 import platform
 import sys
 from collections.abc import Iterator
@@ -16,9 +14,9 @@ from typing import Any
 import torch
 from hand_study_numbers import Found, difference, load, of_answer, of_devices, of_other_hand
 from hand_study_pictures import draw
+from shared import parse, write, write_json
 
 import torch_geometric_tactile
-from torch_geometric_tactile._files import atomic_path
 
 MARK = "<!-- below: written by benchmarks/hand_study_report.py -->\n"
 TITLES = {
@@ -219,18 +217,15 @@ def trials_table(found: dict[str, Any]) -> str:
     return table([f"{folds} splits", *levels, "480"], rows())
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--runs", required=True, help="folder of hand_study.py")
-    parser.add_argument("--out", default="docs/results", help="where page and numbers are written")
-    parser.add_argument("--images", default="docs/images", help="where pictures are written")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--runs": (..., "folder of hand_study.py"),
+    "--out": ("docs/results", "where page and numbers are written"),
+    "--images": ("docs/images", "where pictures are written"),
+}
 
 
 def main(argv: list[str] | None = None) -> int:
-    arguments = parse(argv)
+    arguments = parse(__doc__, OPTIONS, argv)
     found = numbers(load(Path(arguments.runs)))
     found["versions"] = {
         "torch": torch.__version__,
@@ -238,17 +233,12 @@ def main(argv: list[str] | None = None) -> int:
         "machine": platform.machine(),
     }
     out = Path(arguments.out)
-    write(out / "hand_study.json", json.dumps(found, indent=1) + "\n")
+    write_json(out / "hand_study.json", found)
     page = out / "hand_study.md"
     above = page.read_text("utf-8").partition(MARK)[0] if page.is_file() else ""
     write(page, (above + MARK + "\n" + "".join(sections(found))).rstrip() + "\n")
     draw(found, TITLES, Path(arguments.images))
     return 0
-
-
-def write(file: Path, content: str) -> None:
-    with atomic_path(file) as path:
-        path.write_text(content, encoding="utf-8")
 
 
 if __name__ == "__main__":

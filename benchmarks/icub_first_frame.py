@@ -8,10 +8,9 @@ Five folds by trial, stratified by object, three seeds; one sample a trial. The 
 a random forest of 300 trees on the encoders alone, on the taxels alone, and on both.
 """
 
-import argparse
-
 import numpy as np
 import torch
+from shared import parse
 from sklearn.ensemble import RandomForestClassifier
 
 from torch_geometric_tactile.data import Protocol
@@ -21,12 +20,8 @@ FOLDS, SEEDS = 5, 3
 
 
 def accuracy(dataset: ICubGrasp, inputs: torch.Tensor, frame: str) -> tuple[float, float]:
-    r"""Returns mean and standard deviation over the seeds.
-
-    Args:
-        dataset (ICubGrasp): The frames.
-        inputs (torch.Tensor): What the forest sees of each :math:`(S, F)`.
-        frame (str): Which one of each trial, :obj:`"first"` or :obj:`"last"`.
+    r"""Returns mean and standard deviation over the seeds, of what the forest sees of each frame
+    :math:`(S, F)`, for the :obj:`"first"` or the :obj:`"last"` of each trial.
     """
     trial = dataset.column("trial")
     edge = torch.ones(1, dtype=torch.bool)
@@ -48,9 +43,7 @@ def accuracy(dataset: ICubGrasp, inputs: torch.Tensor, frame: str) -> tuple[floa
 
 def main() -> None:
     r"""Prints the table."""
-    parser = argparse.ArgumentParser(description="The first frame of iCub Grasp.")
-    parser.add_argument("root", help="folder of the data set")
-    dataset = ICubGrasp(parser.parse_args().root)
+    dataset = ICubGrasp(parse(__doc__, {"root": (..., "folder of the data set")}).root)
     joint, taxels = dataset.column("joint"), dataset.column("x").flatten(1)
     inputs = {"encoders": joint, "taxels": taxels, "both": torch.cat([taxels, joint], dim=1)}
     print(f"{len(dataset.column('trial').unique())} trials, {dataset.num_classes} classes")

@@ -8,9 +8,6 @@ Examples:
     python benchmarks/kinematics.py --frames 1000000 --threads 8 --device cuda
 """
 
-import argparse
-import os
-import platform
 import sys
 import time
 from collections.abc import Callable
@@ -18,52 +15,27 @@ from dataclasses import replace
 from functools import partial
 
 import torch
+from shared import parse, print_setting
 from torch import Tensor
 
-import torch_geometric_tactile
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin
 
 _ALLOWED_DIFFERENCE = 1e-6  # metres, and parts of a unit normal; float32 holds a tenth of that
 _PART = 4096  # frames that the other two work on at a time: all at once, they fill the memory
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=(
-            "Measures how long HandKinematics.taxel_pose takes for recorded joint angles, and how "
-            "long a plain loop over the links and pytorch_kinematics take. Checks that all yield "
-            "the same numbers."
-        ),
-        epilog=(
-            "The exit code is 0 if all yield the same numbers and positions take no longer than "
-            "allowed, 1 if not, and 2 if an argument is wrong."
-        ),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument("--frames", type=_positive, default=100_000, help="frames of joint angles")
-    parser.add_argument(
-        "--repeats", type=_positive, default=3, help="timed runs; the median counts"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the joint angles")
-    parser.add_argument("--threads", type=_positive, default=2, help="threads that torch may use")
-    parser.add_argument("--device", default="cpu", help="where to compute, such as cuda")
-    parser.add_argument(
-        "--at-most",
-        type=float,
-        default=2.0,
-        metavar="SECONDS",
-        help="how long the positions of all frames may take for the exit code 0",
-    )
-    return parser.parse_args(argv)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
-    return number
-
-
+OPTIONS = {
+    "--frames": (100_000, "frames of joint angles"),
+    "--repeats": (3, "timed runs; the median counts"),
+    "--seed": (0, "seed of the joint angles"),
+    "--threads": (2, "threads that torch may use"),
+    "--device": ("cpu", "where to compute, such as cuda"),
+    "--at-most": (2.0, "how many seconds the positions of all frames may take for the exit code 0"),
+}
+EPILOG = (
+    "The exit code is 0 if all yield the same numbers and positions take no longer than allowed, 1 "
+    "if not, and 2 if an argument is wrong."
+)
 Links = Callable[[Tensor], dict[str, Tensor]]  # joint angles to a 4 x 4 matrix for each link
 Taxels = Callable[[Tensor], list[Tensor]]
 
@@ -172,7 +144,7 @@ def largest_difference(found: list[Tensor], expected: list[Tensor]) -> float:
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
     torch.set_num_threads(args.threads)
     hand, layout = HandKinematics.allegro(), allegro_uskin()
     generator = torch.Generator().manual_seed(args.seed)
@@ -183,18 +155,14 @@ def main(argv: list[str] | None = None) -> int:
     other = build_other_links(hand, args.device)
     if other is not None:
         links["pytorch_kinematics"] = other
-    machine = platform.processor() or platform.machine()
-    print(
-        f"data      {args.frames} frames of {hand.num_joints} joints, {len(layout)} taxels, float32"
+    print_setting(
+        *("torch", "torch_geometric_tactile"),
+        threads=args.threads,
+        data=f"{args.frames} frames of {hand.num_joints} joints, {len(layout)} taxels, float32",
+        setting=f"median of {args.repeats} runs after a first one, seed {args.seed}",
     )
-    print(f"setting   median of {args.repeats} runs after a first one, seed {args.seed}")
-    print(f"machine   {machine}, {os.cpu_count()} CPUs, {args.threads} threads used by torch")
     if args.device != "cpu":
         print(f"device    {torch.cuda.get_device_name(args.device)}")
-    print(
-        f"versions  Python {platform.python_version()}, torch {torch.__version__}, "
-        f"torch_geometric_tactile {torch_geometric_tactile.__version__}"
-    )
     if other is None:
         print("pytorch_kinematics is not installed and left out")
 

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from shared import memory, two_nearest, write_json
 from torch import Tensor
 from torch.nn import functional
 
@@ -95,11 +96,8 @@ def generate(folder: Path, gigabytes: float) -> None:
         columns["phase"][rows] = torch.arange(_FRAMES) // 250
         columns["time"][rows] = torch.arange(_FRAMES, dtype=torch.double) / 100
     layout = biotac()
-    nearest = torch.cdist(layout.pos, layout.pos).topk(3, largest=False).indices[:, 1:]
-    row = torch.arange(19).repeat_interleave(2)
-    edges = torch.cat([row, nearest.flatten()]), torch.cat([nearest.flatten(), row])
     data = StaticData(
-        **columns, edge_index=torch.stack(edges).unique(dim=1), pos=layout.pos, normal=layout.normal
+        **columns, edge_index=two_nearest(layout), pos=layout.pos, normal=layout.normal
     )
     settings = Frames.__new__(Frames)
     settings.layout, settings.pre_transform, settings.pre_filter = layout, None, None
@@ -108,18 +106,13 @@ def generate(folder: Path, gigabytes: float) -> None:
         (folder / f"{key}.raw").unlink()
 
 
-def status(key: str) -> int:
-    with open("/proc/self/status", encoding="ascii") as file:
-        return next(int(line.split()[1]) * 1024 for line in file if line.startswith(key))
-
-
 def epoch(folder: str, hop: int) -> dict[str, Any]:
     """Trains on all windows once, and returns the largest anonymous memory meanwhile."""
     highest, ended = [0], threading.Event()
 
     def watch() -> None:
         while not ended.wait(0.02):
-            highest[0] = max(highest[0], status("RssAnon"))
+            highest[0] = max(highest[0], memory("RssAnon"))
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
@@ -146,7 +139,7 @@ def epoch(folder: str, hop: int) -> dict[str, Any]:
         "seconds_of_the_epoch": round(time.perf_counter() - opened, 1),
         "last_loss": round(loss.item(), 4),
         "highest_RssAnon_MB": round(highest[0] / 1e6),
-        "RssFile_MB_at_the_end": round(status("RssFile") / 1e6),
+        "RssFile_MB_at_the_end": round(memory("RssFile") / 1e6),
     }
 
 
@@ -218,7 +211,7 @@ def main() -> int:
         shutil.rmtree(args.folder)
     print(json.dumps(found, indent=2))
     if args.json:
-        Path(args.json).write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        write_json(args.json, found, indent=2)
     return int(
         any(found[key].get("highest_RssAnon_MB", 9999) > 1500 for key in ("epoch", "limited"))
     )

@@ -13,7 +13,6 @@ Examples:
 
 import argparse
 import copy
-import json
 import shutil
 import statistics
 import sys
@@ -21,15 +20,15 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from throughput_report import describe_machine
+from shared import describe_machine, in_turns, parse, write_json
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.nn import BMFCNN, MSCNN, TaxelNet
 from torch_geometric_tactile.sensors import letter_array
 
@@ -62,31 +61,18 @@ MODELS = {
 }
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="The exit code is 0 if all that was measured is fast enough, and 1 if not.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--only", nargs="+", choices=("image", "epoch"), default=("image", "epoch"))
-    parser.add_argument(
-        "--models", nargs="+", choices=MODELS, default=tuple(MODELS), metavar="NAME"
-    )
-    parser.add_argument("--forms", nargs="+", choices=_FORMS, default=_FORMS)
-    parser.add_argument("--rounds", type=_positive, default=50, help="of 20 images (default: 50)")
-    parser.add_argument("--epochs", type=_positive, default=3, help="of each model (default: 3)")
-    parser.add_argument("--images", type=_positive, default=13_000, help="default: 13000")
-    parser.add_argument("--batch-size", type=_positive, default=50, help="default: 50")
-    parser.add_argument("--threads", type=_positive, default=2, help="of an epoch (default: 2)")
-    parser.add_argument("--out", type=Path, help="JSON file of what was measured")
-    return parser.parse_args(argv)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
-    return number
+OPTIONS = {
+    "--only": (("image", "epoch"), "what to measure", ("image", "epoch")),
+    "--models": (tuple(MODELS), "which", MODELS),
+    "--forms": (_FORMS, "of an image", _FORMS),
+    "--rounds": (50, "of 20 images"),
+    "--epochs": (3, "of each model"),
+    "--images": (13_000, "of an epoch"),
+    "--batch-size": (50, "images in a batch"),
+    "--threads": (2, "of an epoch"),
+    "--out": (Path, "JSON file of what was measured"),
+}
+EPILOG = "The exit code is 0 if all that was measured is fast enough, and 1 if not."
 
 
 def _drawn(timed: Timed, batch_size: int) -> dict[str, Tensor]:
@@ -162,15 +148,13 @@ def measure_image(args: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
-def _train(model: nn.Module, given: dict[str, Tensor], y: Tensor, batch_size: int) -> float:
+def _train(model: nn.Module, given: dict[str, Tensor], y: Tensor, batch_size: int) -> None:
     optimizer = torch.optim.Adam(model.parameters(), 0.001, fused=True)
-    start = time.perf_counter()
     for rows in torch.randperm(len(y)).split(batch_size):
         optimizer.zero_grad()
         out = model(**{name: value[rows] for name, value in given.items()})
         F.cross_entropy(out, y[rows]).backward()
         optimizer.step()
-    return time.perf_counter() - start
 
 
 def measure_epoch(args: argparse.Namespace) -> dict[str, Any]:
@@ -184,10 +168,13 @@ def measure_epoch(args: argparse.Namespace) -> dict[str, Any]:
         if MODELS[name].sizes == _IMAGE
     }
     given, y = torch.rand(args.images, 1024, 1), torch.randint(_LETTERS, (args.images,))
-    seconds: dict[str, list[float]] = {name: [] for name in models}
-    for _ in range(args.epochs):
-        for name, model in models.items():
-            seconds[name].append(_train(model, {"x": given}, y, args.batch_size))
+    seconds = in_turns(
+        {
+            name: partial(_train, model, {"x": given}, y, args.batch_size)
+            for name, model in models.items()
+        },
+        args.epochs,
+    )
     return {name: {"fastest_s": min(taken), "all_s": taken} for name, taken in seconds.items()}
 
 
@@ -213,7 +200,7 @@ def _print_epoch(found: dict[str, Any], args: argparse.Namespace) -> bool:
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
     where = f"{describe_machine()}, torch {torch.__version__}"
     found: dict[str, Any] = {"where": where}
     print(f"one image or frame, 1 thread; {where}")
@@ -225,8 +212,7 @@ def main(argv: list[str] | None = None) -> int:
         found["epoch"] = measure_epoch(args)
         is_good &= _print_epoch(found["epoch"], args)
     if args.out is not None:
-        with atomic_path(args.out) as path:
-            path.write_text(json.dumps(found, indent=1) + "\n")
+        write_json(args.out, found)
     return 0 if is_good else 1
 
 

@@ -25,32 +25,21 @@ from live_label import measure_label, measure_replay
 from live_page import measure_page
 from live_wire import measured
 from predictor_onnx import build
-from throughput_report import describe_machine
+from shared import describe_machine, parse, write_json
 
-from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.predictor import export_onnx
 
 Part = Callable[[argparse.Namespace, Path], dict[str, Any]]
-
-
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="The exit code is 0 if all that was measured holds, and 1 if not.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    quick = [name for name in PARTS if name != "hour"]
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=quick)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of a stream (default: 60)")
-    parser.add_argument(
-        "--times", type=int, default=100, help="that the port is gone (default: 100)"
-    )
-    parser.add_argument("--hour", type=float, default=3600.0, help="seconds of the long recording")
-    parser.add_argument("--rate", type=float, default=100.0, help="its frames a second")
-    parser.add_argument("--speed", type=float, default=4.0, help="how much faster it is replayed")
-    parser.add_argument("--folder", help="for large files (default: a temporary one)")
-    parser.add_argument("--out", metavar="JSON", help="where to write the figures")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--seconds": (60.0, "of a stream"),
+    "--times": (100, "that the port is gone"),
+    "--hour": (3600.0, "seconds of the long recording"),
+    "--rate": (100.0, "its frames a second"),
+    "--speed": (4.0, "how much faster it is replayed"),
+    "--folder": (None, "for large files (default: a temporary one)"),
+    "--out": (None, "JSON file of the figures"),
+}
+EPILOG = "The exit code is 0 if all that was measured holds, and 1 if not."
 
 
 def _models(folder: Path) -> tuple[Any, Path]:
@@ -128,7 +117,9 @@ HOLDS: dict[str, Callable[[dict[str, Any]], bool]] = {
 
 
 def main(argv: list[str] | None = None) -> int:
-    arguments = parse(argv)
+    quick = [name for name in PARTS if name != "hour"]
+    options = {"--only": (quick, "what to measure", PARTS), **OPTIONS}
+    arguments = parse(__doc__, options, argv, EPILOG)
     out = None if arguments.out is None else Path(arguments.out)
     kept = json.loads(out.read_text()) if out is not None and out.exists() else {}
     failed = []
@@ -140,8 +131,7 @@ def main(argv: list[str] | None = None) -> int:
             failed += [] if holds else [name]
             print(json.dumps({name: kept[name]}, indent=2), flush=True)
             if out is not None:
-                with atomic_path(out) as path:
-                    path.write_text(json.dumps(kept, indent=2) + "\n")
+                write_json(out, kept, indent=2)
     print(f"does not hold: {', '.join(failed)}" if failed else "all of it holds")
     return int(bool(failed))
 

@@ -21,11 +21,7 @@ _RATE = 500.0
 
 
 def measure_kills(number: int) -> dict[str, Any]:
-    r"""Returns what recorders lose that are killed with SIGKILL, one process each.
-
-    Args:
-        number (int): How many.
-    """
+    r"""Returns what recorders lose that are killed with SIGKILL, one process each."""
     command = [sys.executable, str(_TESTS / "recorder_kills.py")]
     command += ["--kills", str(number), "--rate", str(_RATE)]
     told = subprocess.run(command, capture_output=True, text=True, check=False).stdout
@@ -41,12 +37,7 @@ def measure_kills(number: int) -> dict[str, Any]:
 
 
 def measure_cuts(folder: Path, number: int) -> dict[str, Any]:
-    r"""Returns what is lost of a recording that is cut at a random byte.
-
-    Args:
-        folder (Path): Where to write.
-        number (int): How many cuts.
-    """
+    r"""Returns what is lost of a recording that is cut at a random byte."""
     whole = folder / "whole.mcap"
     stream = Stream(NumberedSource(_RATE, count=int(10 * _RATE)))
     with Recorder(whole, stream), stream:

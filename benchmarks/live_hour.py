@@ -22,13 +22,7 @@ _BROWSER = "/usr/bin/chromium"
 
 
 def write_hour(path: Path, seconds: float, rate: float) -> int:
-    r"""Writes a recording of 384 taxels, and returns its number of frames.
-
-    Args:
-        path (Path): The file.
-        seconds (float): Its length.
-        rate (float): Frames per second.
-    """
+    r"""Writes a recording of 384 taxels, and returns its number of frames."""
     count = int(seconds * rate)
     draw = np.random.default_rng(0)
     tactile = np.empty((count, 384, 3), dtype=np.float32)
@@ -50,15 +44,7 @@ def write_hour(path: Path, seconds: float, rate: float) -> int:
 def measure_hour(
     onnx: Path, folder: Path, seconds: float, rate: float, speed: float
 ) -> dict[str, Any]:
-    r"""Returns memory over time, losses, and the part of a core.
-
-    Args:
-        onnx (Path): The model.
-        folder (Path): Where to write.
-        seconds (float): Length of the recording.
-        rate (float): Its frames per second.
-        speed (float): How many times faster it is replayed.
-    """
+    r"""Returns memory over time, losses, and the part of a core."""
     source, copy = folder / "hour.npz", folder / "copy.mcap"
     count = write_hour(source, seconds, rate)
     session = LiveSession(
@@ -101,11 +87,7 @@ def measure_hour(
 
 @contextmanager
 def browsed(url: str) -> Iterator[bool]:
-    r"""Shows a page in a headless browser; yields whether there is one.
-
-    Args:
-        url (str): The address.
-    """
+    r"""Shows a page in a headless browser; yields whether there is one."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -139,10 +121,6 @@ def browsed(url: str) -> Iterator[bool]:
 def measure_slow_viewers(folder: Path, seconds: float) -> dict[str, Any]:
     r"""Returns what a recorder has beside a reader that sleeps 50 ms a frame, and a browser that is
     closed in mid-stream.
-
-    Args:
-        folder (Path): Where to write.
-        seconds (float): How long.
     """
     source, copy = folder / "short.npz", folder / "short.mcap"
     count = write_hour(source, seconds, 500.0)
@@ -180,11 +158,7 @@ def measure_slow_viewers(folder: Path, seconds: float) -> dict[str, Any]:
 
 
 def measure_idle(seconds: float) -> dict[str, Any]:
-    r"""Returns the part of a core that a stream and a viewer take while nothing comes.
-
-    Args:
-        seconds (float): How long.
-    """
+    r"""Returns the part of a core that a stream and a viewer take while nothing comes."""
     from live_wire import sender
 
     with sender("board", "--seconds", 0.1, "--taxels", 384) as other:

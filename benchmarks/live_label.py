@@ -28,13 +28,7 @@ _STILL = 50  # frames of the rest
 
 
 def measure_label(predictor: Predictor, onnx: Path, seconds: float) -> dict[str, Any]:
-    r"""Returns milliseconds by part, as ONNX and eager in one run.
-
-    Args:
-        predictor (Predictor): Of 384 taxels and 16 joints.
-        onnx (Path): The same as one file.
-        seconds (float): How long packets come.
-    """
+    r"""Returns milliseconds by part, as ONNX and eager in one run."""
     rest = np.zeros((384, 3))
     judges = {"onnx": Judge(onnx, rest), "eager": Judge(predictor, rest)}
     options = ("--rate", _RATE, "--seconds", seconds, "--taxels", 384, "--joints", 16)
@@ -84,13 +78,7 @@ def _parts(found: list[tuple[float, Judgement]]) -> dict[str, Any]:
 
 
 def measure_replay(predictor: Predictor, onnx: Path, seconds: float) -> dict[str, Any]:
-    r"""Returns how a replayed recording is judged, beside the predictor on the same recording.
-
-    Args:
-        predictor (Predictor): The predictor.
-        onnx (Path): The same as one file.
-        seconds (float): Length of the recording.
-    """
+    r"""Returns how a replayed recording is judged, beside the predictor on the same recording."""
     count = int(seconds * _RATE)
     draw = np.random.default_rng(0)
     recording = Recording(

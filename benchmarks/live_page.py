@@ -23,11 +23,7 @@ _LOG = """() => {
 
 
 def measure_page(folder: Path) -> dict[str, Any]:
-    r"""Returns what the page does.
-
-    Args:
-        folder (Path): Where to write the recording that is shown.
-    """
+    r"""Returns what the page does."""
     from live_hour import write_hour
     from playwright.sync_api import sync_playwright
 

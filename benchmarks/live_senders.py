@@ -26,24 +26,13 @@ _SENSORS = (16,) * 15 + (24,) * 6  # patches of 4 x 4, and of 4 x 6
 
 
 def counts_of(sequence: int, taxels: int, channels: int = 3) -> np.ndarray:
-    r"""Returns the counts of a packet.
-
-    Args:
-        sequence (int): Its number.
-        taxels (int): Number of taxels.
-        channels (int): Number of channels.
-    """
+    r"""Returns the counts of a packet."""
     number = np.arange(taxels * channels, dtype=np.int64)
     return ((sequence * 7919 + number * 104_729) % 32_003).reshape(taxels, channels)
 
 
 def anyskin_of(sequence: int, magnetometers: int = 5) -> np.ndarray:
-    r"""Returns temperature and field of a packet of AnySkin.
-
-    Args:
-        sequence (int): Its number.
-        magnetometers (int): Number of magnetometers.
-    """
+    r"""Returns temperature and field of a packet of AnySkin."""
     field = counts_of(sequence, magnetometers) / 64 - 250
     heat = np.full((magnetometers, 1), 25 + sequence % 8 / 8)
     return np.concatenate([heat, field], axis=1).astype("<f4")
@@ -86,11 +75,7 @@ def _write(master: int, data: bytes) -> None:
 
 
 def send_board(arguments: argparse.Namespace) -> None:
-    r"""Sends packets on a pty, some of them damaged.
-
-    Args:
-        arguments (argparse.Namespace): Of the command line.
-    """
+    r"""Sends packets on a pty, some of them damaged."""
     draw = random.Random(arguments.seed)
     master, slave, name = _open_pty(None)
     print(name, flush=True)
@@ -123,11 +108,7 @@ def _damaged(data: bytearray, draw: random.Random, arguments: argparse.Namespace
 
 
 def send_unplugged(arguments: argparse.Namespace) -> None:
-    r"""Sends packets on a pty that is gone and back many times.
-
-    Args:
-        arguments (argparse.Namespace): Of the command line.
-    """
+    r"""Sends packets on a pty that is gone and back many times."""
     draw = random.Random(arguments.seed)
     link = Path(arguments.link)
     master, slave, name = _open_pty(link)
@@ -161,11 +142,7 @@ def _send_for(master: int, number: int, arguments: argparse.Namespace, seconds: 
 
 
 def send_xela(arguments: argparse.Namespace) -> None:
-    r"""Sends what XELA's server sends for a hand of 384 taxels.
-
-    Args:
-        arguments (argparse.Namespace): Of the command line.
-    """
+    r"""Sends what XELA's server sends for a hand of 384 taxels."""
     bodies = []
     for number in range(_XELA_BODIES):
         counts = counts_of(number, sum(_SENSORS))

@@ -53,12 +53,7 @@ class Sender:
 
 @contextlib.contextmanager
 def sender(kind: str, *options: object) -> Iterator[Sender]:
-    r"""Starts a sender, and ends it at last.
-
-    Args:
-        kind (str): Which one.
-        *options: Of its command line.
-    """
+    r"""Starts a sender, and ends it at last."""
     with tempfile.TemporaryDirectory() as folder:
         other = Sender(kind, Path(folder) / "log.npy", *map(str, options))
         try:
@@ -78,11 +73,7 @@ def _until_silent(subscription: Subscription, other: Sender) -> list[LiveFrame]:
 
 
 def measure_packets(seconds: float) -> dict[str, Any]:
-    r"""Returns how many intact packets came, of 900 a second with 1 % damaged.
-
-    Args:
-        seconds (float): How long.
-    """
+    r"""Returns how many intact packets came, of 900 a second with 1 % damaged."""
     options = ("--seconds", seconds, "--damage", 0.01, "--taxels", 16)
     with sender("board", *options) as other:
         stream = Stream(open_source(f"serial:{other.name}?protocol=cobs"))
@@ -112,9 +103,6 @@ def measure_packets(seconds: float) -> dict[str, Any]:
 def measure_bytes(seconds: float) -> dict[str, Any]:
     r"""Returns how many intact packets of AnySkin came, with 1 % of the bytes damaged, and how many
     readings were wrong.
-
-    Args:
-        seconds (float): How long.
     """
     options = ("--seconds", seconds, "--protocol", "anyskin", "--damage", 0.01, "--bytes")
     with sender("board", *options) as other:
@@ -145,11 +133,7 @@ def measure_bytes(seconds: float) -> dict[str, Any]:
 
 
 def measure_returns(times: int) -> dict[str, Any]:
-    r"""Returns after how many seconds frames came, of a port that was gone and back.
-
-    Args:
-        times (int): How often.
-    """
+    r"""Returns after how many seconds frames came, of a port that was gone and back."""
     with tempfile.TemporaryDirectory() as folder:
         link = Path(folder) / "board"
         options = ("--times", times, "--link", link, "--rate", 200)
@@ -177,11 +161,7 @@ def measure_returns(times: int) -> dict[str, Any]:
 
 
 def measure_xela(seconds: float) -> dict[str, Any]:
-    r"""Returns how many messages of 384 taxels came, of 500 a second, and the part of a core.
-
-    Args:
-        seconds (float): How long.
-    """
+    r"""Returns how many messages of 384 taxels came, of 500 a second, and the part of a core."""
     with sender("xela", "--rate", 500, "--seconds", seconds) as other:
         stream = Stream(open_source(other.name))
         subscription = stream.subscribe("all", size=100_000)
@@ -213,12 +193,7 @@ PARTS = {
 
 
 def measured(part: str, amount: float) -> dict[str, Any]:
-    r"""Returns what a part measures in a process of its own, without PyTorch, as on a robot.
-
-    Args:
-        part (str): Which one.
-        amount (float): Seconds, or how often.
-    """
+    r"""Returns what a part measures in a process of its own, without PyTorch, as on a robot."""
     command = [sys.executable, __file__, part, str(amount)]
     told = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
     found: dict[str, Any] = json.loads(told)

@@ -9,17 +9,14 @@ Examples:
 """
 
 import argparse
-import os
-import platform
 import statistics
 import sys
 import time
 
 import torch
-import torch_geometric
+from shared import parse, print_setting
 from torch_geometric.loader import DataLoader
 
-import torch_geometric_tactile
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.datasets import BioTacSP, FakeTactileDataset
 from torch_geometric_tactile.loader import StaticLoader
@@ -29,45 +26,22 @@ _ALLOWED_DIFFERENCE = 1e-5
 _NAMES = ("torch_geometric DataLoader", "StaticLoader")
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=(
-            "Measures how long one pass over a tactile data set takes with PyTorch Geometric's "
-            "DataLoader, which joins the graphs of a batch one by one, and with StaticLoader, "
-            "which cuts the batch from one tensor. Checks that both yield the same numbers."
-        ),
-        epilog=(
-            "The exit code is 0 if StaticLoader yields the same numbers and is fast enough, 1 if "
-            "it is not, and 2 if an argument is wrong."
-        ),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--root",
-        default=argparse.SUPPRESS,
-        metavar="FOLDER",
-        help="folder of the BioTac SP stability set, whose CSV files are in FOLDER/raw or are "
+OPTIONS = {
+    "--root": (
+        None,
+        "folder of the BioTac SP stability set, whose CSV files are in its folder raw or are "
         "downloaded there (default: 5000 generated samples of the same form)",
-    )
-    parser.add_argument("--batch-size", type=_positive, default=64, help="samples in a batch")
-    parser.add_argument("--epochs", type=_positive, default=5, help="timed passes of each loader")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the data and of their order")
-    parser.add_argument("--threads", type=_positive, default=1, help="threads that torch may use")
-    parser.add_argument(
-        "--at-least",
-        type=float,
-        default=20.0,
-        metavar="RATIO",
-        help="how many times faster StaticLoader must be for the exit code 0",
-    )
-    return parser.parse_args(argv)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
-    return number
+    ),
+    "--batch-size": (64, "samples in a batch"),
+    "--epochs": (5, "timed passes of each loader"),
+    "--seed": (0, "seed of the data and of their order"),
+    "--threads": (1, "threads that torch may use"),
+    "--at-least": (20.0, "how many times faster StaticLoader must be for the exit code 0"),
+}
+EPILOG = (
+    "The exit code is 0 if StaticLoader yields the same numbers and is fast enough, 1 if it is "
+    "not, and 2 if an argument is wrong."
+)
 
 
 def build_dataset(root: str | None, seed: int) -> tuple[StaticDataset, str]:
@@ -111,9 +85,9 @@ def seconds_per_epoch(dataset: StaticDataset, args: argparse.Namespace) -> list[
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
     torch.set_num_threads(args.threads)
-    dataset, source = build_dataset(getattr(args, "root", None), args.seed)
+    dataset, source = build_dataset(args.root, args.seed)
     difference = largest_difference(dataset, args.batch_size, args.seed)
     seconds = seconds_per_epoch(dataset, args)
     medians = [statistics.median(values) for values in seconds]
@@ -121,14 +95,11 @@ def main(argv: list[str] | None = None) -> int:
 
     data = dataset.data
     sample = f"{data.num_nodes} taxels x {data.num_features}, {data.edge_index.size(1)} edges"
-    machine = platform.processor() or platform.machine()
-    print(f"data      {source}: {len(dataset)} samples of {sample}")
-    print(f"setting   batch size {args.batch_size}, {args.epochs} epochs, seed {args.seed}")
-    print(f"machine   {machine}, {os.cpu_count()} CPUs, {args.threads} threads used by torch")
-    print(
-        f"versions  Python {platform.python_version()}, torch {torch.__version__}, "
-        f"torch_geometric {torch_geometric.__version__}, "
-        f"torch_geometric_tactile {torch_geometric_tactile.__version__}"
+    print_setting(
+        *("torch", "torch_geometric", "torch_geometric_tactile"),
+        threads=args.threads,
+        data=f"{source}: {len(dataset)} samples of {sample}",
+        setting=f"batch size {args.batch_size}, {args.epochs} epochs, seed {args.seed}",
     )
     print(f"\n{'seconds per epoch':<28}{'median':>10}{'min':>10}{'max':>10}")
     for name, median, values in zip(_NAMES, medians, seconds, strict=True):

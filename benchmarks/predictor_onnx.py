@@ -9,19 +9,19 @@ Examples:
     python benchmarks/predictor_onnx.py --encoder dense --rounds 20 --json onnx.json
 """
 
-import argparse
 import json
 import os
-import platform
 import statistics
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from shared import describe_machine, parse, write_json
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import Predictor
@@ -35,17 +35,13 @@ from torch_geometric_tactile.transforms import GeometricEdgeAttr, Tare, TaxelPos
 _WARM = 20
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description="Measures a judgement in PyTorch and in ONNX.",
-        epilog="The exit code is 0 if the ratio is high enough and both say the same, else 1.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument("--encoder", default="message", help="encoder of the edge features")
-    parser.add_argument("--rounds", type=int, default=10, help="rounds of a hundred frames each")
-    parser.add_argument("--at-least", type=float, default=2.5, help="ratio for exit code 0")
-    parser.add_argument("--json", help="where to write the numbers")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--encoder": ("message", "encoder of the edge features"),
+    "--rounds": (10, "rounds of a hundred frames each"),
+    "--at-least": (2.5, "ratio for exit code 0"),
+    "--json": (None, "where to write the numbers"),
+}
+EPILOG = "The exit code is 0 if the ratio is high enough and both say the same, else 1."
 
 
 def build(encoder: str) -> tuple[Predictor, StaticData]:
@@ -76,7 +72,7 @@ def build(encoder: str) -> tuple[Predictor, StaticData]:
     return Predictor(model, layout, transform, adjacency="original", **known), frames
 
 
-def measure(args: argparse.Namespace) -> dict[str, Any]:
+def measure(args: Namespace) -> dict[str, Any]:
     torch.set_num_threads(1)
     predictor, frames = build(args.encoder)
     x, joint = frames.x.numpy(), frames.joint.numpy()
@@ -123,22 +119,16 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _machine() -> dict[str, Any]:
-    name = platform.processor()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text().splitlines()
-        name = next((line.split(":")[1].strip() for line in lines if "model name" in line), name)
-    load = round(os.getloadavg()[0], 1)
+    name, load = describe_machine().rpartition(", ")[0], round(os.getloadavg()[0], 1)
     return {"processor": name, "cores": os.cpu_count(), "load": load, "torch": torch.__version__}
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
     result = measure(args)
-    text = json.dumps(result, indent=2)
-    print(text)
+    print(json.dumps(result, indent=2))
     if args.json:
-        Path(args.json).write_text(text + "\n")
+        write_json(args.json, result, indent=2)
     return 0 if result["same_labels"] and result["ratio"] >= args.at_least else 1
 
 

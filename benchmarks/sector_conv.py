@@ -10,12 +10,12 @@ Examples:
     python benchmarks/sector_conv.py --widths 3 64 64 64 --rounds 10
 """
 
-import argparse
 import sys
-import time
+from functools import partial
 from itertools import pairwise
 
 import torch
+from shared import in_turns, parse
 from torch import Tensor
 from torch.nn import Linear, Module, ModuleList
 from torch.nn.functional import cross_entropy
@@ -30,28 +30,17 @@ _ALLOWED_DIFFERENCE = 1e-4
 _KINDS = ("SectorConv", "RGCNConv", "loop over sectors")
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description="Measures a training step with SectorConv, PyG's RGCNConv and a plain loop.",
-        epilog=(
-            "The exit code is 0 if SectorConv gives the same numbers and is fast enough, and 1 if "
-            "it is not."
-        ),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument("--widths", type=int, nargs="+", default=[3, 32, 32, 64], help="channels")
-    parser.add_argument("--batch-size", type=int, default=128, help="samples in a batch")
-    parser.add_argument("--rounds", type=int, default=5, help="timed steps of each")
-    parser.add_argument("--threads", type=int, default=1, help="threads that torch may use")
-    parser.add_argument(
-        "--at-least",
-        type=float,
-        nargs=2,
-        default=[1.5, 1.5],
-        metavar=("RGCN", "LOOP"),
-        help="how many times faster SectorConv must be for the exit code 0",
-    )
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--widths": ([3, 32, 32, 64], "channels"),
+    "--batch-size": (128, "samples in a batch"),
+    "--rounds": (5, "timed steps of each"),
+    "--threads": (1, "threads that torch may use"),
+    "--at-least": (
+        [1.5, 1.5],
+        "how many times faster SectorConv must be than RGCNConv and the loop for the exit code 0",
+    ),
+}
+EPILOG = "The exit code is 0 if SectorConv gives the same numbers and is fast enough, else 1."
 
 
 class Net(Module):
@@ -103,7 +92,7 @@ def _same_weights(nets: dict[str, Net]) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
     torch.set_num_threads(args.threads)
     torch.manual_seed(0)
     layout, size = allegro_uskin(), args.batch_size
@@ -119,13 +108,13 @@ def main(argv: list[str] | None = None) -> int:
     with torch.no_grad():
         outs = [nets[kind](*inputs[kind]) for kind in _KINDS]
     worst = max(float((out - outs[0]).abs().max()) for out in outs)
-    seconds = dict.fromkeys(_KINDS, float("inf"))
-    for _ in range(args.rounds):
-        for kind, net in nets.items():
-            start = time.perf_counter()
-            net.zero_grad()
-            cross_entropy(net(*inputs[kind]), y).backward()
-            seconds[kind] = min(seconds[kind], time.perf_counter() - start)
+
+    def step(kind: str) -> None:
+        nets[kind].zero_grad()
+        cross_entropy(nets[kind](*inputs[kind]), y).backward()
+
+    found = in_turns({kind: partial(step, kind) for kind in _KINDS}, args.rounds)
+    seconds = {kind: min(taken) for kind, taken in found.items()}
     print(
         f"a training step, {layout.num_taxels} taxels, {len(sector)} edges, batch {size}, float32, "
         f"widths {args.widths}, {args.threads} thread(s), torch {torch.__version__}"

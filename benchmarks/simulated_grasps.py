@@ -8,12 +8,12 @@ Examples:
     python benchmarks/simulated_grasps.py bigs
 """
 
-import argparse
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from shared import parse
 from sklearn.base import BaseEstimator
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.linear_model import LogisticRegression
@@ -102,9 +102,8 @@ def accuracies(grasps: list[Grasp], x: np.ndarray, model: BaseEstimator) -> list
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    grasps = [read(path) for path in sorted(parser.parse_args().folder.glob("*.h5"))]
+    folder = Path(parse(__doc__, {"folder": (..., "of the simulated grasps")}).folder)
+    grasps = [read(path) for path in sorted(folder.glob("*.h5"))]
     write = sys.stdout.write
     for name in ("cylinder", "box", "ball"):
         mine = [grasp for grasp in grasps if grasp.object_name == name]

@@ -16,17 +16,18 @@ import statistics
 import sys
 import time
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from shared import parse, table, write, write_json
 from sklearn.ensemble import RandomForestClassifier
 from torch import Tensor, nn
 from tqdm import tqdm
 
 import torch_geometric_tactile
-from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.transforms import ZScore
 
@@ -38,16 +39,13 @@ _EPOCHS = 30
 _BY_HAND = "<!-- below: written by hand, kept by benchmarks/simulated_hand.py -->"
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--paper8", required=True, help="folder of simulated trials, 8 objects")
-    parser.add_argument("--control8", required=True, help="folder of simulated trials, one shape")
-    parser.add_argument("--out", default="docs/results", help="where the table is written")
-    parser.add_argument("--seeds", type=int, default=3, help="splits and trainings of each model")
-    parser.add_argument("--stride", type=int, default=20, help="use every n-th frame")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--paper8": (..., "folder of simulated trials, 8 objects"),
+    "--control8": (..., "folder of simulated trials, one shape"),
+    "--out": ("docs/results", "where the table is written"),
+    "--seeds": (3, "splits and trainings of each model"),
+    "--stride": (20, "use every n-th frame"),
+}
 
 
 def features(dataset: AllegroUSkin, scale: ZScore, inputs: str) -> Tensor:
@@ -134,41 +132,35 @@ def runs(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
                         }
 
 
-def table(results: list[dict[str, Any]], task: str) -> list[str]:
-    lines = [
-        "| input | model | by trial | by frame |",
-        "|---|---|---|---|",
-    ]
-    for inputs in _INPUTS:
-        for model in _MODELS:
-            cells = []
-            for split_by in ("trial", "frame"):
-                values = [
-                    100 * result["accuracy"]
-                    for result in results
-                    if (result["task"], result["input"], result["model"], result["split_by"])
-                    == (task, inputs, model, split_by)
-                ]
-                spread = statistics.stdev(values) if len(values) > 1 else 0.0
-                cells.append(f"{statistics.mean(values):.1f} ± {spread:.1f}")
-            lines.append(f"| {inputs} | {model} | {cells[0]} | {cells[1]} |")
-    return lines
+def accuracy_table(results: list[dict[str, Any]], task: str) -> list[str]:
+    rows = []
+    for inputs, model in product(_INPUTS, _MODELS):
+        cells = []
+        for split_by in ("trial", "frame"):
+            values = [
+                100 * result["accuracy"]
+                for result in results
+                if (result["task"], result["input"], result["model"], result["split_by"])
+                == (task, inputs, model, split_by)
+            ]
+            spread = statistics.stdev(values) if len(values) > 1 else 0.0
+            cells.append(f"{statistics.mean(values):.1f} ± {spread:.1f}")
+        rows.append([inputs, model, *cells])
+    return table(["input", "model", "by trial", "by frame"], rows)
 
 
 def label_table(results: list[dict[str, Any]]) -> list[str]:
     chosen = [r for r in results if r["task"] == "property" and r["split_by"] == "trial"]
-    names = chosen[0]["labels"]
-    lines = [f"| input | model | {' | '.join(names)} |", "|---|---" + "|---" * len(names) + "|"]
-    for inputs in _INPUTS:
-        for model in _MODELS:
-            rows = [r["per_label"] for r in chosen if (r["input"], r["model"]) == (inputs, model)]
-            means = [f"{100 * statistics.mean(column):.0f}" for column in zip(*rows, strict=True)]
-            lines.append(f"| {inputs} | {model} | {' | '.join(means)} |")
-    return lines
+    rows = []
+    for inputs, model in product(_INPUTS, _MODELS):
+        found = [r["per_label"] for r in chosen if (r["input"], r["model"]) == (inputs, model)]
+        means = [f"{100 * statistics.mean(column):.0f}" for column in zip(*found, strict=True)]
+        rows.append([inputs, model, *means])
+    return table(["input", "model", *chosen[0]["labels"]], rows)
 
 
 def main(argv: list[str] | None = None) -> int:
-    arguments = parse(argv)
+    arguments = parse(__doc__, OPTIONS, argv)
     start = time.perf_counter()
     total = 3 * 2 * arguments.seeds * len(_INPUTS) * len(_MODELS)
     results = list(tqdm(runs(arguments), total=total, unit="model"))
@@ -207,13 +199,13 @@ def main(argv: list[str] | None = None) -> int:
         f"Phases squeeze, lift and hold; {counts['object', 'trial'][0]} frames to train and "
         f"{counts['object', 'trial'][1]} to test by trial.",
         "",
-        *table(results, "object"),
+        *accuracy_table(results, "object"),
         "",
         "## Six properties of eight objects of one shape (chance 50)",
         "",
         "Mean over the labels; the same phases.",
         "",
-        *table(results, "property"),
+        *accuracy_table(results, "property"),
         "",
         "By label, by trial:",
         "",
@@ -224,18 +216,16 @@ def main(argv: list[str] | None = None) -> int:
         "Only the phase hover. Nothing can be known about the object yet: a split by frame "
         "recognises the trial (its joint angles, its sensor offsets), not the object.",
         "",
-        *table(results, "object, before contact"),
+        *accuracy_table(results, "object, before contact"),
         "",
     ]
     out = Path(arguments.out)
     content = {"machine": machine, "simulations": simulations, "results": results}
-    with atomic_path(out / "simulated_hand.json") as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_json(out / "simulated_hand.json", content)
     page = out / "simulated_hand.md"
     old = page.read_text(encoding="utf-8") if page.is_file() else ""
     by_hand = old.partition(_BY_HAND)[2] or "\n"
-    with atomic_path(page) as temporary:
-        temporary.write_text("\n".join([*lines, _BY_HAND]) + by_hand, encoding="utf-8")
+    write(page, "\n".join([*lines, _BY_HAND]) + by_hand)
     print("\n".join(lines))
     print(f"{time.perf_counter() - start:.0f} s")
     return 0

@@ -9,56 +9,38 @@ Examples:
     python benchmarks/streaming.py --layouts allegro_uskin --streams 32
 """
 
-import argparse
 import sys
 import time
+from argparse import Namespace
 from itertools import pairwise
 
 import torch
+from shared import layout_or_grid, parse
 
 from torch_geometric_tactile.data import join_frames
 from torch_geometric_tactile.nn import TemporalTaxelNet
-from torch_geometric_tactile.sensors import TaxelLayout, grid, stock_layout
 
 _CHANNELS = {"biotac": 3, "biotac_sp": 3, "allegro_uskin": 3}
 _ALLOWED_DIFFERENCE = 1e-4
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description="Measures a frame of a stream against the window computed anew.",
-        epilog=(
-            "The exit code is 0 if both give the same logits and a frame is fast enough, and 1 if "
-            "not."
-        ),
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--layouts",
-        nargs="+",
-        default=["biotac", "biotac_sp", "allegro_uskin", "28x50"],
-        help="names of layouts, or rows x columns of a grid",
-    )
-    parser.add_argument("--frames", type=int, default=60, help="frames of the window")
-    parser.add_argument("--streams", type=int, nargs="+", default=[1, 32], help="samples at once")
-    parser.add_argument("--rounds", type=int, default=5, help="times that the window goes by")
-    parser.add_argument("--threads", type=int, default=1, help="threads that torch may use")
-    parser.add_argument(
-        "--at-least", type=float, default=5.0, help="ratio, with all frames, for exit code 0"
-    )
-    return parser.parse_args(argv)
-
-
-def _layout(name: str) -> TaxelLayout:
-    if "x" in name and name.replace("x", "").isdigit():
-        rows, cols = map(int, name.split("x"))
-        return grid(rows, cols, 0.003)
-    return stock_layout(name)
+OPTIONS = {
+    "--layouts": (
+        ["biotac", "biotac_sp", "allegro_uskin", "28x50"],
+        "names of layouts, or rows x columns of a grid",
+    ),
+    "--frames": (60, "frames of the window"),
+    "--streams": ([1, 32], "samples at once"),
+    "--rounds": (5, "times that the window goes by"),
+    "--threads": (1, "threads that torch may use"),
+    "--at-least": (5.0, "ratio, with all frames, for exit code 0"),
+}
+EPILOG = "The exit code is 0 if both give the same logits and a frame is fast enough, and 1 if not."
 
 
 @torch.inference_mode()
-def measure(name: str, streams: int, args: argparse.Namespace) -> tuple[list[float], float]:
-    layout, channels = _layout(name), _CHANNELS.get(name, 1)
+def measure(name: str, streams: int, args: Namespace) -> tuple[list[float], float]:
+    layout, channels = layout_or_grid(name), _CHANNELS.get(name, 1)
     torch.manual_seed(0)
     model = TemporalTaxelNet(layout, 2, in_channels=channels).eval()
     frames = torch.randn(streams, layout.num_taxels, args.frames, channels)
@@ -81,7 +63,7 @@ def measure(name: str, streams: int, args: argparse.Namespace) -> tuple[list[flo
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv, EPILOG)
     torch.set_num_threads(args.threads)
     print(
         f"a window of {args.frames} frames, float32, {args.threads} thread(s), torch "

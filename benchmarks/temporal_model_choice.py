@@ -10,28 +10,18 @@ Examples:
     python benchmarks/temporal_model_choice.py --layout 8x8 --models temporal gcn --seeds 0
 """
 
-import argparse
 import time
 from collections.abc import Callable
 
 import torch
+from shared import FlatLSTM, layout_or_grid, parse
 from torch import Tensor
-from torch.nn import (
-    LSTM,
-    BatchNorm1d,
-    Conv1d,
-    Dropout,
-    Linear,
-    Module,
-    ModuleList,
-    ReLU,
-    Sequential,
-)
+from torch.nn import BatchNorm1d, Conv1d, Dropout, Linear, Module, ModuleList, ReLU, Sequential
 from torch.nn.functional import cross_entropy, pad
 from torch_geometric.data import Data
 
 from torch_geometric_tactile.nn import GraspGCN, TemporalTaxelNet
-from torch_geometric_tactile.sensors import TaxelLayout, grid, stock_layout
+from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training import training_recipe
 from torch_geometric_tactile.transforms import KNNGraph
 
@@ -40,16 +30,11 @@ _CLASSES = 6  # hold, shake, four directions
 _OFFSET, _DRIFT, _NOISE = 0.5, 0.2, 0.15  # in units of a contact's pressure, about
 
 
-class FlatLSTM(Module):
-    """An LSTM of 128 cells on the readings of all taxels side by side."""
-
-    def __init__(self, num_taxels: int) -> None:
-        super().__init__()
-        self.lstm = LSTM(num_taxels, 128, batch_first=True)
-        self.lin = Linear(128, _CLASSES)
+class WindowLSTM(FlatLSTM):
+    """As the others, on windows (S, N, T)."""
 
     def forward(self, x: Tensor, edge_index: Tensor) -> Tensor:
-        return self.lin(self.lstm(x.transpose(1, 2))[0][:, -1])
+        return super().forward(x.transpose(1, 2))
 
 
 class FlatTCN(Module):
@@ -76,21 +61,17 @@ MODELS: dict[str, tuple[float, Callable[[TaxelLayout], Module]]] = {
     "temporal": (4e-3, lambda layout: TemporalTaxelNet(layout, _CLASSES)),
     "gcn": (4e-3, lambda layout: GraspGCN(layout, _CLASSES, in_channels=_FRAMES, num_fingers=1)),
     "tcn": (4e-3, lambda layout: FlatTCN(layout.num_taxels)),
-    "lstm": (2e-3, lambda layout: FlatLSTM(layout.num_taxels)),
+    "lstm": (2e-3, lambda layout: WindowLSTM(layout.num_taxels, _CLASSES)),
 }
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description="Compares models of windows on generated slips.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument("--layout", default="biotac", help="name, or rows x columns of a grid")
-    parser.add_argument("--models", nargs="+", default=[*MODELS], choices=MODELS, help="which")
-    parser.add_argument("--num-train", type=int, default=1000, help="windows to train on")
-    parser.add_argument("--num-val", type=int, default=1000, help="windows to judge by")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="of the weights")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--layout": ("biotac", "name, or rows x columns of a grid"),
+    "--models": ([*MODELS], "which", MODELS),
+    "--num-train": (1000, "windows to train on"),
+    "--num-val": (1000, "windows to judge by"),
+    "--seeds": ([0, 1, 2], "of the weights"),
+}
 
 
 def windows(layout: TaxelLayout, num: int, seed: int) -> tuple[Tensor, Tensor]:
@@ -154,11 +135,9 @@ def accuracy(
 
 
 def main(argv: list[str] | None = None) -> None:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv)
     torch.set_num_threads(1)
-    sides = args.layout.split("x")
-    is_grid = len(sides) == 2 and all(side.isdigit() for side in sides)
-    layout = grid(int(sides[0]), int(sides[1]), 0.003) if is_grid else stock_layout(args.layout)
+    layout = layout_or_grid(args.layout)
     edge_index = KNNGraph(2)(Data(pos=layout.pos, num_nodes=layout.num_taxels)).edge_index
     train, val = windows(layout, args.num_train, 0), windows(layout, args.num_val, 1)
     center, scale = train[0].mean(dim=(0, 2), keepdim=True), train[0].std(dim=(0, 2), keepdim=True)

@@ -9,14 +9,16 @@ Examples:
     python benchmarks/temporal_training.py --layouts allegro_uskin --rounds 10
 """
 
-import argparse
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 
 import torch
+from shared import FlatLSTM, in_turns, parse
 from torch import Tensor
-from torch.nn import LSTM, Linear, Module
+from torch.nn import Module
 
 from torch_geometric_tactile.data import join_frames
 from torch_geometric_tactile.nn import GraspGCN, TaxelNet, TemporalTaxelNet
@@ -26,34 +28,16 @@ _CLASSES = 2
 _CHANNELS = 3
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description="Measures a training step on windows of frames.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
-    parser.add_argument(
-        "--layouts", nargs="+", default=["biotac", "biotac_sp", "allegro_uskin"], help="names"
-    )
-    parser.add_argument("--batch-size", type=int, default=32, help="windows in a batch")
-    parser.add_argument("--frames", type=int, default=60, help="frames of a window")
-    parser.add_argument("--rounds", type=int, default=5, help="timed steps of each")
-    parser.add_argument("--threads", type=int, default=1, help="threads that torch may use")
-    return parser.parse_args(argv)
+OPTIONS = {
+    "--layouts": (["biotac", "biotac_sp", "allegro_uskin"], "names"),
+    "--batch-size": (32, "windows in a batch"),
+    "--frames": (60, "frames of a window"),
+    "--rounds": (5, "timed steps of each"),
+    "--threads": (1, "threads that torch may use"),
+}
 
 
-class FlatLSTM(Module):
-    """An LSTM on the readings of all taxels side by side."""
-
-    def __init__(self, num_signals: int) -> None:
-        super().__init__()
-        self.lstm = LSTM(num_signals, 128, batch_first=True)
-        self.lin = Linear(128, _CLASSES)
-
-    def forward(self, frames: Tensor) -> Tensor:
-        return self.lin(self.lstm(frames)[0][:, -1])
-
-
-def steps(name: str, args: argparse.Namespace) -> dict[str, tuple[Module, Callable[[], Tensor]]]:
+def steps(name: str, args: Namespace) -> dict[str, tuple[Module, Callable[[], Tensor]]]:
     """Returns the models, and what they are called with."""
     layout = stock_layout(name)
     torch.manual_seed(0)
@@ -64,7 +48,7 @@ def steps(name: str, args: argparse.Namespace) -> dict[str, tuple[Module, Callab
     edges = next(iter(layout.adjacency.values()), torch.tensor([[0, 1], [1, 0]]))
     temporal = TemporalTaxelNet(layout, _CLASSES, in_channels=_CHANNELS)
     taxel = TaxelNet(layout, _CLASSES, in_channels=_CHANNELS)
-    lstm = FlatLSTM(layout.num_taxels * _CHANNELS)
+    lstm = FlatLSTM(layout.num_taxels * _CHANNELS, _CLASSES)
     gcn = GraspGCN(layout, _CLASSES, in_channels=args.frames, num_fingers=_CHANNELS)
     return {
         "TemporalTaxelNet": (temporal, lambda: temporal(window)),
@@ -75,8 +59,13 @@ def steps(name: str, args: argparse.Namespace) -> dict[str, tuple[Module, Callab
     }
 
 
+def _step(model: Module, call: Callable[[], Tensor]) -> None:
+    model.zero_grad()
+    call().square().sum().backward()
+
+
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv)
     torch.set_num_threads(args.threads)
     print(
         f"a training step, batch {args.batch_size}, {args.frames} frames, {_CHANNELS} channels, "
@@ -84,16 +73,10 @@ def main(argv: list[str] | None = None) -> int:
     )
     for name in args.layouts:
         found = steps(name, args)
-        seconds = dict.fromkeys(found, float("inf"))
-        for _ in range(args.rounds):
-            for kind, (model, call) in found.items():
-                model.zero_grad()
-                start = time.process_time()
-                call().square().sum().backward()
-                seconds[kind] = min(seconds[kind], time.process_time() - start)
-        for kind, (model, _) in found.items():
-            weights = sum(parameter.numel() for parameter in model.parameters())
-            print(f"{name:14s} {kind:29s} {seconds[kind] * 1e3:8.1f} ms {weights:9,d} weights")
+        calls = {kind: partial(_step, *one) for kind, one in found.items()}
+        for kind, taken in in_turns(calls, args.rounds, time.process_time).items():
+            weights = sum(parameter.numel() for parameter in found[kind][0].parameters())
+            print(f"{name:14s} {kind:29s} {min(taken) * 1e3:8.1f} ms {weights:9,d} weights")
     return 0
 
 

@@ -13,7 +13,6 @@ Examples:
 import argparse
 import json
 import logging
-import platform
 import statistics
 import sys
 import time
@@ -22,19 +21,17 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import torch_geometric
 from hand_frames import LAYOUT, Frames, fused_adam, pose_and_edges, train_step
 from plain_pyg import PlainGCN, PlainSegmented
+from shared import describe_machine, parse, spread, versions, write, write_json
 from throughput_memory import measured
 from throughput_precision import measure_precision
-from throughput_report import describe_machine, merged, page_lines
+from throughput_report import merged, page_lines
 from torch import Tensor, nn
 from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
 from torch_geometric.transforms import Compose
 
-import torch_geometric_tactile
-from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.loader import StaticLoader
 from torch_geometric_tactile.nn.models import TactileGCN
@@ -43,53 +40,24 @@ from torch_geometric_tactile.transforms import ZScore, fit_transform
 _PARTS = ("train", "precision", "latency", "data", "memory")
 
 
-def parse(argv: list[str] | None = None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--only", nargs="+", choices=_PARTS, default=_PARTS, help="what to measure (default: all)"
-    )
-    parser.add_argument("--batch-size", type=_positive, default=128, help="default: 128")
-    parser.add_argument(
-        "--rounds", type=_positive, default=5, help="rounds, the sides in turn (default: 5)"
-    )
-    parser.add_argument(
-        "--threads", type=_positive, default=2, help="threads of torch in training (default: 2)"
-    )
-    parser.add_argument(
-        "--device", default="cpu", help="where the models train: cpu (the default) or cuda"
-    )
-    parser.add_argument(
-        "--frames",
-        type=_positive,
-        default=136_000,
-        help="frames of the data set whose memory is measured (default: 80 trials x 1700)",
-    )
-    parser.add_argument(
-        "--root",
-        type=Path,
-        help="recordings of the hand, for the accuracy with a fused optimizer and bfloat16",
-    )
-    parser.add_argument(
-        "--stride", type=_positive, default=50, help="frames of them: every so many (default: 50)"
-    )
-    parser.add_argument(
-        "--epochs", type=_positive, default=20, help="of that accuracy, default: 20"
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        help="folder for throughput.json and throughput.md; what is not measured now stays there",
-    )
-    return parser.parse_args(argv)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1 (got {number})")
-    return number
+OPTIONS = {
+    "--only": (_PARTS, "what to measure", _PARTS),
+    "--batch-size": (128, "frames in a batch"),
+    "--rounds": (5, "rounds, the sides in turn"),
+    "--threads": (2, "threads of torch in training"),
+    "--device": ("cpu", "where the models train: cpu or cuda"),
+    "--frames": (136_000, "frames of the data set whose memory is measured: 80 trials x 1700"),
+    "--root": (
+        Path,
+        "recordings of the hand, for the accuracy of a fused optimizer and bfloat16",
+    ),
+    "--stride": (50, "frames of them: every so many"),
+    "--epochs": (20, "of that accuracy"),
+    "--out": (
+        Path,
+        "folder for throughput.json and throughput.md; what is not measured now stays there",
+    ),
+}
 
 
 def synchronize(device: str) -> None:
@@ -144,7 +112,7 @@ def measure_training(args: argparse.Namespace) -> dict[str, Any]:
         "threads": args.threads,
         "device": torch.cuda.get_device_name() if args.device != "cpu" else "cpu",
         "largest_difference": float(difference.max()),
-        "frames_per_second": {name: _spread(values) for name, values in speed.items()},
+        "frames_per_second": {name: spread(values) for name, values in speed.items()},
         "ratios": {
             "X against plain PyG": _ratio(speed["X"], speed["plain X"]),
             "II against X": _ratio(speed["II"], speed["X"]),
@@ -257,10 +225,6 @@ def measure_memory(args: argparse.Namespace) -> dict[str, Any]:
     return {"mib": found, "ratios": ratios}
 
 
-def _spread(values: Sequence[float]) -> dict[str, float]:
-    return {"median": statistics.median(values), "min": min(values), "max": max(values)}
-
-
 def _ratio(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return statistics.median(a / b for a, b in zip(ours, theirs, strict=True))
 
@@ -280,7 +244,7 @@ def _kept(out: Path | None) -> dict[str, Any]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    args = parse(argv)
+    args = parse(__doc__, OPTIONS, argv)
     measures: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
         "train": measure_training,
         "precision": lambda args: measure_precision(
@@ -292,24 +256,16 @@ def main(argv: list[str] | None = None) -> int:
     }
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     found = {name: measures[name](args) for name in _PARTS if name in args.only}
-    versions = (
-        f"Python {platform.python_version()}, torch {torch.__version__}, torch_geometric "
-        f"{torch_geometric.__version__}, torch_geometric_tactile "
-        f"{torch_geometric_tactile.__version__}"
-    )
-    where = f"{describe_machine()}; {versions}"
+    packages = versions("torch", "torch_geometric", "torch_geometric_tactile")
+    where = f"{describe_machine()}; {packages}"
     for part in found.values():
         part["where"] = where
     found = merged(_kept(args.out), found)
     lines = page_lines(found, where)
     print("\n".join(lines))
     if args.out:
-        for name, text in (
-            ("throughput.json", json.dumps(found, indent=1)),
-            ("throughput.md", "\n".join(lines)),
-        ):
-            with atomic_path(args.out / name) as temporary:
-                temporary.write_text(text + "\n", encoding="utf-8")
+        write_json(args.out / "throughput.json", found)
+        write(args.out / "throughput.md", "\n".join(lines) + "\n")
     return 0
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 from hand_frames import LAYOUT, Frames, fused_adam, pose_and_edges, train_step
 from plain_pyg import PlainGCN
+from shared import memory
 from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
@@ -32,12 +33,7 @@ def measured(what: str, frames: int, threads: int) -> dict[str, float]:
 
 
 def _memory(*keys: str) -> float:
-    values = {}
-    for line in Path("/proc/self/status").read_text().splitlines():
-        name, _, value = line.partition(":")
-        if name in keys:
-            values[name] = int(value.split()[0]) / 1024
-    return sum(values.values())
+    return memory(*keys) / _MIB
 
 
 def measure_here(what: str, frames: int, threads: int) -> dict[str, float]:

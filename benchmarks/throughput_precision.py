@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from hand_frames import LAYOUT, Frames
 from rounded_products import has_bfloat16, rounded_products
+from shared import spread
 from torch import nn
 
 from torch_geometric_tactile.data import Protocol
@@ -48,10 +49,7 @@ def measure_precision(
     }
     for name, segments in (("X", None), ("II", "patch")):
         speed = _speed(segments, batch_size, rounds)
-        found["frames_per_second"][name] = {
-            way: {"median": statistics.median(values), "min": min(values), "max": max(values)}
-            for way, values in speed.items()
-        }
+        found["frames_per_second"][name] = {way: spread(values) for way, values in speed.items()}
         for way in list(speed)[1:]:
             pairs = zip(speed[way], speed["loop, float32"], strict=True)
             found["ratios"][f"{name}: {way} against loop, float32"] = statistics.median(

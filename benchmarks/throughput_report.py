@@ -1,10 +1,11 @@
 r"""The page of `throughput.py`."""
 
-import os
-import platform
 import statistics
-from pathlib import Path
 from typing import Any
+
+from shared import table
+
+_SPEED = ("frames/s (median)", "min", "max")
 
 _TARGETS = {
     "X against plain PyG": 5.0,
@@ -15,11 +16,8 @@ _TARGETS = {
 
 
 def page_lines(found: dict[str, Any], where: str) -> list[str]:
-    r"""Returns the page.
-
-    Args:
-        found (dict): What was measured, by part.
-        where (str): Machine and versions of the parts that do not say otherwise.
+    r"""Returns the page of what was measured, by part; :obj:`where` is the machine and versions of
+    the parts that do not say otherwise.
     """
     others = {name: part["where"] for name, part in found.items() if part["where"] != where}
     kept = [
@@ -48,12 +46,7 @@ ROUNDED = (
 
 
 def merged(kept: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
-    r"""Returns what was measured now, and before what was not measured now.
-
-    Args:
-        kept (dict): What was measured before, by part.
-        found (dict): What was measured now.
-    """
+    r"""Returns what was measured now, and before what was not measured now."""
     out = {**kept, **found}
     precision, before = out.get("precision"), kept.get("precision", {})
     if precision is not None and "accuracy" in before:  # takes long, and no quiet machine
@@ -69,12 +62,8 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
             f"## Training, batch {train['batch_size']}, {train['threads']} threads, "
             f"{train['device']}",
             "",
-            "| model | frames/s (median) | min | max |",
-            "|---|---|---|---|",
+            *table(["model", *_SPEED], _speeds(train["frames_per_second"])),
         ]
-        for name, value in train["frames_per_second"].items():
-            cells = " | ".join(f"{value[key]:.0f}" for key in ("median", "min", "max"))
-            lines.append(f"| {name} | {cells} |")
         lines += ["", f"Largest difference of the logits: {train['largest_difference']:.1e}.", ""]
     if "precision" in found:
         lines += _precision_lines(found["precision"])
@@ -84,11 +73,14 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
             "## One frame, 1 thread: segmentation II with edge features and joints, reading to "
             "label",
             "",
-            "| side | p50 (ms) | p99 (ms) |",
-            "|---|---|---|",
+            *table(
+                ["side", "p50 (ms)", "p99 (ms)"],
+                [
+                    [name, f"{value['p50']:.2f}", f"{value['p99']:.2f}"]
+                    for name, value in latency["milliseconds"].items()
+                ],
+            ),
         ]
-        for name, value in latency["milliseconds"].items():
-            lines.append(f"| {name} | {value['p50']:.2f} | {value['p99']:.2f} |")
         lines += ["", f"Largest difference of the logits: {latency['largest_difference']:.1e}.", ""]
     if "data" in found:
         data = found["data"]
@@ -108,21 +100,29 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
             "",
             "*activations*: above weights, gradients and the optimizer's state; *all*: with them.",
             "",
-            "| batch | model | activations | all |",
-            "|---|---|---|---|",
+            *table(
+                ["batch", "model", "activations", "all"],
+                [
+                    [size, name, f"{value['activations']:.0f}", f"{value['all']:.0f}"]
+                    for size, values in found["memory"]["mib"].items()
+                    for name, value in values.items()
+                ],
+            ),
+            "",
         ]
-        for size, values in found["memory"]["mib"].items():
-            for name, value in values.items():
-                lines.append(
-                    f"| {size} | {name} | {value['activations']:.0f} | {value['all']:.0f} |"
-                )
-        lines.append("")
-    lines += ["## Ratios", "", "| what | ratio | at least |", "|---|---|---|"]
-    for part in found.values():
-        for name, value in part.get("ratios", {}).items():
-            target = _TARGETS.get(name)
-            lines.append(f"| {name} | {value:.2f} | {'' if target is None else target} |")
-    return lines
+    ratios = [
+        [name, f"{value:.2f}", str(_TARGETS.get(name, ""))]
+        for part in found.values()
+        for name, value in part.get("ratios", {}).items()
+    ]
+    return [*lines, "## Ratios", "", *table(["what", "ratio", "at least"], ratios)]
+
+
+def _speeds(found: dict[str, Any]) -> list[list[str]]:
+    return [
+        [name, *(f"{value[key]:.0f}" for key in ("median", "min", "max"))]
+        for name, value in found.items()
+    ]
 
 
 def _precision_lines(found: dict[str, Any]) -> list[str]:
@@ -133,13 +133,15 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
         "bfloat16 (the fully connected part; graph convolutions stay in full precision). Load "
         f"average of the machine before: {found['load']:.1f}.",
         "",
-        "| model | optimizer, precision | frames/s (median) | min | max |",
-        "|---|---|---|---|---|",
+        *table(
+            ["model", "optimizer, precision", *_SPEED],
+            [
+                [model, *row]
+                for model, ways in found["frames_per_second"].items()
+                for row in _speeds(ways)
+            ],
+        ),
     ]
-    for model, ways in found["frames_per_second"].items():
-        for way, value in ways.items():
-            cells = " | ".join(f"{value[key]:.0f}" for key in ("median", "min", "max"))
-            lines.append(f"| {model} | {way} | {cells} |")
     if not found["has_bfloat16"]:
         lines += [
             "",
@@ -162,9 +164,8 @@ def _accuracy_lines(found: dict[str, Any]) -> list[str]:
         "weights and batches). Mean ± standard deviation; difference to the first row of the "
         f"model on the same seed, with its standard error.{rounded}",
         "",
-        "| model | optimizer, precision | accuracy | difference |",
-        "|---|---|---|---|",
     ]
+    rows = []
     for model, ways in found["models"].items():
         first = next(iter(ways.values()))
         for way, values in ways.items():
@@ -172,14 +173,5 @@ def _accuracy_lines(found: dict[str, Any]) -> list[str]:
             apart = [100 * (a - b) for a, b in zip(values, first, strict=True)]
             error = statistics.stdev(apart) / len(apart) ** 0.5
             rest = "" if values is first else f"{statistics.fmean(apart):+.1f} ± {error:.1f}"
-            lines.append(f"| {model} | {way} | {cell} | {rest} |")
-    return lines
-
-
-def describe_machine() -> str:
-    name = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").is_file():
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        models = [line.partition(":")[2].strip() for line in lines if "model name" in line]
-        name = models[0] if models else name
-    return f"{name}, {os.cpu_count()} CPUs"
+            rows.append([model, way, cell, rest])
+    return lines + table(["model", "optimizer, precision", "accuracy", "difference"], rows)

@@ -8,6 +8,7 @@ import timeit
 from collections.abc import Callable
 
 import torch
+from shared import table
 from torch_geometric.data import Batch
 
 from torch_geometric_tactile.data import StaticData
@@ -39,8 +40,8 @@ def milliseconds(call: Callable[[], object], seconds: float = 2.0) -> float:
 def main() -> None:
     r"""Prints the table."""
     torch.set_num_threads(1)
-    print("| taxels | batch | cut (ms) | to_batch (ms) | of a list (ms) | of the samples (ms) |")
-    print("|---|---|---|---|---|---|")
+    head = ["taxels", "batch", "cut (ms)", "to_batch (ms)", "of a list (ms)", "of the samples (ms)"]
+    rows = []
     for num_taxels in (24, 384):
         whole = samples(1000, num_taxels)
         for batch_size in (64, 128):
@@ -54,10 +55,9 @@ def main() -> None:
             fast = milliseconds(data.to_batch)
             of_list = milliseconds(lambda listed=listed: Batch.from_data_list(listed))
             slow = milliseconds(lambda data=data: Batch.from_data_list(data.to_data_list()))
-            print(
-                f"| {num_taxels} | {batch_size} | {cut:.3f} | {fast:.3f} "
-                f"| {of_list:.2f} ({of_list / fast:.0f}x) | {slow:.2f} ({slow / fast:.0f}x) |"
-            )
+            cells = (f"{ms:.2f} ({ms / fast:.0f}x)" for ms in (of_list, slow))
+            rows.append([str(num_taxels), str(batch_size), f"{cut:.3f}", f"{fast:.3f}", *cells])
+    print("\n".join(table(head, rows)))
 
 
 if __name__ == "__main__":

@@ -7,31 +7,20 @@ Examples:
     python benchmarks/wide_csv.py --rounds 5
 """
 
-import argparse
 import statistics
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from shared import in_turns, parse
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import read_wide_csv, write_wide_csv
 
 
-def seconds(function: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    function()
-    return time.perf_counter() - start
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rounds", type=int, default=3, help="rounds (default: 3)")
-    rounds = parser.parse_args().rounds
+    rounds = parse(__doc__, {"--rounds": (3, "of both")}).rounds
     draw = np.random.default_rng(0)
     recording = Recording(
         np.arange(1700) / 100, draw.normal(size=(1700, 384, 3)), draw.normal(size=(1700, 16))
@@ -43,10 +32,7 @@ def main() -> None:
             "read_wide_csv": lambda: read_wide_csv(path),
             "numpy.loadtxt": lambda: np.loadtxt(path, delimiter=",", skiprows=1),
         }
-        times: dict[str, list[float]] = {name: [] for name in sides}
-        for _ in range(rounds):
-            for name, function in sides.items():
-                times[name].append(seconds(function))
+        times = in_turns(sides, rounds)
     medians = {name: statistics.median(values) for name, values in times.items()}
     for name, value in medians.items():
         print(f"{name:<14} {value:.2f} s (median of {rounds})")

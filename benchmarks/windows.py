@@ -9,15 +9,16 @@ Examples:
     python benchmarks/windows.py --frames 20000 --rounds 3
 """
 
-import argparse
 import json
 import os
 import platform
-import time
+from argparse import Namespace
+from functools import partial
 from typing import Any
 
 import torch
 import torch_geometric
+from shared import in_turns, parse, two_nearest, write
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 from torch_geometric.data import Data
@@ -45,37 +46,29 @@ class PlainWindows(Dataset):
         return Data(x=x, edge_index=self.edge_index, y=self.y[last : last + 1])
 
 
-def parse() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--frames", type=int, default=136_000, help="frames of the recording")
-    parser.add_argument("--batches", type=int, default=60, help="batches of a round")
-    parser.add_argument("--rounds", type=int, default=7, help="timed rounds of each loader")
-    parser.add_argument("--threads", type=int, default=1, help="threads that torch may use")
-    parser.add_argument("--json", help="file for the figures")
-    return parser.parse_args()
+OPTIONS = {
+    "--frames": (136_000, "frames of the recording"),
+    "--batches": (60, "batches of a round"),
+    "--rounds": (7, "timed rounds of each loader"),
+    "--threads": (1, "threads that torch may use"),
+    "--json": (None, "file for the figures"),
+}
 
 
 def sensors() -> dict[str, tuple[TaxelLayout, Tensor, int]]:
     hand, finger = allegro_uskin(), biotac()
-    knn = torch.cdist(finger.pos, finger.pos).topk(3, largest=False).indices[:, 1:]
-    row = torch.arange(19).repeat_interleave(2)
-    edges = torch.cat([torch.stack([row, knn.flatten()]), torch.stack([knn.flatten(), row])], 1)
     return {
         "hand": (hand, hand.edge_index("original"), 32),
-        "biotac": (finger, edges.unique(dim=1), 64),
+        "biotac": (finger, two_nearest(finger), 64),
     }
 
 
-def seconds(loader: DataLoader) -> float:
-    start = time.perf_counter()
+def read_all(loader: DataLoader) -> None:
     for batch in loader:
         assert batch.x.numel()
-    return time.perf_counter() - start
 
 
-def measure(name: str, args: argparse.Namespace) -> dict[str, Any]:
+def measure(name: str, args: Namespace) -> dict[str, Any]:
     layout, edge_index, batch_size = sensors()[name]
     generator = torch.Generator().manual_seed(0)
     x = torch.randn(args.frames, layout.num_taxels, 3, generator=generator)
@@ -92,11 +85,9 @@ def measure(name: str, args: argparse.Namespace) -> dict[str, Any]:
     for a, b in zip(*loaders.values(), strict=True):
         assert a.x.equal(b.x.flatten(0, 1))
         assert a.y.equal(b.y)
-    times: dict[str, list[float]] = {key: [] for key in loaders}
-    for _ in range(args.rounds):
-        for key, loader in loaders.items():
-            times[key].append(seconds(loader) / args.batches)
-    best = {key: min(values) for key, values in times.items()}
+    calls = {key: partial(read_all, loader) for key, loader in loaders.items()}
+    times = in_turns(calls, args.rounds)
+    best = {key: min(values) / args.batches for key, values in times.items()}
     return {
         "data": f"{args.frames} frames, {layout.num_taxels} taxels x 3, generated",
         "batch_size": batch_size,
@@ -106,7 +97,7 @@ def measure(name: str, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def main() -> int:
-    args = parse()
+    args = parse(__doc__, OPTIONS)
     torch.set_num_threads(args.threads)
     found: dict[str, Any] = {
         "machine": f"{platform.machine()}, {os.cpu_count()} CPUs, {args.threads} threads of torch",
@@ -116,8 +107,7 @@ def main() -> int:
         found[name] = measure(name, args)
         print(name, json.dumps(found[name], indent=2), flush=True)
     if args.json:
-        with open(args.json, "w", encoding="utf-8") as file:
-            json.dump(found, file, indent=2)
+        write(args.json, json.dumps(found, indent=2))
     return int(any(found[name]["ratio"] < wanted for name, wanted in _AT_LEAST.items()))
 
 

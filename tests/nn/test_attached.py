@@ -202,9 +202,9 @@ def test_attached_summary(name, leaf):
 
 def test_attached_thread_is_fast_again(monkeypatch):
     # With the hook gone, the layers are merged again; with one, they are not.
-    merged, name = [], "torch_geometric_tactile.nn.models.{}.pooled_gcn"
-    for module in ("gcn_thread", "segmented_thread"):
-        monkeypatch.setattr(name.format(module), lambda h, *args: merged.append(1) or h[:, :1])
+    merged = []
+    name = "torch_geometric_tactile.nn._pooled_gcn.pooled_gcn"
+    monkeypatch.setattr(name, lambda h, *args: merged.append(1) or h[:, :1])
     for kind in THREADS:
         layer, x = thread(kind), samples(8, 11, 3, dtype=torch.double)
         layer(x, EDGE_INDEX)

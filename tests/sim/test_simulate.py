@@ -1,5 +1,4 @@
 import json
-import os
 import signal
 import sys
 from dataclasses import asdict, replace
@@ -123,7 +122,7 @@ def test_order_of_work_does_not_matter(undisturbed, tmp_path, same_arrays):
     # Alone, and after another trial of the same model, in place of second of eight.
     module._simulator.cache_clear()
     tasks = [
-        module._Task(
+        module._Trial(
             out=str(tmp_path),
             hand="allegro_uskin",
             object_set="paper8",
@@ -135,11 +134,12 @@ def test_order_of_work_does_not_matter(undisturbed, tmp_path, same_arrays):
             preset=PRESETS["ci"],
             skin=SkinModel(),
             spread=GraspSpread(),
+            motion="lift",
         )
         for trial in (1, 0)
     ]
     for task in tasks:
-        module._simulate_trial(task, parent=os.getpid())
+        task.simulate()
     assert same_arrays(tmp_path / "sponge_000.h5", out / "sponge_000.h5")
     assert not same_arrays(tmp_path / "sponge_001.h5", out / "sponge_000.h5")
 

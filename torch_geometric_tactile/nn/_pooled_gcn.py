@@ -6,7 +6,7 @@ product over the taxels, and the maximum over channels runs along contiguous mem
 """
 
 from collections.abc import Iterable
-from typing import Any, Union
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,8 +15,7 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.conv import SegmentedGCNConv, StaticGCNConv
-from torch_geometric_tactile.nn.conv._plain import is_hooked
+from torch_geometric_tactile.nn.conv._plain import is_hooked, is_static_batch
 from torch_geometric_tactile.nn.conv._static_adjacency import MAX_DENSE_NODES, StaticAdjacency
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
@@ -29,49 +28,35 @@ _MIN_SAMPLES = 8
 
 
 def may_run_fast(x: Tensor) -> bool:
-    r"""Tells whether :func:`pooled_gcn` pays for features: those of many samples on a processor.
-
-    Args:
-        x (torch.Tensor): Node features.
-
-    Examples:
-        >>> may_run_fast(torch.zeros(64, 4, 3)), may_run_fast(torch.zeros(4, 3))
-        (True, False)
-    """
-    return (
-        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
-        and x.dim() == 3
-        and x.size(0) >= _MIN_SAMPLES
-        and x.size(1) <= MAX_DENSE_NODES
-        and x.device.type == "cpu"
-        and x.dtype in (torch.float32, torch.float64)
-    )
+    r"""Tells whether :func:`pooled_gcn` pays for features: those of many samples on a processor."""
+    return is_static_batch(x) and x.size(0) >= _MIN_SAMPLES and x.size(1) <= MAX_DENSE_NODES
 
 
-def may_merge(
-    layers: Iterable[tuple[Union[StaticGCNConv, SegmentedGCNConv], ChannelMaxPool]],
-) -> bool:
+def may_merge(layers: Iterable[tuple[Any, ChannelMaxPool]]) -> bool:
     r"""Tells whether layers may be computed in one step, without calling them one by one.
 
     They may if each is exactly the layer of this package with its default arguments, and nothing is
     attached to it or to its linear map: no hook, no explainer, no wrapped, pruned or
     reparametrised weight.
-
-    Args:
-        layers (iterable): The convolutions, each with the pooling behind it.
-
-    Examples:
-        >>> layers = [(StaticGCNConv(3, 8), ChannelMaxPool(2))]
-        >>> may_merge(layers)
-        True
-        >>> _ = layers[0][0].register_forward_hook(lambda *_: None)
-        >>> may_merge(layers)
-        False
     """
     return all(
         conv.is_plain() and type(pool) is ChannelMaxPool and not is_hooked(pool)
         for conv, pool in layers
     )
+
+
+def pooled_thread(
+    x: Tensor,
+    layers: Iterable[tuple[Any, ChannelMaxPool]],
+    adjacency: StaticAdjacency,
+    segment: OptTensor = None,
+) -> Tensor:
+    r"""Returns the features :math:`(B, N, O)` behind all layers, each by :func:`pooled_gcn`."""
+    h = x.permute(1, 2, 0).contiguous()
+    for conv, pool in layers:
+        weight = conv.lin.weight if segment is None else conv.weight
+        h = pooled_gcn(h, adjacency, weight, conv.bias, pool.kernel_size, segment)
+    return h.permute(2, 0, 1)
 
 
 def pooled_gcn(
@@ -92,14 +77,6 @@ def pooled_gcn(
     written to memory. The backward pass computes it again, which costs less than reading it: only
     input and output are kept. The gradient goes to the channel that was the maximum (to all of them
     where several are equal to the last bit). There is no second derivative.
-
-    Args:
-        h (torch.Tensor): Features.
-        adjacency (StaticAdjacency): The normalised adjacency, with its sparse forms.
-        weight (torch.Tensor): Weights, of all taxels or of each segment.
-        bias (torch.Tensor, optional): Biases, of all taxels or of each segment.
-        pool (int): How many neighbouring channels share one maximum.
-        segment (torch.Tensor, optional): The segment of each taxel, whose weights it uses.
 
     Shapes:
         - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(S, O, F)`, biases

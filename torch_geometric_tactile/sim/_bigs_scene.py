@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from torch_geometric_tactile.sim._bigs_motion import CONTROL_RATE
+from torch_geometric_tactile.sim._bigs_times import CONTROL_RATE
 from torch_geometric_tactile.sim.bigs_plan import BigsGrasp
 
 #: The fingers. The middle one opposes the other two, as on a Barrett hand.

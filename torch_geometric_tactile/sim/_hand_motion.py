@@ -1,5 +1,7 @@
 r"""How palm and fingers of the simulated hand move: smooth paths, postures, tremor."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from torch_geometric_tactile.sim.hand_model import STAND
@@ -11,6 +13,31 @@ _THUMB = -0.030  # where the thumb is behind the palm's origin, m
 _OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
 _CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
 JOINT_TREMOR = 0.008  # rad
+
+
+def timed_phases(
+    schedule: Sequence[tuple[float, float]],
+    full_length: float,
+    rng: np.random.Generator,
+    duration: float,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], float]:
+    r"""Returns the times of all targets :math:`(K,)`, the phase of each, the progress of each phase
+    but the last from 0 to 1, and when that begins.
+
+    Shapes:
+        - **schedule:** Shortest and longest duration of each phase but the last, in seconds of a
+          trial of :obj:`full_length`.
+    """
+    if not 0 < step <= duration:
+        raise ValueError(f"'step' must be positive and below 'duration' (got {step}, {duration})")
+    lengths = [rng.uniform(*span) * duration / full_length for span in schedule]
+    ticks = np.arange(round(duration / step)) * step
+    ends = np.cumsum(lengths)
+    progress = [
+        smooth((ticks - end + length) / length) for end, length in zip(ends, lengths, strict=True)
+    ]
+    return ticks, np.searchsorted(ends, ticks, side="right"), progress, ends[-1]
 
 
 def palm_path(

@@ -3,14 +3,16 @@ r"""Many simulated trials, each in a file of its own, on many processes; finishe
 import json
 import os
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, remove_leftovers
 from torch_geometric_tactile._parallel import run_parallel
 from torch_geometric_tactile.io import read_hdf5_head
@@ -18,23 +20,35 @@ from torch_geometric_tactile.io import read_hdf5_head
 SUMMARY = "simulation.json"
 
 
-class FileTask(Protocol):
-    r"""What makes a file."""
+_Report = TypeVar("_Report")
+
+
+class Trial(ABC, Generic[_Report]):
+    r"""A trial to simulate: all that decides its bits, and its file."""
 
     @property
+    @abstractmethod
     def path(self) -> Path:
         r"""The file."""
 
+    @abstractmethod
+    def simulate(self) -> _Report:
+        r"""Simulates the trial, writes its file and returns the report."""
 
-class TrialTask(FileTask, Protocol):
-    r"""A trial to simulate: all that decides its bits, and its file."""
+    @abstractmethod
+    def kept(self) -> _Report:
+        r"""Returns the report of a trial whose file is there."""
 
-    def identity(self) -> dict[str, Any]:
-        r"""What decides the bits, as JSON values; the metadata of the file holds them too."""
+    def is_finished(self) -> bool:
+        r"""Tells whether the file is there."""
+        return self.path.exists()
 
 
-_Task = TypeVar("_Task", bound=FileTask)
-_Report = TypeVar("_Report")
+def check_run(seed: int, **counts: int) -> None:
+    r"""Checks the seed and the numbers of a run."""
+    for name, number in counts.items():
+        need(number >= 1, f"'{name}' must be at least 1", number)
+    need(seed >= 0, "'seed' must not be negative", seed)
 
 
 def require_simulator(what: str) -> None:
@@ -44,46 +58,44 @@ def require_simulator(what: str) -> None:
             raise ImportError(f"{what} needs {package}: pip install 'torch-geometric-tactile[sim]'")
 
 
-def _is_there(task: FileTask) -> bool:
-    return task.path.exists()
-
-
 def run_trials(
-    tasks: Sequence[_Task],
+    trials: Sequence[Trial[_Report]],
     out: Path,
     jobs: int,
-    kept: Callable[[_Task], _Report],
-    simulate: Callable[..., _Report],
-    finished: Callable[[_Task], bool] = _is_there,
-) -> Generator[_Report, None, list[_Report]]:
-    r"""Yields the report of each trial, those of files that are there first, and returns all."""
+    sum_up: Callable[[list[_Report]], dict[str, Any]] | None = None,
+) -> Generator[_Report, None, None]:
+    r"""Yields the report of each trial, those of files that are there first, and writes what they
+    sum up to.
+    """
     out.mkdir(parents=True, exist_ok=True)
     reports, missing = [], []
-    for task in tasks:
-        if finished(task):
-            reports.append(kept(task))
+    for trial in trials:
+        if trial.is_finished():
+            reports.append(trial.kept())
             yield reports[-1]
         else:
-            missing.append(task)
+            missing.append(trial)
     try:
-        work = partial(simulate, parent=os.getpid())
+        work = partial(_simulated, parent=os.getpid())
         with closing(run_parallel(work, missing, jobs)) as results:
             for report in results:
                 reports.append(report)
                 yield report
     finally:
         # What workers that were killed, now or in an earlier run, had begun to write.
-        for task in tasks:
-            remove_leftovers(task.path)
-    return reports
+        for trial in trials:
+            remove_leftovers(trial.path)
+    if sum_up is not None:
+        write_summary(out, sum_up(reports))
 
 
-def end_without(parent: int) -> None:
-    r"""Ends a worker whose run was killed: it would go on with what was dispatched."""
+def _simulated(trial: Trial[_Report], parent: int) -> _Report:
+    # A worker whose run was killed would go on with what was dispatched.
     if parent not in (os.getpid(), os.getppid()):
         os._exit(1)
     if parent != os.getpid():
         _end_with(parent)
+    return trial.simulate()
 
 
 @cache
@@ -98,13 +110,15 @@ def _wait_for_end(parent: int) -> None:
     os._exit(1)
 
 
-def kept_meta(task: TrialTask, before: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    r"""Returns the metadata of a finished trial."""
-    meta = {**(before or {}), **read_hdf5_head(task.path).meta}
-    for key, wanted in task.identity().items():
+def kept_meta(
+    path: Path, identity: Mapping[str, Any], before: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    r"""Returns the metadata of a finished trial, which hold what decides its bits."""
+    meta = {**(before or {}), **read_hdf5_head(path).meta}
+    for key, wanted in identity.items():
         if meta.get(key) != wanted:
             raise ValueError(
-                f"'{task.path}' was made with another '{key}' ({meta.get(key)}, not {wanted}); "
+                f"'{path}' was made with another '{key}' ({meta.get(key)}, not {wanted}); "
                 "choose another folder or delete the file"
             )
     return meta

@@ -4,14 +4,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.sim._bigs_contacts import ContactLog
-from torch_geometric_tactile.sim._bigs_motion import (
+from torch_geometric_tactile.sim._bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
+from torch_geometric_tactile.sim._bigs_times import (
     CONTROL_RATE,
+    DIRECTIONS,
     FRAME_RATE,
     INPUT_END,
-    hand_motion,
 )
-from torch_geometric_tactile.sim._bigs_scene import CLOSED, FINGERS, HAND_MASS, OPEN, bigs_mjcf
 from torch_geometric_tactile.sim._mujoco import import_mujoco
 from torch_geometric_tactile.sim.bigs_plan import BigsGrasp
 
@@ -27,6 +26,8 @@ _PATIENCE = 1.6  # s until pick-up if nothing is touched
 _LOST = 0.03  # m by which an object that is lost has sunk in the hand
 _FREE = 0.1  # s without contact, after which it is lost as well
 _AFTER = 0.3  # s recorded after the loss
+_CYCLES = 2  # of the shake in each direction
+_TURN = 0.28  # rad, of the shake about x and y
 
 
 class BigsPhysics(NamedTuple):
@@ -107,7 +108,7 @@ class BigsSimulator:
         """
         mujoco, model, data = self._mujoco, self.model, self.data
         start, target = self._start(), np.full(3, OPEN)
-        motion = hand_motion(self.grasp)
+        motion = _hand_motion(self.grasp)
         velocity = np.diff(motion, axis=0, prepend=motion[:1]) * CONTROL_RATE
         push = np.diff(velocity, axis=0, append=velocity[-1:]) * CONTROL_RATE * HAND_MASS
         # Turns are stored as roll, pitch, yaw; the hinges are yaw, pitch, roll.
@@ -116,7 +117,7 @@ class BigsSimulator:
         hand = slice(self._hand, self._hand + 6)
         hand_dof = slice(self._hand_dof, self._hand_dof + 6)
         held = slice(self._object, self._object + 7)
-        log, seen = ContactLog(model), _Course(self.grasp)
+        log, seen = _ContactLog(model), _Course(self.grasp)
         rows: list[tuple[Any, ...]] = []
         mujoco.mj_forward(model, data)
         while not seen.is_over(len(rows), len(motion)):
@@ -213,3 +214,101 @@ class _Course:
         if self.pickup is None:
             return int(self.first is not None)
         return 2 + int((tick - self.pickup) * _TICK >= self.grasp.pause)
+
+
+def _hand_motion(grasp: BigsGrasp) -> np.ndarray:
+    # By how much the hand is moved, from pick-up to the end of the shake, in steps of the physics:
+    # x, y, z in metres, roll, pitch and yaw in radians (K, 6). It rises, waits, and is shaken along
+    # x, y, z and about x and y, two cycles each that swell and fade. That begins later than the
+    # input of P3 ends.
+    time = np.arange(round(grasp.span * CONTROL_RATE)) / CONTROL_RATE
+    out = np.zeros((len(time), 6))
+    s = (time / grasp.lift).clip(0.0, 1.0)
+    out[:, 2] = grasp.rise * s**3 * (10 - 15 * s + 6 * s**2)
+    for i in range(DIRECTIONS):
+        part = ((time - grasp.pause) / grasp.shake_time - i).clip(0.0, 1.0)
+        swing = np.sin(np.pi * part) ** 2 * np.sin(2 * np.pi * _CYCLES * part)
+        out[:, i] += swing * (grasp.shake if i < 3 else _TURN)
+    return out
+
+
+class _FingertipContacts(NamedTuple):
+    r"""Forces, places and sliding velocities in the frames of the fingertips :math:`(K, 3, 3)`, and
+    the parts of the force along the normal and in the plane of contact :math:`(K, 3)`.
+    """
+
+    force: np.ndarray
+    normal: np.ndarray
+    shear: np.ndarray
+    place: np.ndarray
+    slide: np.ndarray
+
+
+class _ContactLog:
+    r"""Keeps the contacts of fingertips and object while a simulation runs."""
+
+    def __init__(self, model: Any) -> None:
+        self._finger = np.full(model.ngeom, -1)
+        self._finger[[model.geom(f"skin_{name}").id for name in FINGERS]] = range(3)
+        self._site = np.array([model.site(f"tip_{name}").id for name in FINGERS])
+        # Object first, then fingertips; MuJoCo gives velocities at the centre of mass of the tree.
+        names = ["object", *(f"tip_{name}" for name in FINGERS)]
+        self._body = np.array([model.body(name).id for name in names])
+        self._tree = np.array([model.body("object").id, model.body("hand").id])
+        self._contacts: list[tuple[np.ndarray, ...]] = []
+        self._ticks: list[tuple[np.ndarray, ...]] = []
+
+    def add(self, data: Any) -> np.ndarray:
+        r"""Keeps the contacts of now, and returns the normal force of each finger in newtons."""
+        normal = np.zeros(3)
+        self._ticks.append(
+            (
+                data.site_xmat[self._site],
+                data.site_xpos[self._site],
+                data.cvel[self._body],
+                data.subtree_com[self._tree],
+            )
+        )
+        if data.ncon:
+            contact = data.contact
+            address = contact.efc_address
+            finger = self._finger[contact.geom]  # of both sides
+            mine = np.flatnonzero((finger.max(axis=1) >= 0) & (address >= 0))
+            if len(mine):
+                local = data.efc_force[address[mine, None] + np.arange(3)]
+                tick = np.full(len(mine), len(self._ticks) - 1)
+                frame, pos = contact.frame[mine], contact.pos[mine]
+                self._contacts.append((tick, finger[mine], local, frame, pos))
+                np.add.at(normal, finger[mine].max(axis=1), local[:, 0])
+        return normal
+
+    def finish(self) -> _FingertipContacts:
+        r"""Returns what was kept."""
+        num_ticks = len(self._ticks)
+        force, place, slide = np.zeros((3, num_ticks, 3, 3))
+        normal, shear = np.zeros((2, num_ticks, 3))
+        result = _FingertipContacts(force, normal, shear, place, slide)
+        if not self._contacts:
+            return result
+        tick, fingers, local, frame, pos = map(np.concatenate, zip(*self._contacts, strict=True))
+        turn, origin, velocity, centre = map(np.array, zip(*self._ticks, strict=True))
+        finger = fingers.max(axis=1)
+        sign = np.where(fingers[:, 0] >= 0, -1.0, 1.0)  # the frame points from first to second
+        frame = frame.reshape(-1, 3, 3)
+        turn = turn.reshape(-1, 3, 3, 3)[tick, finger]
+        at = (tick, finger)
+        world = sign[:, None] * np.einsum("ca,cai->ci", local, frame)
+        np.add.at(force, at, np.einsum("ci,cia->ca", world, turn))
+        np.add.at(normal, at, local[:, 0])
+        np.add.at(shear, at, np.hypot(local[:, 1], local[:, 2]))
+        place[at] = np.einsum("ci,cia->ca", pos - origin[at], turn)
+
+        def speed(body: Any, tree: int) -> np.ndarray:
+            twist = velocity[tick, body]
+            return np.asarray(twist[:, 3:] + np.cross(twist[:, :3], pos - centre[tick, tree]))
+
+        relative = speed(0, 0) - speed(1 + finger, 1)
+        out = frame[:, 0]
+        relative -= out * (out * relative).sum(axis=1, keepdims=True)
+        slide[at] = np.einsum("ci,cia->ca", relative, turn)
+        return result

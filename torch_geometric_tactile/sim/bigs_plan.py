@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from torch_geometric_tactile.sim._bigs_motion import DIRECTIONS, INPUT_END, BigsShape
+from torch_geometric_tactile.sim._bigs_times import DIRECTIONS, INPUT_END, BigsShape
 
 # Half width, half height (m), mass (kg) and height of the fingertips above the centre (m) from
 # which, and to which; median and spread (of the logarithm) of the friction, and of the grip in

@@ -2,7 +2,7 @@ r"""When the slip began that lost an object."""
 
 import numpy as np
 
-from torch_geometric_tactile.sim._bigs_motion import CONTROL_RATE
+from torch_geometric_tactile.sim._bigs_times import CONTROL_RATE
 from torch_geometric_tactile.sim.bigs_physics import BigsPhysics
 
 _FAR = 0.003  # m

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _GRAVITY = 9.81
@@ -71,14 +72,14 @@ def simulate_grasps(
         >>> simulate_grasps(biotac_sp(), objects=2, grasps_per_object=5).reading.shape
         (10, 24, 3)
     """
-    for name, number in (
-        ("objects", objects),
-        ("grasps_per_object", grasps_per_object),
-        ("sessions", sessions),
-        ("num_fingers", num_fingers),
-    ):
-        if number < 1:
-            raise ValueError(f"'{name}' must be at least 1 (got {number})")
+    counts = {
+        "objects": objects,
+        "grasps_per_object": grasps_per_object,
+        "sessions": sessions,
+        "num_fingers": num_fingers,
+    }
+    for name, number in counts.items():
+        need(number >= 1, f"'{name}' must be at least 1", number)
     draw = np.random.default_rng(seed)
     pos = layout.pos.double().numpy()
     size = float(np.ptp(pos, axis=0).max()) or 0.01

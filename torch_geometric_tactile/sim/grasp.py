@@ -10,7 +10,7 @@ from torch_geometric_tactile.sim._hand_motion import (
     JOINT_TREMOR,
     palm_path,
     postures,
-    smooth,
+    timed_phases,
     tremor,
 )
 from torch_geometric_tactile.sim._mujoco import import_mujoco
@@ -130,16 +130,8 @@ def plan_grasp(
         ((250, 4), (250, 16))
     """
     spread = spread or GraspSpread()
-    if not 0 < step <= duration:
-        raise ValueError(f"'step' must be positive and below 'duration' (got {step}, {duration})")
-    lengths = [rng.uniform(*span) * duration / _FULL_LENGTH for span in _SCHEDULE]
-    ticks = np.arange(round(duration / step)) * step
-    ends = np.cumsum(lengths)
-    phase = np.searchsorted(ends, ticks, side="right")
-    _, reach, close, squeeze, lift = (
-        smooth((ticks - end + length) / length) for end, length in zip(ends, lengths, strict=True)
-    )
-
+    ticks, phase, progress, _ = timed_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)
+    _, reach, close, squeeze, lift = progress
     rise = rng.uniform(0.09, 0.13) * lift
     gantry = palm_path(size, rng, spread, step, reach, close, rise)
     start, end = postures(rng, spread)

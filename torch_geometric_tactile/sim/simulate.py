@@ -5,7 +5,7 @@ import logging
 import math
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -13,17 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim._presets import PRESETS, Preset, TrialReport
 from torch_geometric_tactile.sim._trial_files import (
-    end_without,
+    Trial,
+    check_run,
     kept_meta,
     require_simulator,
     run_trials,
-    write_summary,
 )
 from torch_geometric_tactile.sim.grasp import GraspPlan, GraspResult, GraspSimulator, plan_grasp
 from torch_geometric_tactile.sim.hand_model import ContactParameters
@@ -43,8 +44,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class _Task:
-    # All that decides the bits of a trial, and where it goes.
+class _Trial(Trial[TrialReport]):
     out: str
     hand: str
     object_set: str
@@ -56,7 +56,7 @@ class _Task:
     preset: Preset
     skin: SkinModel
     spread: GraspSpread
-    motion: str = "lift"
+    motion: str
 
     @property
     def path(self) -> Path:
@@ -80,6 +80,40 @@ class _Task:
             )
         )
         return identity
+
+    def kept(self) -> TrialReport:
+        # Recordings of earlier versions name neither spread nor motion: they were always these.
+        before = {"spread": asdict(GraspSpread()), "motion": "lift"}
+        attempt = kept_meta(self.path, self.identity(), before).get("attempt")
+        if type(attempt) is not int or attempt < 0:
+            raise ValueError(
+                f"'{self.path}' must tell its 'attempt', a whole number, in its metadata (got "
+                f"{attempt!r}); delete the file to simulate it again"
+            )
+        return TrialReport(self.item.name, self.trial, attempt + 1, self.path, kept=True)
+
+    def simulate(self) -> TrialReport:
+        name, number = self.item.name, self.trial
+        recording, attempts = self.attempted()
+        if recording is not None:
+            write_hdf5(recording, self.path)
+            return TrialReport(name, number, attempts, self.path, kept=False)
+        failed = "%s, trial %d: not %s in %d attempts"
+        _logger.warning(failed, name, number, MOTIONS[self.motion], self.max_attempts)
+        return TrialReport(name, number, self.max_attempts, None, kept=False)
+
+    def attempted(self) -> tuple[Recording | None, int]:
+        r"""Returns the trial, if an attempt at it succeeded, and the number of attempts."""
+        simulator = _simulator(self.hand, self.item, self.preset.timestep)
+        planned = plan_squeeze if self.motion == "squeeze" else plan_grasp
+        preset = self.preset
+        for attempt in range(self.max_attempts):
+            rng = np.random.default_rng([self.seed, self.index, self.trial, attempt])
+            plan = planned(self.item.size, rng, preset.duration, preset.step, self.spread)
+            result = simulator.run(plan, preset.rate)
+            if result.success:
+                return _recording(self, attempt, plan, result, simulator.layout, rng), attempt + 1
+        return None, self.max_attempts
 
 
 def simulate(
@@ -138,19 +172,16 @@ def simulate(
     """
     settings = _settings(preset, seconds)
     hand = hand or (HANDS[1] if objects == "twenty" else HANDS[0])
-    if hand not in HANDS:
-        raise ValueError(f"'hand' must be one of {list(HANDS)} (got '{hand}')")
-    _check_motion(motion, seed)
+    need(hand in HANDS, f"'hand' must be one of {list(HANDS)}", f"'{hand}'")
+    need(motion in MOTIONS, f"'motion' must be one of {list(MOTIONS)}", f"'{motion}'")
     trials = settings.trials if trials is None else trials
-    for name, number in (("trials", trials), ("jobs", jobs), ("max_attempts", max_attempts)):
-        if number < 1:
-            raise ValueError(f"'{name}' must be at least 1 (got {number})")
+    check_run(seed, trials=trials, jobs=jobs, max_attempts=max_attempts)
     if plan is not None and not isinstance(plan, GraspSpread):
         raise ValueError(f"'plan' must be a GraspSpread, such as GraspSpread.wide() (got {plan!r})")
     set_name, items = object_set(objects, num_objects, seed)
     require_simulator("the simulated hand")
-    tasks = [
-        _Task(
+    made = [
+        _Trial(
             out=str(out),
             hand=hand,
             object_set=set_name,
@@ -167,41 +198,15 @@ def simulate(
         for trial in range(trials)
         for index, item in enumerate(items)
     ]
-    return _run(tasks, Path(out), jobs)
-
-
-def _check_motion(motion: str, seed: int) -> None:
-    if motion not in MOTIONS:
-        raise ValueError(f"'motion' must be one of {list(MOTIONS)} (got '{motion}')")
-    if seed < 0:
-        raise ValueError(f"'seed' must not be negative (got {seed})")
+    return run_trials(made, Path(out), jobs, partial(_summary, made[0]))
 
 
 def _settings(preset: str, seconds: float | None) -> Preset:
-    if preset not in PRESETS:
-        raise ValueError(f"'preset' must be one of {list(PRESETS)} (got '{preset}')")
+    need(preset in PRESETS, f"'preset' must be one of {list(PRESETS)}", f"'{preset}'")
     if seconds is None:
         return PRESETS[preset]
-    if not _SHORTEST <= seconds < math.inf:
-        raise ValueError(f"'seconds' must be at least {_SHORTEST:g} (got {seconds})")
+    need(_SHORTEST <= seconds < math.inf, f"'seconds' must be at least {_SHORTEST:g}", seconds)
     return replace(PRESETS[preset], duration=float(seconds))
-
-
-def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[TrialReport, None, None]:
-    reports = yield from run_trials(tasks, out, jobs, _kept, _simulate_trial)
-    _write_summary(out, tasks, reports)
-
-
-def _kept(task: _Task) -> TrialReport:
-    # Recordings of earlier versions name neither spread nor motion: they were always these.
-    meta = kept_meta(task, before={"spread": asdict(GraspSpread()), "motion": "lift"})
-    attempt = meta.get("attempt")
-    if type(attempt) is not int or attempt < 0:
-        raise ValueError(
-            f"'{task.path}' must tell its 'attempt', a whole number, in its metadata (got "
-            f"{attempt!r}); delete the file to simulate it again"
-        )
-    return TrialReport(task.item.name, task.trial, attempt + 1, task.path, kept=True)
 
 
 def grasp_recordings(
@@ -236,7 +241,8 @@ def grasp_recordings(
         if not 0 < rate <= settings.rate:
             raise ValueError(f"'rate' must be above 0 and at most {settings.rate:g} (got {rate})")
         settings = replace(settings, rate=float(rate))
-    _check_motion(motion, seed)
+    need(motion in MOTIONS, f"'motion' must be one of {list(MOTIONS)}", f"'{motion}'")
+    check_run(seed)
     set_name, items = object_set(objects, None, seed)
     chosen = [(index, item) for index, item in enumerate(items) if only in (None, item.name)]
     if not chosen:
@@ -245,43 +251,8 @@ def grasp_recordings(
     hand = HANDS[1] if objects == "twenty" else HANDS[0]
     made = (10, settings, SkinModel(), GraspSpread(), motion)
     trials = ((trial, *one) for trial in count() for one in chosen)
-    tasks = (_Task("", hand, set_name, item, i, trial, seed, *made) for trial, i, item in trials)
-    return (recording for task in tasks if (recording := _attempted(task)[0]) is not None)
-
-
-def _attempted(task: _Task, parent: int | None = None) -> tuple[Recording | None, int]:
-    # The trial, if an attempt at it succeeded, and the number of attempts.
-    simulator = _simulator(task.hand, task.item, task.preset.timestep)
-    for attempt in range(task.max_attempts):
-        if parent is not None:
-            end_without(parent)
-        rng = np.random.default_rng([task.seed, task.index, task.trial, attempt])
-        plan = _planned(task, rng)
-        result = simulator.run(plan, task.preset.rate)
-        if result.success:
-            return _recording(task, attempt, plan, result, simulator.layout, rng), attempt + 1
-    return None, task.max_attempts
-
-
-def _simulate_trial(task: _Task, parent: int) -> TrialReport:
-    name = task.item.name
-    recording, attempts = _attempted(task, parent)
-    if recording is not None:
-        write_hdf5(recording, task.path)
-        return TrialReport(name, task.trial, attempts, task.path, kept=False)
-    _logger.warning(
-        "%s, trial %d: not %s in %d attempts",
-        name,
-        task.trial,
-        MOTIONS[task.motion],
-        task.max_attempts,
-    )
-    return TrialReport(name, task.trial, task.max_attempts, None, kept=False)
-
-
-def _planned(task: _Task, rng: np.random.Generator) -> GraspPlan:
-    planned = plan_squeeze if task.motion == "squeeze" else plan_grasp
-    return planned(task.item.size, rng, task.preset.duration, task.preset.step, task.spread)
+    tasks = (_Trial("", hand, set_name, item, i, trial, seed, *made) for trial, i, item in trials)
+    return (recording for task in tasks if (recording := task.attempted()[0]) is not None)
 
 
 @lru_cache(maxsize=1)
@@ -296,7 +267,7 @@ def _simulator(hand: str, item: GraspObject, timestep: float) -> GraspSimulator:
 
 
 def _recording(
-    task: _Task,
+    task: _Trial,
     attempt: int,
     plan: GraspPlan,
     result: GraspResult,
@@ -333,7 +304,7 @@ def _recording(
     )
 
 
-def _facts(task: _Task, plan: GraspPlan) -> dict[str, Any]:
+def _facts(task: _Trial, plan: GraspPlan) -> dict[str, Any]:
     # What a data set may ask for, or split by.
     item, (lateral, yaw) = task.item, plan.gantry[:, [1, 3]].mean(axis=0).tolist()
     return {
@@ -348,22 +319,21 @@ def _facts(task: _Task, plan: GraspPlan) -> dict[str, Any]:
     }
 
 
-def _write_summary(out: Path, tasks: list[_Task], reports: list[TrialReport]) -> None:
+def _summary(first: _Trial, reports: list[TrialReport]) -> dict[str, Any]:
     given_up = [report for report in reports if report.path is None]
-    content = {
+    return {
         "synthetic": True,
         "note": "Simulated. Masses, frictions, skin constants and patch places are plausible, not "
         "measured.",
-        "hand": tasks[0].hand,
-        "object_set": tasks[0].object_set,
-        "seed": tasks[0].seed,
-        "preset": asdict(tasks[0].preset),
-        "spread": asdict(tasks[0].spread),
-        "motion": tasks[0].motion,
+        "hand": first.hand,
+        "object_set": first.object_set,
+        "seed": first.seed,
+        "preset": asdict(first.preset),
+        "spread": asdict(first.spread),
+        "motion": first.motion,
         "trials": len(reports),
         "attempts": sum(report.attempts for report in reports),
         "successes": len(reports) - len(given_up),
         "given_up": sorted(f"{report.object_name}_{report.trial:03d}" for report in given_up),
         "mujoco": version("mujoco"),
     }
-    write_summary(out, content)

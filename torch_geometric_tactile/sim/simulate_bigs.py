@@ -4,33 +4,33 @@ import json
 from collections import Counter
 from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import biotac
-from torch_geometric_tactile.sim._bigs_motion import (
+from torch_geometric_tactile.sim._bigs_scene import FINGERS
+from torch_geometric_tactile.sim._bigs_times import (
     BIGS_ORDER,
     CONTROL_RATE,
     FRAME_RATE,
     INPUT_END,
     NUM_SESSIONS,
 )
-from torch_geometric_tactile.sim._bigs_scene import FINGERS
 from torch_geometric_tactile.sim._trial_files import (
-    end_without,
+    Trial,
+    check_run,
     kept_meta,
     require_simulator,
     run_trials,
-    write_summary,
 )
-from torch_geometric_tactile.sim._wam_arm import arm_joints
 from torch_geometric_tactile.sim.bigs_physics import BIGS_PHASES, BigsPhysics, BigsSimulator
 from torch_geometric_tactile.sim.bigs_plan import BigsGrasp, draw_grasp
 from torch_geometric_tactile.sim.bigs_slip import slip_onset
@@ -43,6 +43,17 @@ _GENERATOR = "bigs"
 _VERSION = 1  # of the generator: another one makes other bits
 _TICKS = CONTROL_RATE // FRAME_RATE  # a frame
 _ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
+# Denavit-Hartenberg parameters a (m), alpha (rad) and d (m) of a seven-joint WAM.
+_LINKS = (
+    (0.0, -np.pi / 2, 0.0),
+    (0.0, np.pi / 2, 0.0),
+    (0.045, -np.pi / 2, 0.55),
+    (-0.045, np.pi / 2, 0.0),
+    (0.0, -np.pi / 2, 0.3),
+    (0.0, np.pi / 2, 0.0),
+    (0.0, 0.0, 0.06),
+)
+_POSTURE = np.array([0.0, 0.7, 0.0, 1.9, 0.0, np.pi - 2.6, 0.0])  # hand down, before the arm
 
 
 class BigsReport(NamedTuple):
@@ -67,8 +78,7 @@ class BigsReport(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Task:
-    # All that decides the bits of a grasp, and where it goes.
+class _Trial(Trial[BigsReport]):
     out: str
     trial: int
     seed: int
@@ -98,6 +108,25 @@ class _Task:
             "seed": self.seed,
             "fingertip": asdict(self.model),
         }
+
+    def kept(self) -> BigsReport:
+        meta = kept_meta(self.path, self.identity())
+        lost = meta.get("lost", -1.0)
+        if lost is not None and (type(lost) is not float or lost < 0):
+            raise ValueError(
+                f"'{self.path}' must tell in its metadata when its object was 'lost', in seconds "
+                f"after pick-up or null (got {meta.get('lost')!r}); delete the file to simulate it "
+                "again"
+            )
+        return BigsReport(self.shape, self.trial, lost is None, lost, self.path, kept=True)
+
+    def simulate(self) -> BigsReport:
+        rng = np.random.default_rng([self.seed, 0, self.trial])
+        grasp = draw_grasp(self.shape, rng)
+        physics = BigsSimulator(grasp).run()
+        write_hdf5(_recording(self, grasp, physics, rng), self.path)
+        lost = _lost(physics)
+        return BigsReport(self.shape, self.trial, lost is None, lost, self.path, kept=False)
 
 
 def simulate_bigs(
@@ -138,42 +167,12 @@ def simulate_bigs(
         >>> for report in simulate_bigs("bigs", grasps=4):  # doctest: +SKIP
         ...     print(report.object_name, report.success)
     """
-    for name, number in (("grasps", grasps), ("jobs", jobs)):
-        if number < 1:
-            raise ValueError(f"'{name}' must be at least 1 (got {number})")
-    if seed < 0:
-        raise ValueError(f"'seed' must not be negative (got {seed})")
-    if model is not None and not isinstance(model, BioTacModel):
-        raise ValueError(f"'model' must be a BioTacModel (got {model!r})")
+    check_run(seed, grasps=grasps, jobs=jobs)
+    model = BioTacModel() if model is None else model
+    need(isinstance(model, BioTacModel), "'model' must be a BioTacModel", repr(model))
     require_simulator("the simulated grasps")
-    tasks = [_Task(str(out), trial, seed, model or BioTacModel()) for trial in range(grasps)]
-    return _run(tasks, Path(out), jobs)
-
-
-def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[BigsReport, None, None]:
-    reports = yield from run_trials(tasks, out, jobs, _kept, _simulate_grasp)
-    write_summary(out, _summary(tasks[0], reports))
-
-
-def _kept(task: _Task) -> BigsReport:
-    meta = kept_meta(task)
-    lost = meta.get("lost", -1.0)
-    if lost is not None and (type(lost) is not float or lost < 0):
-        raise ValueError(
-            f"'{task.path}' must tell in its metadata when its object was 'lost', in seconds after "
-            f"pick-up or null (got {meta.get('lost')!r}); delete the file to simulate it again"
-        )
-    return BigsReport(task.shape, task.trial, lost is None, lost, task.path, kept=True)
-
-
-def _simulate_grasp(task: _Task, parent: int) -> BigsReport:
-    end_without(parent)
-    rng = np.random.default_rng([task.seed, 0, task.trial])
-    grasp = draw_grasp(task.shape, rng)
-    physics = BigsSimulator(grasp).run()
-    write_hdf5(_recording(task, grasp, physics, rng), task.path)
-    lost = _lost(physics)
-    return BigsReport(task.shape, task.trial, lost is None, lost, task.path, kept=False)
+    trials = [_Trial(str(out), number, seed, model) for number in range(grasps)]
+    return run_trials(trials, Path(out), jobs, partial(_summary, trials[0]))
 
 
 def _lost(physics: BigsPhysics) -> float | None:
@@ -186,7 +185,7 @@ def _session(model: BioTacModel, seed: int, session: int) -> SessionOffsets:
 
 
 def _recording(
-    task: _Task, grasp: BigsGrasp, physics: BigsPhysics, rng: np.random.Generator
+    task: _Trial, grasp: BigsGrasp, physics: BigsPhysics, rng: np.random.Generator
 ) -> Recording:
     num_frames = len(physics.phase) // _TICKS
     used = slice(num_frames * _TICKS)
@@ -201,7 +200,7 @@ def _recording(
     finger = np.empty((num_frames * _TICKS, 4))
     finger[:, :3], finger[:, 3] = physics.finger[used], grasp.spread
     finger += rng.normal(0.0, _FINGER_NOISE, finger.shape)
-    arm = arm_joints(physics.hand[used])
+    arm = _arm_joints(physics.hand[used])
     arm += rng.normal(0.0, _ARM_NOISE, arm.shape)
     onset = slip_onset(physics)
     ticks = np.arange(num_frames * _TICKS)[last]
@@ -242,7 +241,36 @@ def _recording(
     )
 
 
-def _summary(task: _Task, reports: Sequence[BigsReport]) -> dict[str, Any]:
+def _arm_joints(hand: np.ndarray) -> np.ndarray:
+    # The joint angles of an arm (K, 7) for places and turns of the hand (K, 6), from the place
+    # where the arm has its posture. The physics has no arm: its hand moves by itself. These are the
+    # angles with which a WAM would move it, to first order, with the smallest sum of squares.
+    return np.asarray(_POSTURE + hand @ np.linalg.pinv(_jacobian()).T)
+
+
+@lru_cache(maxsize=1)
+def _jacobian() -> np.ndarray:
+    frames = [np.eye(4)]
+    for (a, alpha, d), angle in zip(_LINKS, _POSTURE, strict=True):
+        frames.append(frames[-1] @ _link(a, alpha, d, float(angle)))
+    end = frames[-1][:3, 3]
+    axes = [(frame[:3, 2], frame[:3, 3]) for frame in frames[:-1]]
+    return np.array([np.concatenate([np.cross(z, end - p), z]) for z, p in axes]).T
+
+
+def _link(a: float, alpha: float, d: float, angle: float) -> np.ndarray:
+    c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+    return np.array(
+        [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [0.0, sa, ca, d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _summary(task: _Trial, reports: Sequence[BigsReport]) -> dict[str, Any]:
     by_object = {}
     for name in dict.fromkeys(BIGS_ORDER):
         mine = [report for report in reports if report.object_name == name]

@@ -11,11 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
-from torch_geometric_tactile.sim._trial_files import SUMMARY, end_without, run_trials, write_summary
+from torch_geometric_tactile.sim._trial_files import (
+    SUMMARY,
+    Trial,
+    check_run,
+    run_trials,
+    write_summary,
+)
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
 from torch_geometric_tactile.sim.letter_press import LetterPress
 
@@ -46,8 +53,7 @@ class LetterReport(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Task:
-    # All that decides the bits of a block, and where it goes.
+class _Block(Trial[LetterReport]):
     out: str
     letter: str
     first: int
@@ -63,6 +69,21 @@ class _Task:
     @property
     def shape(self) -> tuple[int, ...]:
         return (32, 32) if self.layout is None else (self.layout.num_taxels,)
+
+    def is_finished(self) -> bool:
+        return super().is_finished() and _presses_in(self) >= self.presses
+
+    def kept(self) -> LetterReport:
+        return LetterReport(self.letter, self.first, _presses_in(self), self.path, kept=True)
+
+    def simulate(self) -> LetterReport:
+        number = LETTERS.index(self.letter)
+        readings = []
+        for i in range(self.first, self.first + self.presses):
+            rng = np.random.default_rng([self.seed, number, i])
+            readings.append(self.press.press(self.letter, 1, rng, self.layout).readings)
+        _write_block(np.concatenate(readings).reshape(-1, *self.shape), self.path)
+        return LetterReport(self.letter, self.first, self.presses, self.path, kept=False)
 
 
 def simulate_letters(
@@ -109,27 +130,25 @@ def simulate_letters(
         ...     [(r.letter, r.presses) for r in simulate_letters(out, presses=2, letters="AB")]
         [('A', 2), ('B', 2)]
     """
-    for name, number in (("presses", presses), ("jobs", jobs)):
-        if number < 1:
-            raise ValueError(f"'{name}' must be at least 1 (got {number})")
-    if seed < 0:
-        raise ValueError(f"'seed' must not be negative (got {seed})")
-    if press is not None and not isinstance(press, LetterPress):
-        raise ValueError(f"'press' must be a LetterPress (got {press!r})")
-    if len(letters) == 0 or len(set(letters)) != len(letters):
-        raise ValueError(f"'letters' must be one or more, each once (got {letters!r})")
+    check_run(seed, presses=presses, jobs=jobs)
+    press = LetterPress() if press is None else press
+    need(isinstance(press, LetterPress), "'press' must be a LetterPress", repr(press))
+    need(
+        0 < len(letters) == len(set(letters)),
+        "'letters' must be one or more, each once",
+        repr(letters),
+    )
     for letter in letters:
         letter_strokes(letter)
-    press = press or LetterPress()
     press.check_layout(letter_array() if layout is None else layout)
-    if layout is not None and _is_letter_array(layout):
+    if layout is not None and _same_taxels(layout, letter_array()):
         layout = None
-    tasks = [
-        _Task(str(out), letter, first, min(_BLOCK, presses - first), seed, press, layout)
+    blocks = [
+        _Block(str(out), letter, first, min(_BLOCK, presses - first), seed, press, layout)
         for letter in letters
         for first in range(0, presses, _BLOCK)
     ]
-    return _run(tasks, Path(out), jobs)
+    return _run(blocks, Path(out), jobs)
 
 
 def num_letter_files(presses: int, letters: Sequence[str] = LETTERS) -> int:
@@ -146,47 +165,34 @@ def num_letter_files(presses: int, letters: Sequence[str] = LETTERS) -> int:
     return len(letters) * math.ceil(presses / _BLOCK)
 
 
-def _is_letter_array(layout: TaxelLayout) -> bool:
-    wanted = letter_array()
-    return torch.equal(layout.pos, wanted.pos) and _equal(layout.image_map, wanted.image_map)
+def _same_taxels(first: TaxelLayout, second: TaxelLayout) -> bool:
+    a, b = first.image_map, second.image_map
+    same_map = a is b if a is None or b is None else torch.equal(a, b)
+    return same_map and torch.equal(first.pos, second.pos)
 
 
-def _equal(first: torch.Tensor | None, second: torch.Tensor | None) -> bool:
-    if first is None or second is None:
-        return first is second
-    return torch.equal(first, second)
-
-
-def _run(tasks: list[_Task], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
-    _prepare(tasks, out)
-    yield from run_trials(tasks, out, jobs, _kept, _simulate_block, _is_finished)
-
-
-def _prepare(tasks: list[_Task], out: Path) -> None:
+def _run(blocks: list[_Block], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
     # Before the first press, such that no file is ever without what tells how it was made.
-    settings = _settings(tasks[0])
+    settings = _settings(blocks[0])
     if (out / SUMMARY).exists():
         _check_settings(out / SUMMARY, settings)
     else:
-        strays = sorted(path for task in tasks if (path := task.path).exists())
+        strays = sorted(path for block in blocks if (path := block.path).exists())
         if strays:
             raise ValueError(
                 f"'{strays[0]}' lies in a folder without '{SUMMARY}', which tells how it was made; "
                 "choose another folder"
             )
-    _prepare_layout(out / _LAYOUT, tasks[0].layout)
-    _check_blocks(tasks)
+    _prepare_layout(out / _LAYOUT, blocks[0].layout)
+    _check_blocks(blocks)
     write_summary(out, settings)
+    yield from run_trials(blocks, out, jobs)
 
 
 def _prepare_layout(path: Path, layout: TaxelLayout | None) -> None:
     if path.exists():
         found = TaxelLayout.load(path)
-        if (
-            layout is None
-            or not torch.equal(found.pos, layout.pos)
-            or not _equal(found.image_map, layout.image_map)
-        ):
+        if layout is None or not _same_taxels(found, layout):
             raise ValueError(
                 f"'{path}' must have the taxels of 'layout', as the presses beside it (got "
                 f"{found!r}); choose another folder"
@@ -195,8 +201,8 @@ def _prepare_layout(path: Path, layout: TaxelLayout | None) -> None:
         layout.save(path)
 
 
-def _check_blocks(tasks: list[_Task]) -> None:
-    wanted = {task.path: task for task in tasks}
+def _check_blocks(blocks: list[_Block]) -> None:
+    wanted = {block.path: block for block in blocks}
     for folder in dict.fromkeys(path.parent for path in wanted):
         for path in sorted(folder.glob("*.npy")):
             if path not in wanted or _presses_in(wanted[path]) > wanted[path].presses:
@@ -206,7 +212,7 @@ def _check_blocks(tasks: list[_Task]) -> None:
                 )
 
 
-def _settings(task: _Task) -> dict[str, Any]:
+def _settings(task: _Block) -> dict[str, Any]:
     return {
         "synthetic": True,
         "note": _NOTE,
@@ -237,7 +243,7 @@ def _check_settings(path: Path, settings: dict[str, Any]) -> None:
             )
 
 
-def _presses_in(task: _Task) -> int:
+def _presses_in(task: _Block) -> int:
     try:
         block = np.load(task.path, mmap_mode="r", allow_pickle=False)
         shape, kind = block.shape, block.dtype
@@ -251,28 +257,6 @@ def _presses_in(task: _Task) -> int:
             f"{shape}); delete it to simulate it again"
         )
     return int(shape[0])
-
-
-def _is_finished(task: _Task) -> bool:
-    return task.path.exists() and _presses_in(task) >= task.presses
-
-
-def _kept(task: _Task) -> LetterReport:
-    return LetterReport(task.letter, task.first, _presses_in(task), task.path, kept=True)
-
-
-def _simulate_block(task: _Task, parent: int) -> LetterReport:
-    end_without(parent)
-    number = LETTERS.index(task.letter)
-    readings = [
-        task.press.press(
-            task.letter, 1, np.random.default_rng([task.seed, number, i]), task.layout
-        ).readings
-        for i in range(task.first, task.first + task.presses)
-    ]
-    block = np.concatenate(readings).reshape(-1, *task.shape)
-    _write_block(block, task.path)
-    return LetterReport(task.letter, task.first, task.presses, task.path, kept=False)
 
 
 def _write_block(block: np.ndarray, path: Path) -> None:

@@ -8,6 +8,7 @@ from torch_geometric_tactile.sim._hand_motion import (
     palm_path,
     postures,
     smooth,
+    timed_phases,
     tremor,
 )
 from torch_geometric_tactile.sim.grasp import GraspPlan
@@ -105,19 +106,12 @@ def plan_squeeze(
         ((1000, 16), 'squeeze')
     """
     spread = spread or GraspSpread()
-    if not 0 < step <= duration:
-        raise ValueError(f"'step' must be positive and below 'duration' (got {step}, {duration})")
-    lengths = [rng.uniform(*span) * duration / _FULL_LENGTH for span in _SCHEDULE]
-    ticks = np.arange(round(duration / step)) * step
-    ends = np.cumsum(lengths)
-    phase = np.searchsorted(ends, ticks, side="right")
-    _, reach, close = (
-        smooth((ticks - end + length) / length) for end, length in zip(ends, lengths, strict=True)
-    )
+    ticks, phase, progress, begin = timed_phases(_SCHEDULE, _FULL_LENGTH, rng, duration, step)
+    _, reach, close = progress
     gantry = palm_path(size, rng, spread, step, reach, close, np.zeros(len(ticks)))
     start, end = postures(rng, spread)
     closing = spread.close_less(end - start, rng)
-    times, levels = _squeezes(rng, ends[-1], duration)
+    times, levels = _squeezes(rng, begin, duration)
     longest = np.diff(times[::2]).max()
     joint = np.empty((len(ticks), 16))
     for finger in range(4):

@@ -11,6 +11,7 @@ from torch_geometric.data import Data
 from torchmetrics import Metric, MetricCollection
 
 from torch_geometric_tactile._typing import ThresholdMetric
+from torch_geometric_tactile.nn.models._inputs import needed_inputs
 from torch_geometric_tactile.training._checkpointed_module import CheckpointedModule
 from torch_geometric_tactile.training._checks import (
     EDGE_SOURCE,
@@ -40,16 +41,6 @@ from torch_geometric_tactile.training._losses import (
 from torch_geometric_tactile.training._threshold import check_threshold
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.training.sizes import DataSizes, fill_sizes
-
-# What gives a sample the attributes that models ask for.
-_SOURCES = {
-    "edge_index": EDGE_SOURCE,
-    "edge_attr": "add GeometricEdgeAttr() to the transform",
-    "absolute": "add AbsoluteMorphology() to the transform",
-    "pos": "add TaxelPose() to the transform",
-    "normal": "add TaxelPose() to the transform",
-    "joint": "take a data set with joint angles",
-}
 
 
 class TactileModule(CheckpointedModule):
@@ -208,10 +199,13 @@ class TactileModule(CheckpointedModule):
         Raises:
             ValueError: If one of them is missing, or the edges of a model that needs some.
         """
-        needed = getattr(self.model, "modalities", ())
-        inputs = {name: getattr(batch, name, None) for name in needed}
-        _check_inputs(self.model, batch, inputs)
-        return inputs
+
+        def there() -> str:
+            keys = sorted(key for key, other in batch.to_dict().items() if other is not None)
+            return f"the batch has {keys}"
+
+        joint = "take a data set with joint angles"
+        return needed_inputs(self.model, batch, there, edge_index=EDGE_SOURCE, joint=joint)
 
     def loss(self, logits: Tensor, y: Tensor) -> Tensor:
         r"""Returns the loss of a batch, without class weights and label smoothing.
@@ -314,16 +308,6 @@ class TactileModule(CheckpointedModule):
             name = by_number.get(name, name)
             self.log(f"{stage}/{name}", value, prog_bar=shown, sync_dist=True)
         metrics.reset()
-
-
-def _check_inputs(model: nn.Module, batch: Data, inputs: dict[str, Any]) -> None:
-    lacking = [name for name, value in inputs.items() if value is None]
-    if batch.edge_index is None and getattr(model, "needs_edges", False):
-        lacking.insert(0, "edge_index")
-    if lacking:
-        there = sorted(key for key, other in batch.to_dict().items() if other is not None)
-        source = _SOURCES.get(lacking[0], "add a transform that sets it")
-        raise ValueError(f"the model needs '{lacking[0]}' (the batch has {there}): {source}")
 
 
 #: Another name of :class:`TactileModule`, for classes and labels.

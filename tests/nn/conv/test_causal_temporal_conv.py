@@ -114,12 +114,6 @@ def test_causal_temporal_conv_seed_and_reset():
     assert not layer.bias.any()
 
 
-@pytest.mark.parametrize("name", ["in_channels", "out_channels", "kernel_size", "dilation"])
-def test_causal_temporal_conv_bad_size(name):
-    with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-        CausalTemporalConv(**{"in_channels": 1, "out_channels": 1, name: 0})
-
-
 @pytest.mark.parametrize("size", [(3,), (9, 2), ()])
 def test_causal_temporal_conv_bad_features(size):
     with pytest.raises(ValueError, match=r"'x' must have shape \(\.\.\., num_frames, 3\) \(got"):

@@ -85,12 +85,6 @@ def test_edge_feature_encoder_reset():
         assert not torch.equal(new, old)
 
 
-@pytest.mark.parametrize("name", ["num_nodes", "num_edges", "edge_dim", "out_channels"])
-def test_edge_feature_encoder_bad_size(name):
-    with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-        EdgeFeatureEncoder(**{"num_nodes": 3, "num_edges": 2, name: 0})
-
-
 @pytest.mark.parametrize("size", [(25, 4), (2, 25, 4), (2, 2 * NUM_EDGES, 4), (NUM_EDGES,)])
 def test_edge_feature_encoder_bad_edges(size):
     with pytest.raises(ValueError, match=rf"'edge_attr' must have {NUM_EDGES} rows, .*got shape"):

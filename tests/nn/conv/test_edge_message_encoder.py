@@ -153,13 +153,6 @@ def test_edge_encoder_reset(encoder):
         assert not torch.equal(value, before[name]), name
 
 
-@pytest.mark.parametrize("name", ["edge_dim", "out_channels", "hidden_channels"])
-def test_edge_encoder_bad_size(name):
-    for layer in (EdgeMessageEncoder, EdgeAttentionEncoder):
-        with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-            layer(**{name: 0})
-
-
 @pytest.mark.parametrize("size", [(NUM_EDGES - 1, 4), (2, NUM_EDGES + 1, 4), (NUM_EDGES,)])
 def test_edge_encoder_bad_edges(encoder, size):
     with pytest.raises(ValueError, match=rf"must have {NUM_EDGES} rows, one for each edge .*got"):

@@ -263,13 +263,6 @@ def test_sector_conv_empty():
     assert layer(samples(9, 1, 3), *none).shape == (9, 1, 5)
 
 
-@pytest.mark.parametrize("name", ["in_channels", "out_channels", "num_sectors"])
-def test_sector_conv_bad_size(name):
-    sizes = {"in_channels": 3, "out_channels": 5, "num_sectors": 8, name: 0}
-    with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-        SectorConv(**sizes)
-
-
 def test_sector_conv_bad_flow():
     with pytest.raises(ValueError, match=r"'flow' must be left out.*\(got 'target_to_source'\)"):
         SectorConv(3, 5, flow="target_to_source")

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from torch_geometric_tactile.nn.conv import SectorConv
-from torch_geometric_tactile.nn.conv._sector_image import SectorImage
+from torch_geometric_tactile.nn.conv._sector_product import SectorImage
 from torch_geometric_tactile.sensors import biotac_sp, grid, layout_sectors
 
 

@@ -235,12 +235,6 @@ def test_segmented_bad_segment(segment, match):
             layer()
 
 
-def test_segmented_bad_channels():
-    for name in ("in_channels", "out_channels"):
-        with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-            SegmentedGCNConv([0], **{"in_channels": 1, "out_channels": 1, name: 0})
-
-
 @pytest.mark.parametrize("size", [(3,), (12, 3), (2, 22, 3), (2, 10, 3), (1, 2, 11, 3)])
 def test_segmented_bad_taxels(size):
     for layer in (conv(), thread()):

@@ -10,6 +10,7 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.utils import to_dense_adj
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
+from torch_geometric_tactile.nn.conv import _edge_cache as edge_cache
 from torch_geometric_tactile.nn.conv import _static_adjacency as static_adjacency
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
@@ -177,11 +178,11 @@ def test_kept_tensor_on_other_devices(device, monkeypatch):
         def is_cpu(self):
             return device == "cpu"
 
-    monkeypatch.setattr(static_adjacency, "_PLAIN", (Other,))
+    monkeypatch.setattr(edge_cache, "_PLAIN", (Other,))
     compared, equal = [], torch.equal
     monkeypatch.setattr(torch, "equal", lambda a, b: compared.append(1) or equal(a, b))
     tensor = EDGES.clone().as_subclass(Other)
-    kept = static_adjacency.KeptTensor(tensor)
+    kept = edge_cache.KeptTensor(tensor)
     assert kept.equals(tensor)
     assert len(compared) == (device == "cpu")
     compared.clear()

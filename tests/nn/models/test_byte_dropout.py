@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from torch_geometric_tactile.nn.models._byte_dropout import ByteDropout
+from torch_geometric_tactile.nn.models._taxel_levels import ByteDropout
 
 
 @pytest.mark.parametrize("p", [0.1, 0.3, 0.5, 0.9])

@@ -151,7 +151,6 @@ def test_gcn_thread_empty_and_single():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ((0,), r"'in_channels' must be at least 1 \(got 0\)"),
         ((3, (), ()), r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ((3, (4, 0), (1, 1)), r"'widths' must be .* \(got \(4, 0\)\)"),
         ((3, (4, 8), (1,)), r"'pools' must have a size for each of 2 widths \(got \(1,\)\)"),

@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
 import torch
-from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.data import join_frames
 from torch_geometric_tactile.nn import GraspLSTM
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.testing import assert_static_equals_batched
 
 EDGES = torch.tensor([[0, 1], [1, 0]])
 
@@ -109,13 +107,8 @@ def test_last_frame_counts_and_later_ones_are_unknown():
 
 
 @pytest.mark.parametrize("dtype", [torch.float, torch.double])
-def test_forms_of_the_data_are_one(dtype):
-    model, x = small(dtype), join_frames(frames(dtype=dtype))
-    assert_static_equals_batched(model, x, EDGES)
-    batch = Batch.from_data_list([Data(x=one, edge_index=EDGES, num_frames=7) for one in x])
-    assert model(batch.x).allclose(model(x), atol=1e-6)
-    assert model(x[0]).shape == (1, 2)
-    assert model(x[:0]).shape == (0, 2)
+def test_one_frame(dtype):
+    x = join_frames(frames(dtype=dtype))
     assert small(dtype, finger=1)(x[:, :, :3]).shape == (6, 2)  # one frame
     assert GraspLSTM(1, hidden_channels=2)(torch.zeros(3, 1, 6)).shape == (3, 2)
 
@@ -147,16 +140,6 @@ def test_compiles_in_one_graph_with_gradients():
         assert found.allclose(other, atol=1e-5)
 
 
-def test_export():
-    model, x = small(finger=2), join_frames(frames())
-    batch = torch.export.Dim("batch")
-    exported = torch.export.export(model, (), {"x": x}, dynamic_shapes={"x": {0: batch}}).module()
-    for size in (6, 11):
-        given = join_frames(frames(size))
-        with torch.no_grad():
-            assert exported(x=given).allclose(model(given), atol=1e-6)
-
-
 def test_onnx(tmp_path):
     for name in ("onnx", "onnxscript"):
         pytest.importorskip(name)
@@ -179,19 +162,6 @@ def test_onnx(tmp_path):
             expected = model(x).numpy()
         (out,) = session.run(None, {"x": x.numpy()})
         assert np.abs(out - expected).max() < 1e-5
-
-
-def test_hub(tmp_path):
-    pytest.importorskip("huggingface_hub", reason="needs the extra 'hub'")
-    model, x = small(finger=1, num_layers=2), join_frames(frames())
-    model.save_pretrained(tmp_path)
-    assert GraspLSTM.from_pretrained(tmp_path)(x).equal(model(x))
-
-
-@pytest.mark.parametrize("name", ["out_channels", "num_fingers", "hidden_channels", "num_layers"])
-def test_bad_sizes(name):
-    with pytest.raises(ValueError, match=rf"'{name}' must be at least 1 \(got 0\)"):
-        GraspLSTM(**{name: 0})
 
 
 @pytest.mark.parametrize("finger", [-1, 3])

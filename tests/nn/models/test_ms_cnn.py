@@ -7,7 +7,7 @@ from small_models import FINGERS, LAYOUT, samples
 from torch_geometric.data import Batch, Data
 
 from torch_geometric_tactile.nn import MSCNN
-from torch_geometric_tactile.nn.models._ms_cnn_patterns import PATTERNS
+from torch_geometric_tactile.nn.models._hand_maps import PATTERNS
 from torch_geometric_tactile.sensors import allegro_uskin, allegro_uskin_240, grid
 
 HAND = allegro_uskin_240()
@@ -331,9 +331,6 @@ def without_thumb():
         (lambda: MSCNN(pattern="VIII"), r"'pattern' must be one of \['I', .*\] \(got 'VIII'\)"),
         (lambda: MSCNN(pattern=4), r"'pattern' must be one of .* \(got 4\)"),
         (lambda: MSCNN(channels=2), r"'channels' must be 3 or 1 \(got 2\)"),
-        (lambda: MSCNN(out_channels=0), r"'out_channels' must be at least 1 \(got 0\)"),
-        (lambda: MSCNN(hidden_channels=0), r"'hidden_channels' must be at least 1 \(got 0\)"),
-        (lambda: MSCNN(num_joints=-1), r"'num_joints' must not be negative \(got -1\)"),
         (lambda: MSCNN(240), r"'layout' must be a layout, .* for its image map"),
         (
             lambda: MSCNN(no_map()),

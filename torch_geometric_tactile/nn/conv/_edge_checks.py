@@ -1,8 +1,8 @@
 r"""Checks of the edges that a layer receives."""
 
 import weakref
-from numbers import Integral
-from typing import Any, Optional
+from collections.abc import Callable
+from typing import Any, Optional, Self
 
 import torch
 from torch import Tensor
@@ -10,11 +10,22 @@ from torch_geometric import EdgeIndex
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor, to_edge_index
 
+from torch_geometric_tactile.nn._sizes import check_sizes
 
-class EdgeCheck:
-    r"""Checks edges once, and again only if another tensor comes in or the same one was written to.
 
-    A pickled or copied check has seen nothing.
+class Forgetful:
+    r"""What has seen nothing after it was pickled or copied."""
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return type(self)()
+
+    def __reduce__(self) -> tuple[type[Self], tuple[()]]:
+        return type(self), ()
+
+
+class EdgeCheck(Forgetful):
+    r"""Checks edges once, and again only if another tensor comes in or the same one was written
+    to.
     """
 
     def __init__(self) -> None:
@@ -37,12 +48,6 @@ class EdgeCheck:
             check_edge_index(edge_index, num_nodes)
             self._seen = (weakref.ref(edge_index), state)
 
-    def __deepcopy__(self, memo: object) -> "EdgeCheck":
-        return EdgeCheck()
-
-    def __reduce__(self) -> tuple[type["EdgeCheck"], tuple[()]]:
-        return EdgeCheck, ()
-
 
 def is_traced() -> bool:
     r"""Tells whether a compiler, an export or a trace records the operations, which must not depend
@@ -51,14 +56,32 @@ def is_traced() -> bool:
     return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
 
 
-def check_sizes(**sizes: Any) -> None:
-    r"""Checks the sizes of a layer."""
-    for name, size in sizes.items():
-        if not isinstance(size, Integral) or size < 1:
-            lazy = "; only StaticGCNConv takes -1, for the size of the first input"
-            raise ValueError(
-                f"'{name}' must be at least 1 (got {size}){lazy if name == 'in_channels' else ''}"
-            )
+def check_conv_sizes(in_channels: Any, **others: Any) -> None:
+    r"""Checks the sizes of a convolution."""
+    lazy = "; only StaticGCNConv takes -1, for the size of the first input"
+    check_sizes(lazy, in_channels=in_channels)
+    check_sizes(**others)
+
+
+def compute_on_edges(
+    compute: Callable[..., Tensor], num_nodes: int, x: Tensor, edge_index: Adj, *more: OptTensor
+) -> Tensor:
+    r"""Computes on edges whose form was checked. Bad ones always fail on a processor: finding out
+    why costs good ones nothing.
+    """
+    if is_traced():
+        return compute(x, edge_index, *more)
+    try:
+        return compute(x, edge_index, *more)
+    except (IndexError, RuntimeError, ValueError):
+        check_edge_index(edge_index, num_nodes)
+        raise
+
+
+def check_edge_features(edge_attr: Tensor, edge_dim: int) -> None:
+    r"""Checks the width of edge features."""
+    if edge_attr.size(-1) != edge_dim:
+        raise ValueError(f"'edge_attr' must have {edge_dim} features (got {edge_attr.size(-1)})")
 
 
 def check_tensor(x: Any) -> None:

@@ -7,6 +7,8 @@ or reorder operations.
 
 from typing import Any
 
+import torch
+from torch import Tensor
 from torch.nn import Module
 from torch.nn.modules import module as torch_module
 from torch_geometric.nn import MessagePassing
@@ -27,12 +29,22 @@ _MESSAGE_HOOKS = tuple(
 )
 
 
-def is_hooked(module: Module) -> bool:
-    r"""Tells whether calling a module does more than run its :meth:`forward`.
-
-    Args:
-        module (torch.nn.Module): The module.
+def is_static_batch(x: Tensor) -> bool:
+    r"""Tells whether features are those of samples on one topology on a processor, of a kind that
+    own operations are made for; never while a compiler records.
     """
+    return (
+        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
+        and not torch.jit.is_tracing()
+        and x.dim() == 3
+        and x.size(0) > 0
+        and x.device.type == "cpu"
+        and x.dtype in (torch.float32, torch.float64)
+    )
+
+
+def is_hooked(module: Module) -> bool:
+    r"""Tells whether calling a module does more than run its :meth:`forward`."""
     own = module.__dict__
     return any(map(own.get, _MODULE_HOOKS)) or "forward" in own
 

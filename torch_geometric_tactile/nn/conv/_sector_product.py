@@ -15,9 +15,8 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
 from torch_geometric_tactile.nn.conv._edge_checks import check_edge_index
-from torch_geometric_tactile.nn.conv._sector_image import SectorImage
-from torch_geometric_tactile.nn.conv._static_adjacency import KeptTensor, may_be_kept
 
 # What is copied of the neighbours at a time stays in a processor's second-level cache.
 _BLOCK_BYTES = 2**19
@@ -30,6 +29,77 @@ _FEW_CHANNELS = 4
 _MIN_SAMPLES = 8
 # Several batch sizes and widths.
 _MAX_SIZES = 16
+
+
+class SectorImage(NamedTuple):
+    r"""Nodes that are the pixels of an image, row by row, and sectors that are its directions: a
+    convolution over sectors is then one of images, which PyTorch has been made fast for.
+    """
+
+    rows: int
+    cols: int
+    sectors: tuple[int, ...]
+    places: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, source: Tensor, target: Tensor, sector: Tensor, num_nodes: int
+    ) -> Optional["SectorImage"]:
+        r"""Returns the image that nodes are, or :obj:`None` if they are none: if an edge runs to no
+        direct neighbour, one is missing, or a sector holds two directions.
+        """
+        steps, sectors = {}, sector.unique().tolist()
+        for number in sectors:
+            step = (source - target)[sector == number]
+            steps[number] = int(step[0])
+            if bool((step != step[0]).any()):
+                return None
+        if not steps:
+            return None
+        widths = {abs(step) + near for step in steps.values() for near in (-1, 0, 1)}
+        for cols in sorted({*widths, num_nodes}):  # a single row tells nothing of its length
+            if cols > 2 and num_nodes % cols == 0:
+                found = cls._of_width(steps, target, sector, num_nodes // cols, cols)
+                if found is not None:
+                    return found
+        return None
+
+    @classmethod
+    def _of_width(
+        cls, steps: dict[int, int], target: Tensor, sector: Tensor, rows: int, cols: int
+    ) -> Optional["SectorImage"]:
+        places = []
+        for number, step in steps.items():
+            down = round(step / cols)
+            right = step - down * cols
+            if abs(down) > 1 or abs(right) > 1:
+                return None
+            at = target[sector == number]
+            row, col = at // cols + down, at % cols + right
+            inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+            whole = (rows - abs(down)) * (cols - abs(right))
+            if not bool(inside.all()) or len(at) != whole or len(at.unique()) != whole:
+                return None
+            places.append(3 * (down + 1) + right + 1)
+        return cls(rows, cols, tuple(steps), tuple(places))
+
+    def product(self, x: Tensor, weight: Tensor, bias: OptTensor) -> Tensor:
+        r"""Maps each node by the first matrix and each of its neighbours by that of its sector, and
+        adds up.
+
+        Shapes:
+            - **x:** Node features :math:`(B, N, F)`.
+            - **weight:** The matrices :math:`(1 + S, F, O)`, of the node itself first.
+            - **bias:** The biases :math:`(O,)`.
+        """
+        kernel = weight.new_zeros(9, *weight.shape[1:])
+        used = torch.tensor([0, *(1 + sector for sector in self.sectors)])
+        kernel = kernel.index_add(0, torch.tensor([4, *self.places]), weight[used])
+        kernel = kernel.view(3, 3, *weight.shape[1:]).permute(3, 2, 0, 1)
+        # Channels last: pixel by pixel, as nodes lie, so that nothing is copied.
+        image = x.contiguous().view(len(x), self.rows, self.cols, -1).permute(0, 3, 1, 2)
+        out = F.conv2d(image, kernel, bias, padding=1)
+        return out.permute(0, 2, 3, 1).reshape(len(x), self.rows * self.cols, -1)
 
 
 class SectorBlock(NamedTuple):
@@ -95,15 +165,8 @@ class SectorTable:
         return start, stop, parts
 
 
-class SectorCache:
-    r"""Keeps the table of the last topology for as long as the same edges and sectors come in, as
-    :class:`~torch_geometric_tactile.nn.conv._static_adjacency.AdjacencyCache` does.
-
-    A pickled or copied cache is empty.
-    """
-
-    def __init__(self) -> None:
-        self._entry: Optional[tuple[KeptTensor, KeptTensor, int, SectorTable]] = None
+class SectorCache(EdgeCache[SectorTable]):
+    r"""Keeps the table of the last topology."""
 
     def get(
         self, edge_index: Tensor, edge_sector: Tensor, num_nodes: int, num_sectors: int
@@ -115,29 +178,19 @@ class SectorCache:
             - **edge_sector:** Their sectors :math:`(|\mathcal{E}|,)`.
             - **num_nodes:** Number of taxels :math:`N`.
         """
-        entry = self._entry
-        if (
-            entry is not None
-            and entry[2] == num_nodes
-            and entry[0].equals(edge_index)
-            and entry[1].equals(edge_sector)
-        ):
-            return entry[3]
+        key, tensors = (num_nodes,), (edge_index, edge_sector)
+        found = self._found(key, tensors)
+        if found is not None:
+            return found
         check_edge_index(edge_index, num_nodes)
         check_edge_sector(edge_index, edge_sector, num_sectors)
         if not may_be_kept(edge_index, edge_sector):
             return None
-        with torch.inference_mode(False), torch.no_grad():
-            table = SectorTable(edge_index, edge_sector, num_nodes, num_sectors)
-            kept = KeptTensor(edge_index), KeptTensor(edge_sector)
-        self._entry = (*kept, num_nodes, table)  # at last and as a whole
-        return table
 
-    def __deepcopy__(self, memo: object) -> "SectorCache":
-        return SectorCache()
+        def table() -> SectorTable:
+            return SectorTable(edge_index, edge_sector, num_nodes, num_sectors)
 
-    def __reduce__(self) -> tuple[type["SectorCache"], tuple[()]]:
-        return SectorCache, ()
+        return self._keep(key, tensors, table)
 
 
 def check_edge_sector(edge_index: Tensor, edge_sector: Tensor, num_sectors: int) -> None:
@@ -163,20 +216,6 @@ def check_edge_sector(edge_index: Tensor, edge_sector: Tensor, num_sectors: int)
             raise ValueError(
                 f"'edge_sector' must hold sectors from 0 to {num_sectors - 1} (got {low} to {high})"
             )
-
-
-def may_run_fast(x: Tensor) -> bool:
-    r"""Tells whether :func:`sector_product` may be used for features: those of samples on one
-    topology on a processor.
-    """
-    return (
-        not torch.compiler.is_compiling()  # first: an export must not depend on the batch size
-        and not torch.jit.is_tracing()
-        and x.dim() == 3
-        and x.size(0) > 0
-        and x.device.type == "cpu"
-        and x.dtype in (torch.float32, torch.float64)
-    )
 
 
 def pays(x: Tensor, table: SectorTable) -> bool:

@@ -1,16 +1,15 @@
 r"""The normalised adjacency of one topology, computed once."""
 
 import warnings
-import weakref
 from typing import NamedTuple, Optional
 
 import torch
 from torch import Tensor
-from torch.nn import Parameter
 from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.typing import Adj, OptTensor
 from torch_geometric.utils import is_torch_sparse_tensor
 
+from torch_geometric_tactile.nn.conv._edge_cache import EdgeCache, may_be_kept
 from torch_geometric_tactile.nn.conv._edge_checks import (
     EdgeCheck,
     as_edges,
@@ -24,7 +23,6 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
 MAX_DENSE_NODES = 1024
 # The most row blocks that one adjacency keeps: several batch sizes of the largest graph.
 _MAX_ROWS = 4096
-_PLAIN = (Tensor, Parameter)
 
 
 class GCNNorm(NamedTuple):
@@ -93,27 +91,12 @@ class StaticAdjacency:
         return self._blocks[group]
 
 
-class AdjacencyCache:
-    r"""Keeps the adjacency of the last topology for as long as the same edges and weights come in.
-
-    They are compared by value with a copy of its own, so that no way of changing them goes unseen:
-    neither :obj:`tensor.data` nor a NumPy array that shares their memory counts as a write. On a
-    GPU, comparing values would wait for everything under way; there, a tensor is taken to be the
-    same if it is the same object with the same memory and PyTorch counted no write to it, and
-    values are compared otherwise. Only a write through :obj:`tensor.data` goes unseen there.
-
-    One entry is kept and replaced as a whole, so that threads may share the cache. A pickled or
-    copied cache is empty.
-    """
+class AdjacencyCache(EdgeCache[StaticAdjacency]):
+    r"""Keeps the adjacency of the last topology."""
 
     def __init__(self) -> None:
-        self._entry: Optional[_Entry] = None
+        super().__init__()
         self._check = EdgeCheck()
-
-    @property
-    def current(self) -> Optional[StaticAdjacency]:
-        r"""The adjacency that is kept, :obj:`None` at first."""
-        return None if self._entry is None else self._entry.adjacency
 
     def get(
         self,
@@ -135,121 +118,32 @@ class AdjacencyCache:
             - **segment:** The segment of each taxel :math:`(N,)`, always the
               same; edges between segments do not count.
         """
-        entry = self._entry
         traced = is_traced()
-        if entry is not None and not traced:
-            same = entry.num_nodes == num_nodes and entry.dtype == dtype and entry.norm == norm
-            if same and entry.holds(edge_index, edge_weight):
-                return entry.adjacency
+        key = (edge_index.layout, num_nodes, dtype, norm)
+        tensors = () if traced else _tensors(edge_index, edge_weight)
+        found = None if traced else self._found(key, tensors)
+        if found is not None:
+            return found
         if traced or not may_be_kept(edge_index, edge_weight):
             self._check(edge_index, num_nodes)
             check_edge_weight(edge_index, edge_weight)
             return None
         check_edge_index(edge_index, num_nodes)
         check_edge_weight(edge_index, edge_weight)
-        # A matrix computed in inference mode (by a validation before the training) could not take
-        # part in a later training step.
-        with torch.inference_mode(False), torch.no_grad():
-            kept = [KeptTensor(tensor) for tensor in _tensors(edge_index, edge_weight)]
+
+        def adjacency() -> StaticAdjacency:
             dense = dense_norm(edge_index, edge_weight, num_nodes, dtype, segment, GCNNorm(*norm))
-        entry = _Entry(kept, edge_index.layout, num_nodes, dtype, norm, StaticAdjacency(dense))
-        self._entry = entry  # at last and as a whole
-        return entry.adjacency
+            return StaticAdjacency(dense)
 
-    def __deepcopy__(self, memo: object) -> "AdjacencyCache":
-        return AdjacencyCache()
-
-    def __reduce__(self) -> tuple[type["AdjacencyCache"], tuple[()]]:
-        return AdjacencyCache, ()
+        return self._keep(key, tensors, adjacency)
 
 
-class _Entry(NamedTuple):
-    kept: "list[KeptTensor]"
-    layout: torch.layout
-    num_nodes: int
-    dtype: torch.dtype
-    norm: Norm
-    adjacency: StaticAdjacency
-
-    def holds(self, edge_index: Tensor, edge_weight: OptTensor) -> bool:
-        if edge_index.layout != self.layout:
-            return False
-        given = _tensors(edge_index, edge_weight)
-        if len(given) != len(self.kept):
-            return False
-        return all(kept.equals(tensor) for kept, tensor in zip(self.kept, given, strict=True))
-
-
-class KeptTensor:
-    r"""A copy of a tensor, which tells whether another one has its values; see
-    :class:`AdjacencyCache`.
-    """
-
-    def __init__(self, tensor: Tensor) -> None:
-        self.copy = tensor.clone()
-        self.note(tensor)
-
-    def note(self, tensor: Tensor) -> None:
-        r"""Notes which object has the values."""
-        # A weak reference: the caller's tensor may die, and another be born at its address.
-        self.seen = weakref.ref(tensor)
-        self.state = (tensor.data_ptr(), None if tensor.is_inference() else tensor._version)
-
-    def equals(self, tensor: Tensor) -> bool:
-        r"""Tells whether a tensor has the values of the copy."""
-        copy = self.copy
-        if tensor.dtype != copy.dtype or tensor.requires_grad or type(tensor) not in _PLAIN:
-            return False
-        if tensor.is_cpu and copy.is_cpu:
-            try:
-                return torch.equal(tensor, copy)
-            except RuntimeError:  # the tensor of a `vmap` has many values
-                return False
-        if tensor.device != copy.device or tensor.shape != copy.shape:
-            return False
-        if (
-            self.seen() is tensor
-            and not tensor.is_inference()
-            and self.state == (tensor.data_ptr(), tensor._version)
-        ):
-            return True
-        if not torch.equal(tensor, copy):
-            return False
-        self.note(tensor)
-        return True
-
-
-def _tensors(edge_index: Adj, edge_weight: OptTensor) -> list[Tensor]:
+def _tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]:
     if edge_index.layout == torch.sparse_coo:
-        return [edge_index._indices(), edge_index._values()]
+        return edge_index._indices(), edge_index._values()
     if edge_index.layout == torch.sparse_csr:
-        return [edge_index.crow_indices(), edge_index.col_indices(), edge_index.values()]
-    return [edge_index] if edge_weight is None else [edge_index, edge_weight]
-
-
-def may_be_kept(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
-    r"""Tells whether what follows from edges may be kept: not from those that need a gradient, nor
-    from a fake tensor or another subclass, which may have no values.
-    """
-    return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
-        tensor.requires_grad
-        or type(tensor) not in _PLAIN
-        or tensor.device.type == "meta"
-        or _is_wrapped(tensor)
-        for tensor in (edge_index, edge_weight)
-        if tensor is not None
-    )
-
-
-def _is_wrapped(tensor: Tensor) -> bool:
-    # By a transform of torch.func, whose tensors have no memory of their own.
-    if tensor.layout != torch.strided:
-        return False
-    try:
-        tensor.data_ptr()
-    except RuntimeError:
-        return True
-    return False
+        return edge_index.crow_indices(), edge_index.col_indices(), edge_index.values()
+    return (edge_index,) if edge_weight is None else (edge_index, edge_weight)
 
 
 def _sparse(dense: Tensor) -> Tensor:

@@ -6,6 +6,8 @@ from torch import Tensor
 from torch.nn import Module, Parameter
 from torch_geometric.nn.inits import glorot, zeros
 
+from torch_geometric_tactile.nn._sizes import check_sizes
+
 
 class CausalTemporalConv(Module):
     r"""A dilated convolution over the frames of each taxel, or of any other sequence, that uses
@@ -58,14 +60,12 @@ class CausalTemporalConv(Module):
         bias: bool = True,
     ) -> None:
         super().__init__()
-        for name, size in (
-            ("in_channels", in_channels),
-            ("out_channels", out_channels),
-            ("kernel_size", kernel_size),
-            ("dilation", dilation),
-        ):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        check_sizes(
+            in_channels=in_channels,
+            out_channels=out_channels,
+            kernel_size=kernel_size,
+            dilation=dilation,
+        )
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.kernel_size = kernel_size

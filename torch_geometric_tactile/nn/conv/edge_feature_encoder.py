@@ -7,6 +7,9 @@ from torch import Tensor
 from torch.nn import Linear
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.conv._edge_checks import check_edge_features
+
 
 class EdgeFeatureEncoder(torch.nn.Module):
     r"""The edge feature encoder of the "Tactile Object Property Recognition using Geometrical Graph
@@ -46,14 +49,9 @@ class EdgeFeatureEncoder(torch.nn.Module):
         self, num_nodes: int, num_edges: int, edge_dim: int = 4, out_channels: int = 4
     ) -> None:
         super().__init__()
-        for name, size in (
-            ("num_nodes", num_nodes),
-            ("num_edges", num_edges),
-            ("edge_dim", edge_dim),
-            ("out_channels", out_channels),
-        ):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        check_sizes(
+            num_nodes=num_nodes, num_edges=num_edges, edge_dim=edge_dim, out_channels=out_channels
+        )
         self.num_nodes = num_nodes
         self.num_edges = num_edges
         self.edge_dim = edge_dim
@@ -81,10 +79,7 @@ class EdgeFeatureEncoder(torch.nn.Module):
                 f"'edge_attr' must have {self.num_edges} rows, one an edge in the order it was "
                 f"made for (got shape {tuple(edge_attr.shape)})"
             )
-        if edge_attr.size(-1) != self.edge_dim:
-            raise ValueError(
-                f"'edge_attr' must have {self.edge_dim} features (got {edge_attr.size(-1)})"
-            )
+        check_edge_features(edge_attr, self.edge_dim)
         out = self.lin(edge_attr.reshape(-1, self.num_edges * self.edge_dim))
         if edge_attr.dim() == 3:
             return out.view(edge_attr.size(0), self.num_nodes, self.out_channels)

@@ -11,7 +11,12 @@ from torch_geometric.nn.inits import glorot, reset
 from torch_geometric.typing import Adj
 from torch_geometric.utils import is_torch_sparse_tensor, softmax
 
-from torch_geometric_tactile.nn.conv._edge_checks import EdgeCheck, check_edge_form
+from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.conv._edge_checks import (
+    EdgeCheck,
+    check_edge_features,
+    check_edge_form,
+)
 
 
 class EdgeMessageEncoder(MessagePassing):
@@ -96,10 +101,7 @@ class EdgeMessageEncoder(MessagePassing):
                 f"'edge_attr' must have {num_edges} rows, one for each edge of 'edge_index' "
                 f"(got shape {tuple(edge_attr.shape)})"
             )
-        if edge_attr.size(-1) != self.edge_dim:
-            raise ValueError(
-                f"'edge_attr' must have {self.edge_dim} features (got {edge_attr.size(-1)})"
-            )
+        check_edge_features(edge_attr, self.edge_dim)
         if num_nodes is None:
             num_nodes = int(edge_index.max()) + 1 if num_edges else 0
         # A source out of range would go unseen: the messages come from the edges alone.
@@ -272,13 +274,7 @@ class EdgePatchEncoder(EdgeMessageEncoder):
 
 
 def _mlp(edge_dim: int, hidden_channels: int, out_channels: int) -> Sequential:
-    for name, size in (
-        ("edge_dim", edge_dim),
-        ("hidden_channels", hidden_channels),
-        ("out_channels", out_channels),
-    ):
-        if size < 1:
-            raise ValueError(f"'{name}' must be at least 1 (got {size})")
+    check_sizes(edge_dim=edge_dim, hidden_channels=hidden_channels, out_channels=out_channels)
     return Sequential(
         Linear(edge_dim, hidden_channels), ReLU(), Linear(hidden_channels, out_channels)
     )

@@ -10,17 +10,15 @@ from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj
 
 from torch_geometric_tactile.nn.conv._edge_checks import (
+    check_conv_sizes,
     check_edge_form,
-    check_edge_index,
-    check_sizes,
     check_tensor,
-    is_traced,
+    compute_on_edges,
 )
-from torch_geometric_tactile.nn.conv._plain import sums_messages
+from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._sector_product import (
     SectorCache,
     check_edge_sector,
-    may_run_fast,
     pays,
     sector_product,
 )
@@ -99,7 +97,9 @@ class SectorConv(MessagePassing):
                 f"(got {kwargs['decomposed_layers']})"
             )
         super().__init__(**{"aggr": "add", **kwargs})
-        check_sizes(in_channels=in_channels, out_channels=out_channels, num_sectors=num_sectors)
+        check_conv_sizes(
+            in_channels=in_channels, out_channels=out_channels, num_sectors=num_sectors
+        )
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.num_sectors = num_sectors
@@ -139,17 +139,10 @@ class SectorConv(MessagePassing):
             if table is not None and pays(x, table):
                 return sector_product(x, table, self.weight, self.bias)
         check_edge_sector(edge_index, edge_sector, self.num_sectors)
-        if is_traced():
-            return self._gather(x, edge_index, edge_sector)
-        try:
-            return self._gather(x, edge_index, edge_sector)
-        except (IndexError, RuntimeError, ValueError):
-            # Bad edges always fail on a processor: finding out why costs good ones nothing.
-            check_edge_index(edge_index, x.size(-2))
-            raise
+        return compute_on_edges(self._gather, x.size(-2), x, edge_index, edge_sector)
 
     def _is_fast(self, x: Tensor) -> bool:
-        return self.fast and may_run_fast(x) and type(self) is SectorConv and sums_messages(self)
+        return self.fast and is_static_batch(x) and type(self) is SectorConv and sums_messages(self)
 
     def _gather(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
         # Messages go to one place for each sector of each taxel.

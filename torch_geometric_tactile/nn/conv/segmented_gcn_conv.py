@@ -11,14 +11,14 @@ from torch_geometric.nn.conv.gcn_conv import gcn_norm
 from torch_geometric.nn.inits import glorot, zeros
 from torch_geometric.typing import Adj, OptTensor
 
+from torch_geometric_tactile.nn._sizes import is_of_taxels
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
+    check_conv_sizes,
     check_edge_form,
-    check_edge_index,
     check_edge_weight,
-    check_sizes,
     check_tensor,
-    is_traced,
+    compute_on_edges,
 )
 from torch_geometric_tactile.nn.conv._plain import is_hooked, sums_messages
 
@@ -75,7 +75,7 @@ class SegmentedGCNConv(MessagePassing):
     ) -> None:
         super().__init__(**{"aggr": "add", **kwargs})
         segment = _checked_segment(segment)
-        check_sizes(in_channels=in_channels, out_channels=out_channels)
+        check_conv_sizes(in_channels=in_channels, out_channels=out_channels)
         self.in_channels = in_channels
         self.out_channels = out_channels
         # Not in the state: it is an argument, and a checkpoint must not overrule it.
@@ -106,26 +106,14 @@ class SegmentedGCNConv(MessagePassing):
         """
         check_tensor(x)
         num_taxels = len(self.segment)
-        if (
-            x.dim() not in (2, 3)
-            or x.size(-1) != self.in_channels
-            or x.size(-2) % num_taxels
-            or (x.dim() == 3 and x.size(-2) != num_taxels)
-        ):
+        if not is_of_taxels(x, num_taxels, self.in_channels):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
                 f"(got shape {tuple(x.shape)})"
             )
         check_edge_form(edge_index, x.size(-2))
         check_edge_weight(edge_index, edge_weight)
-        if is_traced():
-            return self._convolve(x, edge_index, edge_weight)
-        try:
-            return self._convolve(x, edge_index, edge_weight)
-        except (IndexError, RuntimeError, ValueError):
-            # Bad edges always fail on a processor: finding out why costs good ones nothing.
-            check_edge_index(edge_index, x.size(-2))
-            raise
+        return compute_on_edges(self._convolve, x.size(-2), x, edge_index, edge_weight)
 
     def _convolve(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor) -> Tensor:
         num_taxels = len(self.segment)

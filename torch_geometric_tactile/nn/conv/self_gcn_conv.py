@@ -10,9 +10,9 @@ from torch_geometric.utils import scatter
 
 from torch_geometric_tactile.nn.conv._edge_checks import (
     as_edges,
+    check_conv_sizes,
     check_edge_index,
     check_edge_weight,
-    check_sizes,
     check_tensor,
 )
 from torch_geometric_tactile.nn.conv._plain import sums_messages
@@ -73,7 +73,7 @@ class SelfGCNConv(torch.nn.Module):
         fast: bool = True,
     ) -> None:
         super().__init__()
-        check_sizes(in_channels=in_channels, out_channels=out_channels)
+        check_conv_sizes(in_channels=in_channels, out_channels=out_channels)
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.difference = difference

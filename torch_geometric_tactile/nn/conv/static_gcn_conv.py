@@ -15,6 +15,7 @@ from torch_geometric_tactile.nn.conv._edge_checks import (
     check_edge_form,
     check_edge_index,
     check_edge_weight,
+    compute_on_edges,
     is_traced,
     sorted_form,
 )
@@ -150,14 +151,7 @@ class StaticGCNConv(GCNConv):
         check_edge_weight(edge_index, edge_weight)
         if self.cached and self._cached_edge_index is None:
             check_edge_index(edge_index, num_nodes)  # before PyG keeps them
-        if is_traced():
-            return self._gather(x, edge_index, edge_weight)
-        try:
-            return self._gather(x, edge_index, edge_weight)
-        except (IndexError, RuntimeError, ValueError):
-            # Bad edges always fail on a processor: finding out why costs good ones nothing.
-            check_edge_index(edge_index, num_nodes)
-            raise
+        return compute_on_edges(self._gather, num_nodes, x, edge_index, edge_weight)
 
     def is_plain(self) -> bool:
         r"""Tells whether the layer computes its formula and nothing else: that it has the default

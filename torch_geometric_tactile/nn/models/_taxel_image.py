@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 
-from torch_geometric_tactile.nn.models._joined import check_no_edges
+from torch_geometric_tactile.nn.models._inputs import check_no_edges
 from torch_geometric_tactile.sensors import TaxelLayout
 
 

@@ -7,10 +7,11 @@ from typing import Any, Literal
 
 import torch
 from torch import Tensor
-from torch.nn import BatchNorm1d, Module
+from torch.nn import BatchNorm1d, Dropout, Module
 from torch.nn.functional import batch_norm
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile.nn._sizes import given_widths
 from torch_geometric_tactile.nn.conv import SectorConv, SelfGCNConv
 from torch_geometric_tactile.nn.pool import TaxelPool
 from torch_geometric_tactile.sensors import TaxelLayout, layout_sectors
@@ -139,11 +140,6 @@ class TaxelBlock(Module):
         self.norm = TaxelNorm(out_channels)
         self.is_residual = in_channels == out_channels
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for part in (self.conv, self.norm):
-            part.reset_parameters()  # type: ignore[operator]
-
     def forward(self, x: Tensor, *edges: Tensor) -> Tensor:
         r"""Convolves node features :math:`(B, N, F)`."""
         out = self.norm(self.conv(x, *edges))
@@ -173,11 +169,6 @@ class TaxelLevel(Module):
         self.blocks = torch.nn.ModuleList(
             TaxelBlock(before, after, conv, num_sectors, fast) for before, after in pairwise(widths)
         )
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for block in self.blocks:
-            block.reset_parameters()  # type: ignore[operator]
 
     def forward(self, x: Tensor) -> Tensor:
         r"""Pools and convolves node features :math:`(B, N, F)`."""
@@ -211,9 +202,7 @@ def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ..
     r"""Returns the width of each level."""
     if widths is None:
         widths = (32,) if num_levels == 1 else (16, 32, 64)
-    widths = tuple(widths)
-    if not widths or min(widths) < 1:
-        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
+    widths = given_widths(widths)
     return (*widths, *[widths[-1]] * num_levels)[:num_levels]
 
 
@@ -228,3 +217,30 @@ def pitch(layout: TaxelLayout) -> tuple[float, float]:
     if not found:
         return 1.0, 1.0  # no taxel has a neighbour: any length will do
     return found[0], found[-1]
+
+
+class ByteDropout(Dropout):
+    r"""Drops features in training as :class:`torch.nn.Dropout` does, in less than half the time on
+    a processor, where eight draws are made of one random number. Probabilities are rounded to a
+    256th, and what is kept is scaled by the probability that was drawn by.
+
+    Shapes:
+        - **input:** any shape
+        - **output:** likewise
+    """
+
+    def forward(self, input: Tensor) -> Tensor:
+        r"""Drops features."""
+        threshold = round(256 * self.p)
+        if (
+            not self.training
+            or input.device.type != "cpu"
+            or not 0 < threshold < 256
+            or torch.compiler.is_compiling()
+        ):
+            return super().forward(input)
+        words = torch.empty(-(-input.numel() // 8), dtype=torch.long)
+        # From the least to the greatest number there is, so that all bits are drawn.
+        words.random_(torch.iinfo(torch.long).min, None)
+        kept = words.view(torch.uint8)[: input.numel()].view(input.shape) >= threshold
+        return input * kept.to(input.dtype).mul_(256 / (256 - threshold))

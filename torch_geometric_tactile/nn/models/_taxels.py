@@ -7,7 +7,9 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn._sizes import is_of_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 
 # What models call the features whose number is their argument `in_channels`.
@@ -31,8 +33,7 @@ def count_taxels(layout: LayoutLike) -> int:
     r"""Returns the number of taxels :math:`N`."""
     if not isinstance(layout, int):
         return load_layout(layout, "its number of taxels").num_taxels
-    if layout < 1:
-        raise ValueError(f"'layout' must have at least 1 taxel (got {layout})")
+    need(layout >= 1, "'layout' must have at least 1 taxel", layout)
     return layout
 
 
@@ -60,19 +61,22 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, what: str) -
         raise ValueError(
             f"'x' must have {num_channels} {what} (got shape {tuple(x.shape)}){advice}"
         )
-    if x.dim() == 3 and x.size(1) == num_taxels:
-        return x
-    if x.dim() == 2 and x.size(0) % num_taxels == 0:
-        return x.reshape(-1, num_taxels, num_channels)
-    raise ValueError(
-        f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
-    )
+    count_samples(x, num_taxels)
+    return x if x.dim() == 3 else x.reshape(-1, num_taxels, num_channels)
+
+
+def count_samples(x: Tensor, num_taxels: int) -> int:
+    r"""Returns the number of samples in readings of any form."""
+    if not is_of_taxels(x, num_taxels):
+        raise ValueError(
+            f"'x' must have {num_taxels} taxels in each sample (got shape {tuple(x.shape)})"
+        )
+    return x.size(0) if x.dim() == 3 else x.size(0) // num_taxels
 
 
 def check_taxel_dropout(part: float) -> float:
     r"""Returns the part of the taxels that are not seen in training."""
-    if not 0 <= part < 1:
-        raise ValueError(f"'taxel_dropout' must be at least 0 and below 1 (got {part})")
+    need(0 <= part < 1, "'taxel_dropout' must be at least 0 and below 1", part)
     return part
 
 

@@ -4,13 +4,11 @@ of :class:`~torch_geometric_tactile.nn.models.TaxelNet`."""
 import torch
 from torch import Tensor
 from torch.nn import Linear, Module
-from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv import CausalTemporalConv
-from torch_geometric_tactile.nn.models._byte_dropout import ByteDropout
-from torch_geometric_tactile.nn.models._joined import with_joints
-from torch_geometric_tactile.nn.models._taxel_levels import TaxelNorm
+from torch_geometric_tactile.nn.models._inputs import with_joints
+from torch_geometric_tactile.nn.models._taxel_levels import ByteDropout, TaxelNorm
 
 
 class FrameFilters(Module):
@@ -22,11 +20,6 @@ class FrameFilters(Module):
         super().__init__()
         self.conv = CausalTemporalConv(in_channels, out_channels, kernel_size, bias=False)
         self.norm = TaxelNorm(out_channels)
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        self.conv.reset_parameters()
-        self.norm.reset_parameters()
 
     def forward(self, x: Tensor, stride: int = 1) -> Tensor:
         r"""Filters readings :math:`(B, N, T, C)`."""
@@ -51,11 +44,6 @@ class TemporalBlock(Module):
         self.conv = CausalTemporalConv(channels, channels, kernel_size, dilation, bias=False)
         self.norm = TaxelNorm(channels)
         self.dropout = ByteDropout(dropout)
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        self.conv.reset_parameters()
-        self.norm.reset_parameters()
 
     def forward(self, h: Tensor, spacing: int = 1, stride: int = 1) -> Tensor:
         r"""Convolves features :math:`(B, M, T, F)`."""
@@ -91,11 +79,6 @@ class FrameHead(Module):
         self.lin = Linear(in_channels + num_joints, hidden_channels, bias=False)
         self.norm = TaxelNorm(hidden_channels)
         self.lin_out = Linear(hidden_channels, out_channels)
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for child in self.children():
-            reset(child)
 
     def forward(self, h: Tensor, joint: OptTensor) -> Tensor:
         r"""Returns the logits of one frame :math:`(B, O)`, or of all :math:`(B, T, O)`.

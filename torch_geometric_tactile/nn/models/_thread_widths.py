@@ -3,6 +3,9 @@ r"""The widths and pools that threads have by default, and checks of them."""
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional
 
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+
 # The thread of the paper for readings.
 WIDTHS = (14, 28, 56, 112, 112)
 POOLS = (1, 1, 2, 4, 16)
@@ -14,13 +17,13 @@ def checked_widths(
     r"""Returns widths and pools of layers, which must fit each other, and the width before each
     layer and after the last.
     """
-    widths, pools = tuple(widths), tuple(pools)
-    if in_channels < 1:
-        raise ValueError(f"'in_channels' must be at least 1 (got {in_channels})")
-    if not widths or min(widths) < 1:
-        raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
-    if len(pools) != len(widths):
-        raise ValueError(f"'pools' must have a size for each of {len(widths)} widths (got {pools})")
+    check_sizes(in_channels=in_channels)
+    widths, pools = given_widths(widths), tuple(pools)
+    need(
+        len(pools) == len(widths),
+        f"'pools' must have a size for each of {len(widths)} widths",
+        pools,
+    )
     for width, pool in zip(widths, pools, strict=True):
         if pool < 1 or width % pool:
             raise ValueError(f"'pools' must divide 'widths' (got {pool} for {width})")
@@ -30,8 +33,6 @@ def checked_widths(
 
 # The threads of the paper: of the readings, and of all other inputs.
 _TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
-
-
 _OTHER_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
 
 

@@ -4,17 +4,17 @@ from typing import Literal, Optional, Union, get_args
 
 import torch
 from torch import Tensor
-from torch.nn import BatchNorm2d, Conv2d, Linear, Module
+from torch.nn import BatchNorm2d, Conv2d, Linear
 from torch.nn import functional as F
 from torch.nn.init import xavier_uniform_, zeros_
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.conv._plain import is_hooked
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import load_layout, stacked_readings
-from torch_geometric_tactile.nn.pool._signed_root import signed_root
 from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 
@@ -25,7 +25,7 @@ _BMF: _Fusion = "bilinear(C1)+C3"
 LEAST_SIZE = 20  # of which C3 sees 3 x 3 cells
 
 
-class BMFCNN(Module, TactileHubMixin):
+class BMFCNN(BaseModel):
     r"""The "bilinear feature and multi-layer fused convolutional neural network (BMF-CNN)" (Sensors
     2020, 20, 5822) for letters that are pressed on an array: three convolutions, and a fully
     connected layer on the features of the last one beside the
@@ -86,10 +86,9 @@ class BMFCNN(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         layout = letter_array() if layout is None else load_layout(layout, "its image map")
-        sizes = {"out_channels": out_channels, "in_channels": in_channels}
-        for name, size in {**sizes, "hidden_channels": hidden_channels}.items():
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        check_sizes(
+            out_channels=out_channels, in_channels=in_channels, hidden_channels=hidden_channels
+        )
         self.fusion = _checked_fusion(fusion, bilinear)
         self.num_nodes = layout.num_taxels
         self.in_channels = in_channels
@@ -117,27 +116,7 @@ class BMFCNN(Module, TactileHubMixin):
             if layer.bias is not None:
                 zeros_(layer.bias)
 
-    def forward(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the logits :math:`(B, C)`.
-
-        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
-
-        Args:
-            x (torch.Tensor): Images or readings.
-            edge_index (torch.Tensor, optional): Not used: the map says which taxels are neighbours.
-            edge_attr (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Not used.
-            absolute (torch.Tensor, optional): Not used.
-            pos (torch.Tensor, optional): Not used.
-        """
+    def _logits(self, x: Tensor, **unused: OptTensor) -> Tensor:
         return self.fc2(self._hidden(self._maps(x)))
 
     def features(self, x: Tensor) -> dict[str, Tensor]:
@@ -210,10 +189,11 @@ class BMFCNN(Module, TactileHubMixin):
             rows, columns = rows // 2, columns // 2
         return sum(numbers[name] for name in self.fusion.split("+"))
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes and the fusion for :obj:`repr`."""
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"in_channels={self.in_channels}, fusion='{self.fusion}', size={self.image.size})"
+            f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
+            f"fusion='{self.fusion}', size={self.image.size}"
         )
 
 
@@ -241,7 +221,7 @@ def _linear_of_symmetric(
         count = phi.new_full((stop - start, width - start), 2.0)
         count[:, : stop - start] = 1.0
         counts.append(count.flatten())
-    root = signed_root(torch.cat(products, dim=2))  # (B, maps, products)
+    root = bilinear._signed_root(torch.cat(products, dim=2))  # (B, maps, products)
     norm = (root * root @ torch.cat(counts) * num_maps).sqrt()  # each map has norm one
     feature = (root / norm.unsqueeze(-1)).flatten(1)
     weight = torch.cat([torch.cat(weights, dim=2).flatten(1), others], dim=1)

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_gcn
+from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_thread
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import AdjacencyCache
-from torch_geometric_tactile.nn.models._given_edges import given_edges, weight_like
+from torch_geometric_tactile.nn.models._inputs import given_edges, weight_like
 from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.thread import Thread
 
@@ -82,10 +82,5 @@ class GCNThread(Thread):
         if self.fast and may_run_fast(x) and may_merge(self.layers()):
             kept = self._kept.get(edge_index, edge_weight, x.size(1), x.dtype)
             if kept is not None:
-                h = x.permute(1, 2, 0).contiguous()
-                for conv, pool in self.layers():
-                    h = pooled_gcn(h, kept, conv.lin.weight, conv.bias, pool.kernel_size)
-                return h.permute(2, 0, 1)
-        for conv, pool in self.layers():
-            x = pool(conv(x, edge_index, edge_weight)).relu()
-        return x
+                return pooled_thread(x, self.layers(), kept)
+        return self._by_layers(x, edge_index, edge_weight)

@@ -4,16 +4,18 @@ from typing import Literal, Optional
 
 import torch
 from torch import Tensor
-from torch.nn import Dropout1d, Linear, Module, ModuleList
+from torch.nn import Dropout1d, Linear, ModuleList
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.conv import StaticGCNConv
-from torch_geometric_tactile.nn.models._given_edges import given_edges
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn.models._base_model import BaseModel
+from torch_geometric_tactile.nn.models._inputs import given_edges
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 
 
-class GraspGCN(Module, TactileHubMixin):
+class GraspGCN(BaseModel):
     r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
     on Graph Convolutional Networks" paper.
 
@@ -82,24 +84,24 @@ class GraspGCN(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         self.num_nodes = count_taxels(layout)
-        for name, size in (
-            ("out_channels", out_channels),
-            ("in_channels", in_channels),
-            ("hidden_channels", hidden_channels),
-            ("num_fingers", num_fingers),
-            ("num_layers", num_layers),
-        ):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
-        if fusion not in ("data", "feature", None):
-            raise ValueError(f"'fusion' must be 'data', 'feature' or None (got '{fusion}')")
-        if fusion is None and (finger is None or not 0 <= finger < num_fingers):
-            raise ValueError(
-                f"'finger' must be between 0 and {num_fingers - 1} if 'fusion' is None "
-                f"(got {finger})"
-            )
-        if fusion is not None and finger is not None:
-            raise ValueError(f"'finger' must be None if 'fusion' is set (got {finger})")
+        check_sizes(
+            out_channels=out_channels,
+            in_channels=in_channels,
+            hidden_channels=hidden_channels,
+            num_fingers=num_fingers,
+            num_layers=num_layers,
+        )
+        need(
+            fusion in ("data", "feature", None),
+            "'fusion' must be 'data', 'feature' or None",
+            f"'{fusion}'",
+        )
+        need(
+            fusion is not None or (finger is not None and 0 <= finger < num_fingers),
+            f"'finger' must be between 0 and {num_fingers - 1} if 'fusion' is None",
+            finger,
+        )
+        need(fusion is None or finger is None, "'finger' must be None if 'fusion' is set", finger)
         self.in_channels = in_channels
         self.hidden_channels = hidden_channels
         self.out_channels = out_channels
@@ -117,13 +119,6 @@ class GraspGCN(Module, TactileHubMixin):
         )
         self.dropout = Dropout1d(dropout)
         self.lin = Linear(self.num_nodes * hidden_channels * num_threads, out_channels)
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for module in self.convs.modules():
-            if isinstance(module, StaticGCNConv):
-                module.reset_parameters()
-        self.lin.reset_parameters()
 
     def forward(
         self,
@@ -143,10 +138,7 @@ class GraspGCN(Module, TactileHubMixin):
         Args:
             x (torch.Tensor): Readings.
             edge_index (torch.Tensor): Edges.
-            edge_attr (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Not used.
-            absolute (torch.Tensor, optional): Not used.
-            pos (torch.Tensor, optional): Not used.
+            edge_attr, joint, absolute, pos (torch.Tensor, optional): Not used.
             edge_weight (torch.Tensor, optional): Weights of the edges; one if left out.
         """
         edge_index = given_edges(edge_index)
@@ -182,11 +174,12 @@ class GraspGCN(Module, TactileHubMixin):
             joined = self.dropout(nodes).flatten(1)
         return self.lin(joined)
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes and the fusion for :obj:`repr`."""
         finger = "" if self.finger is None else f", finger={self.finger}"
         layers = f", num_layers={len(self.convs[0])}" if len(self.convs[0]) > 1 else ""  # type: ignore[arg-type]
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"in_channels={self.in_channels}, hidden_channels={self.hidden_channels}, "
-            f"num_fingers={self.num_fingers}, fusion={self.fusion!r}{finger}{layers})"
+            f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
+            f"hidden_channels={self.hidden_channels}, num_fingers={self.num_fingers}, "
+            f"fusion={self.fusion!r}{finger}{layers}"
         )

@@ -7,8 +7,10 @@ from torch import Tensor
 from torch.nn import Linear, Module, Parameter
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, stacked_readings
 
 
@@ -55,7 +57,7 @@ class _LSTMCells(Module):
         return out
 
 
-class GraspLSTM(Module, TactileHubMixin):
+class GraspLSTM(BaseModel):
     r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
     Convolutional Networks" paper: one layer of 128 cells over time on the signals of all
     electrodes, of one finger or (F) of all, then one fully connected layer on the hidden state of
@@ -105,16 +107,17 @@ class GraspLSTM(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         self.num_nodes = count_taxels(layout)
-        for name, size in (
-            ("out_channels", out_channels),
-            ("num_fingers", num_fingers),
-            ("hidden_channels", hidden_channels),
-            ("num_layers", num_layers),
-        ):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
-        if finger is not None and not 0 <= finger < num_fingers:
-            raise ValueError(f"'finger' must be between 0 and {num_fingers - 1} (got {finger})")
+        check_sizes(
+            out_channels=out_channels,
+            num_fingers=num_fingers,
+            hidden_channels=hidden_channels,
+            num_layers=num_layers,
+        )
+        need(
+            finger is None or 0 <= finger < num_fingers,
+            f"'finger' must be between 0 and {num_fingers - 1}",
+            finger,
+        )
         self.out_channels = out_channels
         self.num_fingers = num_fingers
         self.finger = finger
@@ -124,32 +127,7 @@ class GraspLSTM(Module, TactileHubMixin):
         self.lstm = _LSTMCells(width, hidden_channels, num_layers)
         self.lin = Linear(hidden_channels, out_channels)
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        self.lstm.reset_parameters()
-        self.lin.reset_parameters()
-
-    def forward(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the logits of the classes.
-
-        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
-
-        Args:
-            x (torch.Tensor): Windows.
-            edge_index (torch.Tensor, optional): Not used.
-            edge_attr (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Not used.
-            absolute (torch.Tensor, optional): Not used.
-            pos (torch.Tensor, optional): Not used.
-        """
+    def _logits(self, x: Tensor, **unused: OptTensor) -> Tensor:
         size = x.size(-1) if x.dim() else 0
         if size == 0 or size % self.num_fingers:
             raise ValueError(
@@ -163,11 +141,11 @@ class GraspLSTM(Module, TactileHubMixin):
         hidden = self.lstm(frames.transpose(1, 2).flatten(2))
         return self.lin(hidden[:, -1])
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
         finger = "" if self.finger is None else f", finger={self.finger}"
         layers = f", num_layers={self.num_layers}" if self.num_layers > 1 else ""
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"num_fingers={self.num_fingers}{finger}, hidden_channels={self.hidden_channels}"
-            f"{layers})"
+            f"{self.num_nodes}, {self.out_channels}, num_fingers={self.num_fingers}{finger}, "
+            f"hidden_channels={self.hidden_channels}{layers}"
         )

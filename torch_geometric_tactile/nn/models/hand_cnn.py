@@ -6,7 +6,7 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._joined import side_by_side
+from torch_geometric_tactile.nn.models._inputs import side_by_side
 from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS

@@ -6,11 +6,16 @@ import torch.nn.functional as F
 from torch import Tensor
 from torch.nn import ModuleList
 from torch.nn.init import trunc_normal_, zeros_
+from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._hand_maps import input_maps, joined_maps
-from torch_geometric_tactile.nn.models._map_conv import SD, MapStage
-from torch_geometric_tactile.nn.models._ms_cnn_patterns import PATTERNS
+from torch_geometric_tactile.nn.models._hand_maps import (
+    PATTERNS,
+    SD,
+    MapStage,
+    input_maps,
+    joined_maps,
+)
 from torch_geometric_tactile.nn.models._taxel_image import checked_map
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
@@ -29,7 +34,7 @@ class MSCNN(TactileModel):
     then the joint angles join, and two fully connected layers follow.
 
     What a map is at each convolution is the :obj:`pattern`, a row of
-    :obj:`~torch_geometric_tactile.nn.models._ms_cnn_patterns.PATTERNS`:
+    :obj:`~torch_geometric_tactile.nn.models._hand_maps.PATTERNS`:
 
     * I: the whole hand, with zeros above the thumb;
     * II: patches, then the hand; III: patches twice, then the hand;
@@ -122,8 +127,7 @@ class MSCNN(TactileModel):
 
     def reset_parameters(self) -> None:
         r"""Draws all weights anew."""
-        for stage in self.stages:
-            stage.reset_parameters()  # type: ignore[operator]
+        reset(self.stages)
         for lin in (*self.head.lins, self.head.lin_out):
             trunc_normal_(lin.weight, std=SD, a=-2 * SD, b=2 * SD)
             zeros_(lin.bias)

@@ -6,6 +6,7 @@ from torch import Tensor
 from torch.nn import Linear, Module, ModuleList
 from torch_geometric.nn.inits import reset
 
+from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.models._thread_widths import checked_widths
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
@@ -42,8 +43,7 @@ class PooledMLP(Module):
         pools: Sequence[int] = (2, 2, 2),
     ) -> None:
         super().__init__()
-        if out_channels < 1:
-            raise ValueError(f"'out_channels' must be at least 1 (got {out_channels})")
+        check_sizes(out_channels=out_channels)
         self.in_channels = in_channels
         self.out_channels = out_channels
         self.widths, self.pool_sizes, sizes = checked_widths(in_channels, widths, pools)

@@ -5,12 +5,12 @@ from typing import Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import Dropout, Linear, Module, ModuleList
-from torch_geometric.nn.inits import reset
+from torch.nn import Dropout, Linear, ModuleList
 from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn._sizes import check_sizes, given_widths
+from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_levels import ReadingNorm, TaxelNorm
 from torch_geometric_tactile.nn.models._taxels import (
     check_taxel_dropout,
@@ -24,7 +24,7 @@ from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 _PLACES = {"pos": (3,), "normal": (3,), "tangent": (2, 3)}
 
 
-class PosedTaxelNet(Module, TactileHubMixin):
+class PosedTaxelNet(BaseModel):
     r"""A network that treats the strongest taxels as a set of points, to predict metric values such
     as the width of an object. It is ours, not from a paper.
 
@@ -99,17 +99,12 @@ class PosedTaxelNet(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         layout = load_layout(layout, "the places of its taxels")
-        for name, size in (
-            ("out_channels", out_channels),
-            ("in_channels", in_channels),
-            ("num_strongest", num_strongest),
-            ("hidden_channels", hidden_channels),
-        ):
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
-        widths = tuple(widths)
-        if not widths or min(widths) < 1:
-            raise ValueError(f"'widths' must be at least one width of at least 1 (got {widths})")
+        check_sizes(
+            out_channels=out_channels,
+            in_channels=in_channels,
+            num_strongest=num_strongest,
+            hidden_channels=hidden_channels,
+        )
         self.num_nodes = layout.num_taxels
         self.out_channels = out_channels
         self.in_channels = in_channels
@@ -126,7 +121,7 @@ class PosedTaxelNet(Module, TactileHubMixin):
         self.norm = ReadingNorm(size)
         self.lins = ModuleList()
         self.norms = ModuleList()
-        for width in widths:
+        for width in given_widths(widths):
             self.lins.append(Linear(size, width, bias=False))
             self.norms.append(TaxelNorm(width))
             size = width
@@ -139,11 +134,6 @@ class PosedTaxelNet(Module, TactileHubMixin):
     def modalities(self) -> tuple[str, ...]:
         r"""The attributes of a batch that :meth:`forward` needs by keyword."""
         return self.places if self.posed else ()
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for child in self.children():
-            reset(child)
 
     def forward(
         self,
@@ -163,10 +153,8 @@ class PosedTaxelNet(Module, TactileHubMixin):
 
         Args:
             x (torch.Tensor): Readings.
-            edge_index (torch.Tensor, optional): Not used.
-            edge_attr (torch.Tensor, optional): Not used.
+            edge_index, edge_attr, absolute (torch.Tensor, optional): Not used.
             joint (torch.Tensor, optional): Not used: places follow from it.
-            absolute (torch.Tensor, optional): Not used.
             pos (torch.Tensor, optional): Positions in metres, if :obj:`posed`.
             normal (torch.Tensor, optional): Unit normals, if :obj:`posed`.
             tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes, if :obj:`posed` and
@@ -229,11 +217,11 @@ class PosedTaxelNet(Module, TactileHubMixin):
             f"{width} wide (got shape {tuple(value.shape)})"
         )
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"in_channels={self.in_channels}, posed={self.posed}, "
-            f"num_strongest={self.num_strongest})"
+            f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
+            f"posed={self.posed}, num_strongest={self.num_strongest}"
         )
 
 

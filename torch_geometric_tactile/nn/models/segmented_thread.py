@@ -7,14 +7,14 @@ import torch
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_gcn
+from torch_geometric_tactile.nn._pooled_gcn import may_merge, may_run_fast, pooled_thread
 from torch_geometric_tactile.nn.conv import SegmentedGCNConv
 from torch_geometric_tactile.nn.conv._static_adjacency import (
     AdjacencyCache,
     adjacency_blocks,
     dense_norm,
 )
-from torch_geometric_tactile.nn.models._given_edges import given_edges, weight_like
+from torch_geometric_tactile.nn.models._inputs import given_edges, weight_like
 from torch_geometric_tactile.nn.models.thread import Thread
 
 
@@ -104,17 +104,12 @@ class SegmentedThread(Thread):
         layers = self.layers()
         segment: Tensor = layers[0][0].segment
         if x.dim() != 3 or x.size(1) != len(segment) or not may_merge(layers):
-            for conv, pool in layers:
-                x = pool(conv(x, edge_index, edge_weight)).relu()
-            return x
+            return self._by_layers(x, edge_index, edge_weight)
         if x.size(-1) != self.in_channels:
             raise ValueError(f"'x' must have {self.in_channels} features (got {x.size(-1)})")
         kept = self._kept.get(edge_index, edge_weight, len(segment), x.dtype, segment)
         if kept is not None and self.fast and may_run_fast(x):
-            h = x.permute(1, 2, 0).contiguous()
-            for conv, pool in layers:
-                h = pooled_gcn(h, kept, conv.weight, conv.bias, pool.kernel_size, segment)
-            return h.permute(2, 0, 1)
+            return pooled_thread(x, layers, kept, segment)
         if kept is None:
             dense = dense_norm(edge_index, edge_weight, len(segment), x.dtype, segment)
         outs = []

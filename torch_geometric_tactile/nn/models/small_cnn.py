@@ -3,19 +3,20 @@ r"""A small convolutional network on a map of the taxels."""
 from collections.abc import Sequence
 
 from torch import Tensor
-from torch.nn import BatchNorm1d, BatchNorm2d, Conv2d, Dropout, Linear, Module, ModuleList
+from torch.nn import BatchNorm1d, BatchNorm2d, Conv2d, Dropout, Linear, ModuleList
 from torch.nn import functional as F
-from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.nn._sizes import check_sizes, is_of_taxels
+from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 
 _MOST_HALVINGS = 8
 
 
-class SmallCNN(Module, TactileHubMixin):
+class SmallCNN(BaseModel):
     r"""A plain convolutional network as a baseline, for layouts with an :obj:`image_map`: 3 x 3
     convolutions with zeros around the map, each with batch normalisation, ReLU and the maximum of 2
     x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. It is not
@@ -64,14 +65,14 @@ class SmallCNN(Module, TactileHubMixin):
         super().__init__()
         layout = load_layout(layout, "its image map")
         widths = tuple(widths)
-        sizes = {"out_channels": out_channels, "in_channels": in_channels}
-        for name, size in {**sizes, "hidden_channels": hidden_channels}.items():
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
-        if not 1 <= len(widths) <= _MOST_HALVINGS or min(widths) < 1:
-            raise ValueError(
-                f"'widths' must be 1 to {_MOST_HALVINGS} positive numbers (got {widths})"
-            )
+        check_sizes(
+            out_channels=out_channels, in_channels=in_channels, hidden_channels=hidden_channels
+        )
+        need(
+            1 <= len(widths) <= _MOST_HALVINGS and min(widths) >= 1,
+            f"'widths' must be 1 to {_MOST_HALVINGS} positive numbers",
+            widths,
+        )
         self.image = TaxelImage(layout)
         self.num_nodes = layout.num_taxels
         self.in_channels = in_channels
@@ -91,38 +92,8 @@ class SmallCNN(Module, TactileHubMixin):
         self.dropout = Dropout(dropout)
         self.lin2 = Linear(hidden_channels, out_channels)
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for child in self.children():
-            reset(child)
-
-    def forward(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the logits :math:`(B, C)`.
-
-        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
-
-        Args:
-            x (torch.Tensor): Readings.
-            edge_index (torch.Tensor, optional): Not used: the map says which taxels are neighbours.
-            edge_attr (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Not used.
-            absolute (torch.Tensor, optional): Not used.
-            pos (torch.Tensor, optional): Not used.
-        """
-        if (
-            x.dim() not in (2, 3)
-            or x.size(-1) != self.in_channels
-            or x.size(-2) % self.num_nodes
-            or (x.dim() == 3 and x.size(-2) != self.num_nodes)
-        ):
+    def _logits(self, x: Tensor, **unused: OptTensor) -> Tensor:
+        if not is_of_taxels(x, self.num_nodes, self.in_channels):
             raise ValueError(
                 f"'x' must have {self.num_nodes} taxels and {self.in_channels} channels (got shape "
                 f"{tuple(x.shape)})"
@@ -134,8 +105,9 @@ class SmallCNN(Module, TactileHubMixin):
         h = self.dropout(h.flatten(1))
         return self.lin2(self.dropout(self.norm1(self.lin1(h)).relu()))
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"in_channels={self.in_channels}, widths={self.widths}, size={self.size})"
+            f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
+            f"widths={self.widths}, size={self.size}"
         )

@@ -6,7 +6,7 @@ from typing import Optional
 from torch import Tensor
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._joined import check_no_edges, side_by_side
+from torch_geometric_tactile.nn.models._inputs import check_no_edges, side_by_side
 from torch_geometric_tactile.nn.models._taxels import LayoutLike
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 

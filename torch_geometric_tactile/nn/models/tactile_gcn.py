@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.typing import OptTensor
 
-from torch_geometric_tactile.nn.models._joined import side_by_side
+from torch_geometric_tactile.nn.models._inputs import side_by_side
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models._thread_widths import POOLS, WIDTHS
 from torch_geometric_tactile.nn.models.gcn_thread import GCNThread

@@ -5,17 +5,18 @@ from typing import Optional, Union
 
 from torch import Tensor
 from torch.nn import Module
-from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
+from torch_geometric_tactile.nn._sizes import check_sizes
 from torch_geometric_tactile.nn.conv import (
     EdgeAttentionEncoder,
     EdgeFeatureEncoder,
     EdgeMessageEncoder,
 )
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
-from torch_geometric_tactile.nn.models._joined import with_joints
-from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
+from torch_geometric_tactile.nn.models._base_model import BaseModel
+from torch_geometric_tactile.nn.models._inputs import with_joints
+from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_samples, count_taxels
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.thread import Thread
 
@@ -24,7 +25,7 @@ _ATTRIBUTES = {"tactile": "x", "edge": "edge_attr", "absolute": "absolute", "pos
 _CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
-class TactileModel(Module, TactileHubMixin):
+class TactileModel(BaseModel):
     r"""The base class of the models of a hand: collects the inputs of each taxel from any form of
     the data, and ends in fully connected layers, to which joint angles may be added.
 
@@ -79,10 +80,8 @@ class TactileModel(Module, TactileHubMixin):
         if unknown or not inputs or len(set(inputs)) < len(inputs):
             raise ValueError(f"'inputs' must be some of {list(_ATTRIBUTES)} (got {inputs})")
         self.num_nodes = count_taxels(layout)
-        if out_channels < 1:
-            raise ValueError(f"'out_channels' must be at least 1 (got {out_channels})")
-        if num_joints < 0:
-            raise ValueError(f"'num_joints' must not be negative (got {num_joints})")
+        check_sizes(out_channels=out_channels)
+        need(num_joints >= 0, "'num_joints' must not be negative", num_joints)
         self.out_channels = out_channels
         self.inputs = inputs
         self.num_joints = num_joints
@@ -95,7 +94,7 @@ class TactileModel(Module, TactileHubMixin):
         :obj:`x` and :obj:`edge_index`.
         """
         names = [_ATTRIBUTES[name] for name in self.inputs if name != "tactile"]
-        return (*names, "joint") if self.num_joints else tuple(names)
+        return (*names, *super().modalities)
 
     def add_encoder(self, encoder: Union[str, Module], num_edges: Optional[int]) -> None:
         r"""Adds the encoder of edge features, if they are an input.
@@ -122,40 +121,8 @@ class TactileModel(Module, TactileHubMixin):
         width = self.num_nodes * in_channels + self.num_joints
         self.head = PooledMLP(width, self.out_channels, widths, pools)
 
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for child in self.children():
-            reset(child)
-
-    def forward(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the logits :math:`(B, C)`.
-
-        All models take the same arguments in the same order. A model uses those that its
-        :obj:`inputs` and :obj:`num_joints` ask for, and ignores the others.
-
-        Args:
-            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-                :math:`(B \cdot N, F)`.
-            edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`; models without a
-                graph need none.
-            edge_attr (torch.Tensor, optional): Edge features :math:`(|\mathcal{E}|, D)`,
-                :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch.
-            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
-            absolute (torch.Tensor, optional): Positions and their distance from the origin, in
-                metres or scaled, in the form of :obj:`x` or :math:`(N, 4)` for all samples.
-            pos (torch.Tensor, optional): Positions in metres or scaled, in the form of :obj:`x` or
-                :math:`(N, 3)` for all samples.
-        """
-        features = self.node_features(x, edge_index, edge_attr, absolute=absolute, pos=pos)
-        rows = features.flatten(1)
+    def _logits(self, x: Tensor, joint: OptTensor = None, **inputs: OptTensor) -> Tensor:
+        rows = self.node_features(x, **inputs).flatten(1)
         return self.head(with_joints(rows, joint, self.num_joints))
 
     def node_features(
@@ -208,11 +175,7 @@ class TactileModel(Module, TactileHubMixin):
 
         Args:
             name (str): Name of the input.
-            x (torch.Tensor): As in :meth:`forward`.
-            edge_index (torch.Tensor, optional): As in :meth:`forward`.
-            edge_attr (torch.Tensor, optional): As in :meth:`forward`.
-            absolute (torch.Tensor, optional): As in :meth:`forward`.
-            pos (torch.Tensor, optional): As in :meth:`forward`.
+            x, edge_index, edge_attr, absolute, pos: As in :meth:`forward`.
         """
         num_samples = self.num_samples(x)
         value = {"tactile": x, "edge": edge_attr, "absolute": absolute, "position": pos}[name]
@@ -239,13 +202,7 @@ class TactileModel(Module, TactileHubMixin):
         Raises:
             ValueError: If they are not of the model's taxels.
         """
-        if x.dim() == 3 and x.size(1) == self.num_nodes:
-            return x.size(0)
-        if x.dim() == 2 and x.size(0) % self.num_nodes == 0:
-            return x.size(0) // self.num_nodes
-        raise ValueError(
-            f"'x' must have {self.num_nodes} taxels in each sample (got shape {tuple(x.shape)})"
-        )
+        return count_samples(x, self.num_nodes)
 
     def convolve(
         self, thread: Thread, h: Tensor, x: Tensor, edge_index: OptTensor, own: bool = False
@@ -270,9 +227,6 @@ class TactileModel(Module, TactileHubMixin):
         r"""Returns the sizes and inputs for :obj:`repr`."""
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""
         return f"{self.num_nodes}, {self.out_channels}, inputs={self.inputs}{joints}"
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.extra_repr()})"
 
 
 def _by_sample(

@@ -5,16 +5,17 @@ from typing import Literal, Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import Linear, Module, ModuleList
-from torch_geometric.nn.inits import reset
+from torch.nn import Linear, ModuleList
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.nn.models._byte_dropout import ByteDropout
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
-from torch_geometric_tactile.nn.models._joined import with_joints
+from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.models._base_model import BaseModel
+from torch_geometric_tactile.nn.models._inputs import with_joints
 from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
+    ByteDropout,
     ConvName,
     ReadingNorm,
     TaxelLevel,
@@ -37,7 +38,7 @@ _FLOOR = 0.05
 _HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
 
 
-class TaxelNet(Module, TactileHubMixin):
+class TaxelNet(BaseModel):
     r"""The first model to try for the readings of any layout: convolutions that use directions,
     with residuals and batch normalisation, pooling over neighbours if the layout is large, and a
     head that uses the features of the single taxels, their mean and their maximum. It is ours, not
@@ -117,24 +118,18 @@ class TaxelNet(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         layout = load_layout(layout, "the neighbours of its taxels")
-        sizes = {
-            "out_channels": out_channels,
-            "in_channels": in_channels,
-            "depth": depth,
-            "num_sectors": num_sectors,
-            "hidden_channels": hidden_channels,
-            "max_taxels": max_taxels,
-        }
-        for name, size in sizes.items():
-            if size < 1:
-                raise ValueError(f"'{name}' must be at least 1 (got {size})")
+        check_sizes(
+            out_channels=out_channels,
+            in_channels=in_channels,
+            depth=depth,
+            num_sectors=num_sectors,
+            hidden_channels=hidden_channels,
+            max_taxels=max_taxels,
+        )
         for name, size in (("direct_channels", direct_channels or 0), ("num_joints", num_joints)):
-            if size < 0:
-                raise ValueError(f"'{name}' must not be negative (got {size})")
-        if conv not in CONVS:
-            raise ValueError(f"'conv' must be one of {CONVS} (got {conv!r})")
-        if head not in _HEADS:
-            raise ValueError(f"'head' must be one of {tuple(_HEADS)} (got {head!r})")
+            need(size >= 0, f"'{name}' must not be negative", size)
+        need(conv in CONVS, f"'conv' must be one of {CONVS}", repr(conv))
+        need(head in _HEADS, f"'head' must be one of {tuple(_HEADS)}", repr(head))
         self.num_nodes = layout.num_taxels
         self.out_channels = out_channels
         self.in_channels = in_channels
@@ -169,37 +164,7 @@ class TaxelNet(Module, TactileHubMixin):
         self.norm_hidden = TaxelNorm(hidden_channels)
         self.lin_out = Linear(hidden_channels, out_channels)
 
-    @property
-    def modalities(self) -> tuple[str, ...]:
-        r"""The attributes of a batch that :meth:`forward` needs by keyword."""
-        return ("joint",) if self.num_joints else ()
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for child in self.children():
-            reset(child)
-
-    def forward(
-        self,
-        x: Tensor,
-        edge_index: OptTensor = None,
-        edge_attr: OptTensor = None,
-        joint: OptTensor = None,
-        absolute: OptTensor = None,
-        pos: OptTensor = None,
-    ) -> Tensor:
-        r"""Returns the logits :math:`(B, C)`.
-
-        The order is that of :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
-
-        Args:
-            x (torch.Tensor): Readings.
-            edge_index (torch.Tensor, optional): Not used.
-            edge_attr (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Joint angles in radians, if the model has them.
-            absolute (torch.Tensor, optional): Not used.
-            pos (torch.Tensor, optional): Not used.
-        """
+    def _logits(self, x: Tensor, joint: OptTensor = None, **unused: OptTensor) -> Tensor:
         x = self.norm(stacked_readings(x, self.num_nodes, self.in_channels, "features"))
         seen = seen_taxels(x, self.taxel_dropout if self.training else 0.0)
         h = x if seen is None else x * seen.unsqueeze(-1)
@@ -215,10 +180,10 @@ class TaxelNet(Module, TactileHubMixin):
         rows = with_joints(self.dropout(torch.cat(found, dim=1)), joint, self.num_joints)
         return self.lin_out(self.dropout(self.norm_hidden(self.lin(rows)).relu()))
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
-            f"head={self.head!r}{joints})"
+            f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
+            f"widths={self.widths}, taxels={self.taxels}, head={self.head!r}{joints}"
         )

@@ -5,13 +5,14 @@ from typing import Optional, Union
 
 import torch
 from torch import Tensor
-from torch.nn import Module, ModuleList
-from torch_geometric.nn.inits import reset
+from torch.nn import ModuleList
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import split_frames
-from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+from torch_geometric_tactile.nn._sizes import check_sizes
+from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_levels import (
     CONVS,
     ConvName,
@@ -38,7 +39,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 _TemporalState = tuple[Tensor, ...]
 
 
-class TemporalTaxelNet(Module, TactileHubMixin):
+class TemporalTaxelNet(BaseModel):
     r"""The first model to try for windows of frames of any layout, and frame by frame on a robot:
     convolutions over neighbouring taxels and causal convolutions over time. It is ours, not from
     a paper.
@@ -141,7 +142,7 @@ class TemporalTaxelNet(Module, TactileHubMixin):
     ) -> None:
         super().__init__()
         layout = load_layout(layout, "the neighbours of its taxels")
-        _check_sizes(
+        check_sizes(
             out_channels=out_channels,
             in_channels=in_channels,
             num_filters=num_filters,
@@ -154,10 +155,8 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             hidden_channels=hidden_channels,
             max_taxels=max_taxels,
         )
-        if num_joints < 0:
-            raise ValueError(f"'num_joints' must not be negative (got {num_joints})")
-        if conv not in CONVS:
-            raise ValueError(f"'conv' must be one of {CONVS} (got {conv!r})")
+        need(num_joints >= 0, "'num_joints' must not be negative", num_joints)
+        need(conv in CONVS, f"'conv' must be one of {CONVS}", repr(conv))
         self.num_nodes = layout.num_taxels
         self.out_channels = out_channels
         self.in_channels = in_channels
@@ -185,16 +184,6 @@ class TemporalTaxelNet(Module, TactileHubMixin):
         size = (self.taxels[-1] + 2) * width
         self.head = FrameHead(size, out_channels, hidden_channels, dropout, num_joints)
 
-    @property
-    def modalities(self) -> tuple[str, ...]:
-        r"""The attributes of a batch that :meth:`forward` needs by keyword."""
-        return ("joint",) if self.num_joints else ()
-
-    def reset_parameters(self) -> None:
-        r"""Draws all weights anew."""
-        for child in self.children():
-            reset(child)
-
     def forward(
         self,
         x: Tensor,
@@ -212,12 +201,9 @@ class TemporalTaxelNet(Module, TactileHubMixin):
 
         Args:
             x (torch.Tensor): Windows of readings.
-            edge_index (torch.Tensor, optional): Not used.
-            edge_attr (torch.Tensor, optional): Not used.
+            edge_index, edge_attr, absolute, pos (torch.Tensor, optional): Not used.
             joint (torch.Tensor, optional): Joint angles in radians, if the model has them: those of
                 the last frame, or with :obj:`per_frame` of all.
-            absolute (torch.Tensor, optional): Not used.
-            pos (torch.Tensor, optional): Not used.
             per_frame (bool): Whether to return the logits of each frame, as to train on all.
         """
         x = _frames(x, self.num_nodes, self.in_channels)
@@ -281,12 +267,13 @@ class TemporalTaxelNet(Module, TactileHubMixin):
             after.append(seen)
         return self.head(h, joint), tuple(after)
 
-    def __repr__(self) -> str:
+    def extra_repr(self) -> str:
+        r"""Returns the sizes for :obj:`repr`."""
         joints = f", num_joints={self.num_joints}" if self.num_joints else ""
         return (
-            f"{type(self).__name__}({self.num_nodes}, {self.out_channels}, "
-            f"in_channels={self.in_channels}, widths={self.widths}, taxels={self.taxels}, "
-            f"receptive_field={self.receptive_field}{joints})"
+            f"{self.num_nodes}, {self.out_channels}, in_channels={self.in_channels}, "
+            f"widths={self.widths}, taxels={self.taxels}, "
+            f"receptive_field={self.receptive_field}{joints}"
         )
 
 
@@ -300,12 +287,6 @@ def _check_state(state: _TemporalState, count: int) -> None:
             f"'state' must be the {count} tensors of 'initial_state' or of the step before (got "
             f"{len(state)})"
         )
-
-
-def _check_sizes(**sizes: int) -> None:
-    for name, size in sizes.items():
-        if size < 1:
-            raise ValueError(f"'{name}' must be at least 1 (got {size})")
 
 
 def _frames(x: Tensor, num_nodes: int, in_channels: int) -> Tensor:

@@ -88,6 +88,11 @@ class Thread(Module):
         """
         raise NotImplementedError
 
+    def _by_layers(self, x: Tensor, *edges: OptTensor) -> Tensor:
+        for conv, pool in self.layers():
+            x = pool(conv(x, *edges)).relu()
+        return x
+
     def extra_repr(self) -> str:
         r"""Returns the sizes for :obj:`repr`."""
         return f"{self.in_channels}, widths={self.widths}, pools={self.pool_sizes}"

@@ -3,7 +3,8 @@ r"""The bilinear feature of a feature map with itself."""
 import torch
 from torch import Tensor
 
-from torch_geometric_tactile.nn.pool._signed_root import signed_root
+# The root of a number near zero has a gradient without bound.
+_FLOOR = 1e-8
 
 
 class BilinearFeature(torch.nn.Module):
@@ -53,7 +54,7 @@ class BilinearFeature(torch.nn.Module):
         Args:
             x (torch.Tensor): Feature maps.
         """
-        root = signed_root(self.products(x))
+        root = self._signed_root(self.products(x))
         return root / torch.linalg.vector_norm(root, dim=(-2, -1), keepdim=True)
 
     def products(self, x: Tensor) -> Tensor:
@@ -70,6 +71,10 @@ class BilinearFeature(torch.nn.Module):
         num_rows, num_columns = x.shape[-2:]
         unit = torch.eye(num_columns, dtype=x.dtype, device=x.device)
         return x.transpose(-2, -1) @ x / num_rows + self.eps * unit
+
+    @staticmethod
+    def _signed_root(phi: Tensor) -> Tensor:
+        return phi.sign() * (phi.abs() + _FLOOR).sqrt()
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(eps={self.eps})"

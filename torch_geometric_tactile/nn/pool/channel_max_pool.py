@@ -3,6 +3,8 @@ r"""The maximum over neighbouring channels."""
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile.nn._sizes import check_sizes
+
 
 class ChannelMaxPool(torch.nn.Module):
     r"""The max pooling over feature channels of the "Tactile Object Property Recognition using
@@ -30,8 +32,7 @@ class ChannelMaxPool(torch.nn.Module):
 
     def __init__(self, kernel_size: int, dim: int = -1) -> None:
         super().__init__()
-        if kernel_size < 1:
-            raise ValueError(f"'kernel_size' must be at least 1 (got {kernel_size})")
+        check_sizes(kernel_size=kernel_size)
         self.kernel_size = kernel_size
         self.dim = dim
 

@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from torch_geometric_tactile._typing import PathLike
+from torch_geometric_tactile.nn._sizes import is_of_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, taxel_clusters
 
 
@@ -77,11 +78,7 @@ class TaxelPool(torch.nn.Module):
             x (torch.Tensor): Features.
         """
         num_taxels = self.num_taxels
-        if (
-            x.dim() not in (2, 3)
-            or x.size(-2) % num_taxels
-            or (x.dim() == 3 and x.size(1) != num_taxels)
-        ):
+        if not is_of_taxels(x, num_taxels):
             raise ValueError(
                 f"'x' must have {num_taxels} taxels, as the layout (got shape {tuple(x.shape)})"
             )

@@ -1,0 +1,70 @@
+r"""What all models share."""
+
+from typing import Any
+
+from torch import Tensor
+from torch.nn import Module
+from torch_geometric.nn.inits import reset
+from torch_geometric.typing import OptTensor
+
+from torch_geometric_tactile.nn.models._hub import TactileHubMixin
+
+
+class BaseModel(Module, TactileHubMixin):
+    r"""A model with the inputs of all models, in their order, that is saved and loaded as all are.
+
+    A subclass defines :meth:`_logits` with the inputs that it takes, or :meth:`forward` if it takes
+    more than all.
+    """
+
+    num_joints: int = 0
+
+    @property
+    def modalities(self) -> tuple[str, ...]:
+        r"""The attributes of a batch that :meth:`forward` needs by keyword, in addition to
+        :obj:`x` and :obj:`edge_index`.
+        """
+        return ("joint",) if self.num_joints else ()
+
+    def reset_parameters(self) -> None:
+        r"""Draws all weights anew."""
+        for child in self.children():
+            reset(child)
+
+    def forward(
+        self,
+        x: Tensor,
+        edge_index: OptTensor = None,
+        edge_attr: OptTensor = None,
+        joint: OptTensor = None,
+        absolute: OptTensor = None,
+        pos: OptTensor = None,
+    ) -> Tensor:
+        r"""Returns the logits :math:`(B, C)`.
+
+        All models take the same arguments in the same order. A model uses :obj:`x`,
+        :obj:`edge_index` if it has a graph, and what its :attr:`modalities` name, and ignores the
+        others.
+
+        Args:
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+                :math:`(B \cdot N, F)`.
+            edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`; models without a
+                graph need none.
+            edge_attr (torch.Tensor, optional): Edge features :math:`(|\mathcal{E}|, D)`,
+                :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch.
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
+            absolute (torch.Tensor, optional): Positions and their distance from the origin, in
+                metres or scaled, in the form of :obj:`x` or :math:`(N, 4)` for all samples.
+            pos (torch.Tensor, optional): Positions in metres or scaled, in the form of :obj:`x` or
+                :math:`(N, 3)` for all samples.
+        """
+        return self._logits(
+            x, edge_index=edge_index, edge_attr=edge_attr, joint=joint, absolute=absolute, pos=pos
+        )
+
+    def _logits(self, x: Tensor, **inputs: Any) -> Tensor:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.extra_repr()})"
