@@ -27,7 +27,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.datasets import AllegroUSkin
-from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._networks import Clock, fit_classifier, warm_up
 from torch_geometric_tactile.sensors import allegro_uskin
 from torch_geometric_tactile.training._predictions import collect_predictions
@@ -199,7 +199,7 @@ def answer(question: Question, root: str, seed: int, stride: int) -> dict[str, A
         frames.parts[question.part],
         split="frame",
         val=0.0,
-        transform=build(config["data"]["transform"]),
+        transform=build_object(config["data"]["transform"]),
         batch_size=config["data"]["batch_size"],
     )
     data.setup()

@@ -11,7 +11,7 @@ import torch
 from moving import motions
 
 from torch_geometric_tactile.data import Recording, StaticDataset, Trials, Windows
-from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._compared_models import MODELS, ComparedTask, chosen_models
 from torch_geometric_tactile.experiments._held_out import choice_parts
 from torch_geometric_tactile.experiments.advice import to_dict
@@ -109,7 +109,7 @@ def test_frames_of_a_window_have_one_scale(tmp_path):
     grown = dataset.data
     ramp, offset = torch.arange(20.0).repeat(2), torch.arange(24.0)[:, None, None]
     grown.x = ramp + offset * torch.ones(24, 12, 1)
-    x = fit_transform(build(task.transform(scaled=True)), grown).x.view(24, 12, 2, 20)
+    x = fit_transform(build_object(task.transform(scaled=True)), grown).x.view(24, 12, 2, 20)
     steps = x[..., 1:] - x[..., :-1]
     assert steps.allclose(steps[0, 0, 0, 0])  # the ramp is one: of every frame it would be gone
     assert steps[0, 0, 0, 0] > 0.05

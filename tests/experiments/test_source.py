@@ -11,7 +11,7 @@ import torch
 from torch_geometric_tactile.data import Protocol, StaticData, StaticDataset
 from torch_geometric_tactile.datasets import AllegroUSkin
 from torch_geometric_tactile.experiments import source as data_source
-from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.sensors import grid
 
@@ -119,9 +119,9 @@ def test_objects_inside_of_objects_are_built():
         "class_path": "torch_geometric.transforms.Compose",
         "init_args": {"transforms": [inner]},
     }
-    assert repr(build(outer).transforms[0]) == "ZScore(attr='joint')"
-    assert build({"a": [1, None, "b"]}) == {"a": [1, None, "b"]}
-    assert np.array_equal(build([1, 2]), [1, 2])
+    assert repr(build_object(outer).transforms[0]) == "ZScore(attr='joint')"
+    assert build_object({"a": [1, None, "b"]}) == {"a": [1, None, "b"]}
+    assert np.array_equal(build_object([1, 2]), [1, 2])
 
 
 def test_windows_are_known_by_the_files_of_their_frames(tmp_path):

@@ -349,13 +349,13 @@ def test_a_state_that_is_no_tensor_is_refused(tmp_path):
 @pytest.mark.parametrize("number", [[0], "3", 1.5, True, -1])
 def test_a_header_with_other_than_numbers_of_channels(path, number):
     preparation, network = content.load(path)
-    header, tensors = content.describe(preparation, network)
+    header, tensors = content.describe_predictor(preparation, network)
     weights = network.model.state_dict()
-    content.build(header, tensors, weights)
+    content.build_predictor(header, tensors, weights)
     with pytest.raises(
         ValueError, match="its 'num_channels' must be a number up to 100000 or null"
     ):
-        content.build({**header, "num_channels": number}, tensors, weights)
+        content.build_predictor({**header, "num_channels": number}, tensors, weights)
 
 
 def test_a_scaler_that_was_never_fitted_is_no_part_of_a_predictor():
@@ -402,8 +402,8 @@ def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
 def test_a_scaler_of_other_joints_than_the_header_says_is_refused():
     scaler = ZScore(attr="joint").fit(StaticData(x=torch.zeros(3, 4, 1), joint=torch.rand(3, 5)))
     predictor = Predictor(Linear(4, 2), grid(2, 2, 0.01), scaler, num_joints=5)
-    header, tensors = content.describe(predictor.preparation, predictor.network)
+    header, tensors = content.describe_predictor(predictor.preparation, predictor.network)
     weights = predictor.model.state_dict()
-    content.build(header, tensors, weights, model=Linear(4, 2))
+    content.build_predictor(header, tensors, weights, model=Linear(4, 2))
     with pytest.raises(ValueError, match=r"fitted on 4 joints, as 'num_joints' says \(got 5\)"):
-        content.build({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))
+        content.build_predictor({**header, "num_joints": 4}, tensors, weights, model=Linear(4, 2))

@@ -200,12 +200,12 @@ def test_bad_recordings():
 @pytest.mark.parametrize("number", [1, 2])
 def test_older_formats_have_neither_window_nor_threshold(number):
     predictor = Predictor(GraspGCN("biotac"), biotac(), transform=KNNGraph(2), threshold=0.4)
-    header, tensors = content.describe(predictor.preparation, predictor.network)
+    header, tensors = content.describe_predictor(predictor.preparation, predictor.network)
     assert (header["format"], header["threshold"]) == (3, 0.4)
     for key in ("threshold", "window", "frame_transform"):
         del header[key]
     header["format"] = number
-    preparation, network = content.build(header, tensors, predictor.model.state_dict())
+    preparation, network = content.build_predictor(header, tensors, predictor.model.state_dict())
     assert (network.threshold, preparation.window) == (None, None)
 
 

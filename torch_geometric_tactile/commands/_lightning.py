@@ -47,7 +47,7 @@ def lightning_verb(
         from torch_geometric_tactile.training import _lightning_cli as lightning_cli
 
         given = ["--help" if argument in FULL_HELP else argument for argument in arguments]
-        lightning_cli.main([name, *given])
+        lightning_cli.run_lightning([name, *given])
         return 0
 
     return run_raw

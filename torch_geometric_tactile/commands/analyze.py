@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     from torch_geometric_tactile._texts import printable
     from torch_geometric_tactile.reports import _analysis as analysis
 
-    page = analysis.main(
+    page = analysis.write_analysis(
         arguments.model,
         arguments.out,
         config=arguments.config,

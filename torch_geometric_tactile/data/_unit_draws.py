@@ -24,7 +24,7 @@ class Classes:
     """
 
     def __init__(self, dataset: Samples, key: str, unit: np.ndarray, by: str) -> None:
-        value = column(dataset, key, f"stratified by '{key}'")
+        value = numbers_of(dataset, key, f"stratified by '{key}'")
         if not np.array_equal(value, np.round(value)):
             raise ValueError(f"'{key}' must hold integers to be stratified by (got {value.dtype})")
         found, of_sample = np.unique(value.astype(np.int64), axis=0, return_inverse=True)
@@ -92,7 +92,7 @@ def _class_names(dataset: Samples, key: str, found: np.ndarray) -> list[str]:
     return [names[i] for i in found]
 
 
-def column(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
+def numbers_of(dataset: Samples, key: str, how: str | None = None) -> np.ndarray:
     r"""Returns an attribute of the samples, or their numbers for :obj:`"frame"`."""
     if key == "frame":
         return np.arange(

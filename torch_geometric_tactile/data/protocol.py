@@ -17,8 +17,8 @@ from torch_geometric_tactile.data._unit_draws import (
     Folds,
     Fractions,
     Samples,
-    column,
     label_classes,
+    numbers_of,
 )
 from torch_geometric_tactile.data.static_dataset import StaticDataset
 
@@ -169,7 +169,7 @@ class Protocol:
     def _num_unit_folds(self, dataset: Samples) -> int:
         if not self.leave_one_out:
             return self.folds or 1
-        units = column(dataset, self.by)
+        units = numbers_of(dataset, self.by)
         count = len(np.unique(units))
         if count < 2:
             raise ValueError(
@@ -198,7 +198,7 @@ class Protocol:
         if self.unseen is not None:
             values = _at_least_two(dataset, self.unseen)
             fold, number = divmod(fold, len(values))
-            held = column(dataset, self.unseen) == values[number]
+            held = numbers_of(dataset, self.unseen) == values[number]
             part = self._parts(dataset, seed, fold)
             # Samples of the held-out units or of the held-out session, but not both, are left out.
             part = np.where((part == _TEST) == held, part, _NONE)
@@ -211,7 +211,7 @@ class Protocol:
         return _split_of(self._parts(dataset, seed, fold))
 
     def _parts(self, dataset: Samples, seed: int, fold: int) -> np.ndarray:
-        names, unit = np.unique(column(dataset, self.by), return_inverse=True)
+        names, unit = np.unique(numbers_of(dataset, self.by), return_inverse=True)
         units = np.arange(len(names))
         if self.stratify == "auto":
             classes = label_classes(dataset, unit, self.by, self.folds or 2 + bool(self.val))
@@ -284,7 +284,7 @@ class Protocol:
 
 
 def _at_least_two(dataset: Samples, key: str) -> np.ndarray:
-    values = np.unique(column(dataset, key))
+    values = np.unique(numbers_of(dataset, key))
     if len(values) < 2:
         raise ValueError(
             f"'dataset' must have at least 2 values of '{key}' to train without one "

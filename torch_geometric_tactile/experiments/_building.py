@@ -39,22 +39,22 @@ def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
             check_arguments(value["class_path"], value.get("init_args") or {})
 
 
-def build(content: Any) -> Any:
+def build_object(content: Any) -> Any:
     r"""Builds what plain data describes: a mapping with :obj:`class_path`, and :obj:`init_args` if
     it has arguments, becomes an object of that class, also inside lists and arguments. Everything
     else stays as it is.
 
     Examples:
-        >>> build({"class_path": "torch_geometric_tactile.transforms.ZScore"})
+        >>> build_object({"class_path": "torch_geometric_tactile.transforms.ZScore"})
         ZScore()
     """
     if isinstance(content, Mapping):
         if "class_path" not in content:
-            return {key: build(value) for key, value in content.items()}
+            return {key: build_object(value) for key, value in content.items()}
         arguments = content.get("init_args") or {}
         check_arguments(content["class_path"], arguments)
-        built = {name: build(value) for name, value in arguments.items()}
+        built = {name: build_object(value) for name, value in arguments.items()}
         return find_class(content["class_path"])(**built)
     if isinstance(content, list | tuple):
-        return [build(value) for value in content]
+        return [build_object(value) for value in content]
     return content

@@ -344,7 +344,7 @@ def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
     r"""Returns models by their names, in the order of all."""
     if names is None:
         return tuple(model for model in MODELS if not model.lacks(task))
-    check_names(names)
+    check_model_names(names)
     for name in names:
         reason = _BY_NAME[name].lacks(task)
         if reason:
@@ -352,7 +352,7 @@ def chosen_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
     return tuple(model for model in MODELS if model.name in names)
 
 
-def check_names(names: Sequence[str]) -> None:
+def check_model_names(names: Sequence[str]) -> None:
     r"""Checks that there are models of some names."""
     unknown = [name for name in names if name not in _BY_NAME]
     if unknown or not names:

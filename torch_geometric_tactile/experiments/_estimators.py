@@ -10,7 +10,7 @@ from sklearn.utils import get_tags
 from torch_geometric.transforms import BaseTransform
 
 from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
-from torch_geometric_tactile.experiments._building import build, find_class
+from torch_geometric_tactile.experiments._building import build_object, find_class
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
 from torch_geometric_tactile.experiments.studies import Trained
 from torch_geometric_tactile.sensors import TaxelLayout
@@ -26,7 +26,7 @@ def fit_estimator(
     val: StaticDataset | None = None,
 ) -> Fitted:
     r"""Fits an estimator and returns what it says of other samples."""
-    transform = build(experiment.transform)
+    transform = build_object(experiment.transform)
     seen = _fitted_samples(transform, train)
     held_out = _fitted_samples(transform, test, adapt=True)
     estimator = seeded_estimator(model, train.layout, experiment.seed)
@@ -69,7 +69,7 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout, seed: int) -
     arguments = dict(model.get("init_args") or {})
     if "layout" in inspect.signature(find_class(model["class_path"])).parameters:
         arguments.setdefault("layout", layout)
-    estimator = build({**model, "init_args": arguments})
+    estimator = build_object({**model, "init_args": arguments})
     parameters = estimator.get_params()
     open_states = [
         name

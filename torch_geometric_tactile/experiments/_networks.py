@@ -21,7 +21,7 @@ from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData, StaticDataset
-from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._experiment import Experiment, Fitted
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments.studies import Study, Trained
@@ -68,7 +68,7 @@ def fit_network(
         test,  # its sessions, if anything is scaled by session, are measured too
         split="frame",
         val_dataset=test[:0] if val is None else val,
-        transform=build(experiment.transform),
+        transform=build_object(experiment.transform),
         batch_size=experiment.batch_size,
     )
     data.setup()

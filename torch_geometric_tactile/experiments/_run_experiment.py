@@ -15,7 +15,7 @@ import torch
 
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
-from torch_geometric_tactile.experiments._building import build
+from torch_geometric_tactile.experiments._building import build_object
 from torch_geometric_tactile.experiments._estimators import fit_estimator
 from torch_geometric_tactile.experiments._experiment import Choice, Experiment, Fitted
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts, column_of
@@ -144,7 +144,7 @@ def _try(experiment: Experiment, choice: Choice, model: Mapping[str, Any], parts
 
 
 def _build_studies(experiment: Experiment) -> list[Study]:
-    studies = [build(content) for content in experiment.studies]
+    studies = [build_object(content) for content in experiment.studies]
     for content, study in zip(experiment.studies, studies, strict=True):
         if not isinstance(study, Study):
             raise ValueError(f"'studies' must hold studies (got '{content.get('class_path')}')")

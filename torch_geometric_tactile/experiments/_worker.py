@@ -135,7 +135,7 @@ def _end_with(parent: int | None) -> None:
     _end_with.watching = True  # type: ignore[attr-defined]
 
 
-def main() -> None:
+def run_worker() -> None:
     r"""Serves :func:`run_in_process`."""
     lines: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_read, args=(lines.put,), daemon=True).start()
@@ -162,4 +162,4 @@ def _read(put: Callable[[bytes], None]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_worker()

@@ -12,7 +12,7 @@ from torch_geometric_tactile.experiments._compared_models import (
     FLOOR,
     ComparedModel,
     ComparedTask,
-    check_names,
+    check_model_names,
     chosen_models,
     model_of,
 )
@@ -72,7 +72,7 @@ class ComparisonSettings:
 
     def __post_init__(self) -> None:
         if self.models is not None:
-            check_names(self.models)
+            check_model_names(self.models)
         if self.by not in (None, *_UNITS):
             raise ValueError(f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):

@@ -15,7 +15,11 @@ from torch_geometric_tactile._files import file_sha256
 from torch_geometric_tactile._texts import printable, read_json
 from torch_geometric_tactile.data import Protocol, StaticDataset
 from torch_geometric_tactile.data._frame_view import FrameView
-from torch_geometric_tactile.experiments._building import argument_names, build, check_arguments
+from torch_geometric_tactile.experiments._building import (
+    argument_names,
+    build_object,
+    check_arguments,
+)
 
 _SIMULATION = "simulation.json"
 _PLACES = ("root", "path")  # of files, whose content is the fingerprint
@@ -104,7 +108,9 @@ class DataSource:
         return dataset[train], dataset[test]
 
     def _build(self, arguments: Mapping[str, Any]) -> StaticDataset:
-        dataset: StaticDataset = build({"class_path": self.class_path, "init_args": arguments})
+        dataset: StaticDataset = build_object(
+            {"class_path": self.class_path, "init_args": arguments}
+        )
         return dataset
 
     def _chosen(self, dataset: StaticDataset) -> Tensor:

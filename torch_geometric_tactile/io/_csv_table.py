@@ -58,7 +58,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                         f"'{path}', line {last} must not be empty: delete it, or write the "
                         "commas of a frame without readings if one is missing there"
                     )
-                if len(row) == 1 and not is_number(row[0]) and _SEPARATOR.search(row[0]):
+                if len(row) == 1 and not is_number_cell(row[0]) and _SEPARATOR.search(row[0]):
                     raise ValueError(
                         f"'{path}', line {last} must have cells that are separated by commas (got "
                         f"{quoted(row[0])})"
@@ -144,7 +144,7 @@ def csv_numbers(
     return numbers
 
 
-def is_number(cell: str) -> bool:
+def is_number_cell(cell: str) -> bool:
     r"""Tells whether a cell holds a number, or nothing."""
     if not cell.isascii() or "_" in cell:
         return False
@@ -158,7 +158,7 @@ def is_number(cell: str) -> bool:
 def _number(path: Path, line: int, column: int, cell: str, name: str) -> float:
     if not cell.strip():
         return math.nan
-    if is_number(cell):
+    if is_number_cell(cell):
         return float(cell)
     raise _no_number(path, line, column, cell, name)
 
@@ -174,7 +174,7 @@ def has_names(row: Sequence[str]) -> bool:
     r"""Tells whether a line is a header: if most of its cells are no numbers. One wrong cell does
     not make a line of numbers a header.
     """
-    return sum(not is_number(cell) for cell in row) > len(row) / 2
+    return sum(not is_number_cell(cell) for cell in row) > len(row) / 2
 
 
 def is_counted(row: Sequence[str]) -> bool:

@@ -78,7 +78,7 @@ def check_storage(path: Path, dataset: Any, name: str) -> None:
             )
 
 
-def check_sizes(
+def check_dataset_sizes(
     path: Path, datasets: dict[str, Any], num_frames: int, max_bytes: int | None
 ) -> int:
     r"""Checks that frames were written and that there is a limit to what they take in memory, and

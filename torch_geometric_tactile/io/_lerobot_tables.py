@@ -159,7 +159,7 @@ def _check_size(path: Path, size: int, allow_large: bool) -> None:
         )
 
 
-def write_table(table: Any, path: Path) -> None:
+def write_parquet(table: Any, path: Path) -> None:
     r"""Writes a Parquet file with checksums."""
     with atomic_path(path) as temporary:
         require_pyarrow().parquet.write_table(
@@ -167,7 +167,7 @@ def write_table(table: Any, path: Path) -> None:
         )
 
 
-def column(values: np.ndarray) -> Any:
+def arrow_column(values: np.ndarray) -> Any:
     r"""Returns the column of a feature as LeRobot has it: one value a step is no list.
 
     Shapes:

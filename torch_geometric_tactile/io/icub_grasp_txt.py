@@ -9,7 +9,7 @@ import numpy as np
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
-from torch_geometric_tactile.io._csv_table import is_number
+from torch_geometric_tactile.io._csv_table import is_number_cell
 
 _ICUB_FINGERS = ("thumb", "index", "middle", "ring", "little")
 _NUM_ENCODERS = 9
@@ -77,7 +77,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
     path = existing_file(path, "put the file of the iCub Grasp data set there")
     lines = _lines(path)
     _, first = next(lines, (0, ""))
-    if not is_number(first) or not first.strip() or float(first) != _HEAD:
+    if not is_number_cell(first) or not first.strip() or float(first) != _HEAD:
         raise ValueError(f"'{path}', line 1 must be -10000 (got {quoted(first)})")
     columns: list[list[np.ndarray]] = [[] for _ in _LINES]
     for i, (line, text) in enumerate(lines):
@@ -121,7 +121,7 @@ def _numbers(text: str, where: str, what: str, count: int) -> np.ndarray:
     if len(cells) != count:
         raise ValueError(f"{where} must hold {count} numbers, {what} (got {len(cells)})")
     for cell in cells:
-        if not is_number(cell) or not abs(float(cell)) < float("inf"):
+        if not is_number_cell(cell) or not abs(float(cell)) < float("inf"):
             raise ValueError(f"{where}: {what} must be finite numbers (got {quoted(cell)})")
     return np.array([float(cell) for cell in cells])
 

@@ -48,10 +48,10 @@ from torch_geometric_tactile.io._lerobot_steps import (
     touch_features,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
-    column,
+    arrow_column,
     require_pyarrow,
     schema_metadata,
-    write_table,
+    write_parquet,
 )
 
 _CODEBASE_VERSION = "v3.0"
@@ -132,16 +132,16 @@ def write_lerobot(
                 "index": np.arange(total, total + length),
                 "task_index": np.full(length, tasks.index(names[index])),
             }
-            tables.append(pa.table({name: column(columns[name]) for name in features}))
+            tables.append(pa.table({name: arrow_column(columns[name]) for name in features}))
             stats.append({name: feature_stats(columns[name]) for name in features})
             episodes.append(_episode(index, names[index], total, length, place, stats[-1]))
             total += length
         table = pa.concat_tables(tables).replace_schema_metadata(schema_metadata(features))
-        write_table(table, root / "data" / _PATH.format(**place))
+        write_parquet(table, root / "data" / _PATH.format(**place))
     table = pa.Table.from_pylist(episodes)
     first = {"chunk_index": 0, "file_index": 0}
-    write_table(table, root / "meta" / "episodes" / _PATH.format(**first))
-    write_table(_task_table(pa, tasks), root / "meta" / "tasks.parquet")
+    write_parquet(table, root / "meta" / "episodes" / _PATH.format(**first))
+    write_parquet(_task_table(pa, tasks), root / "meta" / "tasks.parquet")
     write_json(root / "meta/stats.json", stats_lists(joined_stats(stats)), allow_nan=False)
     lengths = [episode["length"] for episode in episodes]
     own = own_content(recordings, lengths, names, rows)

@@ -37,12 +37,12 @@ from torch_geometric_tactile.io._lerobot_steps import (
     touch_features,
 )
 from torch_geometric_tactile.io._lerobot_tables import (
-    column,
+    arrow_column,
     read_numbers,
     read_whole,
     require_pyarrow,
     schema_metadata,
-    write_table,
+    write_parquet,
 )
 
 
@@ -127,11 +127,13 @@ def add_to_lerobot(
                 parts.append(touch_columns(shifted[number], steps, info["fps"], rows))
                 stats[number] = {name: feature_stats(parts[-1][name]) for name in features}
             for name in features:
-                table = table.append_column(name, column(np.concatenate([p[name] for p in parts])))
+                table = table.append_column(
+                    name, arrow_column(np.concatenate([p[name] for p in parts]))
+                )
             metadata = table.schema.metadata or {}
             if b"huggingface" in metadata:
                 table = table.replace_schema_metadata(schema_metadata(features, metadata))
-            write_table(table, path)
+            write_parquet(table, path)
         _add_stats(copy, stats)
         lengths, tasks = [len(e.steps) for e in episodes], [e.task for e in episodes]
         own = own_content(recordings, lengths, tasks, rows)
@@ -175,7 +177,7 @@ def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
             for key in part:
                 values = [stats[number][name][key].tolist() for number in numbers]
                 table = table.append_column(f"stats/{name}/{key}", pa.array(values))
-        write_table(table, path)
+        write_parquet(table, path)
     path = root / "meta/stats.json"
     content = read_object(path) if path.is_file() else {}
     joined = joined_stats([stats[number] for number in sorted(stats)])

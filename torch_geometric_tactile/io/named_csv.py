@@ -23,7 +23,7 @@ from torch_geometric_tactile.io._csv_table import (
     csv_names,
     csv_rows,
     is_counted,
-    is_number,
+    is_number_cell,
     placed,
     refuse_counted,
     refuse_index,
@@ -161,7 +161,7 @@ def _columns(
     refuse_index(path, names, ignore)
     if tactile is None:
         refuse_counted(path, names, "or say which of them are readings with tactile=['0', ...]")
-    if all(map(is_number, names)) and not is_counted(names):
+    if all(map(is_number_cell, names)) and not is_counted(names):
         raise _no_name(path, 0, names[0])
     place = placed(path, names, dict(enumerate(names)))
 
@@ -236,7 +236,7 @@ def _unit(name: str, given: str | None) -> str:
 
 def _check_readings(path: Path, columns: Sequence[tuple[int, str]]) -> None:
     for column, name in columns:
-        if is_number(name) or name.lower() in _MISSING:
+        if is_number_cell(name) or name.lower() in _MISSING:
             raise _no_name(path, column, name)
         if time_unit_of(name) or is_clock(name):
             raise ValueError(

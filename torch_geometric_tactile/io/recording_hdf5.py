@@ -32,8 +32,8 @@ from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._hdf5_checks import (
+    check_dataset_sizes,
     check_format,
-    check_sizes,
     checked_dataset,
     checked_datasets,
     hdf5_file,
@@ -278,7 +278,7 @@ def _checked(path: Path, file: Any) -> _Content:
 def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
     num_frames, datasets, checksums = content.num_frames, content.datasets, content.checksums
     sized = datasets if checksums is None else {**datasets, _FRAMES: checksums}
-    limit = check_sizes(path, sized, num_frames, max_bytes)
+    limit = check_dataset_sizes(path, sized, num_frames, max_bytes)
     stored = {name: read_rows(dataset, num_frames, limit) for name, dataset in datasets.items()}
     if checksums is not None:
         _check_frames(path, stored, checksums[:num_frames])

@@ -8,16 +8,10 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile.data import StaticData
+from torch_geometric_tactile.nn.models._inputs import needed_inputs
 
 TASKS = ("multiclass", "multilabel", "regression")
 Task = Literal["multiclass", "multilabel", "regression"]
-
-# What gives a sample the attributes that models ask for.
-_SOURCES = {
-    "edge_index": "give 'adjacency', or add KNNGraph() to the transform",
-    "edge_attr": "add GeometricEdgeAttr() to the transform",
-    "absolute": "add AbsoluteMorphology() to the transform",
-}
 
 
 class Network:
@@ -66,13 +60,8 @@ class Network:
         """
         if self.model.training:
             self.model.eval()
-        inputs = {name: getattr(data, name, None) for name in self.modalities}
-        lacking = [name for name, value in inputs.items() if value is None]
-        if data.edge_index is None and getattr(self.model, "needs_edges", False):
-            lacking.insert(0, "edge_index")
-        if lacking:
-            source = _SOURCES.get(lacking[0], "add a transform that sets it")
-            raise ValueError(f"the model needs '{lacking[0]}' (got none): {source}")
+        edges = "give 'adjacency', or add KNNGraph() to the transform"
+        inputs = needed_inputs(self.model, data, lambda: "got none", edge_index=edges)
         out: Tensor = self.model(data.x, data.edge_index, **inputs)
         return out
 

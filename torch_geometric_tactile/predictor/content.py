@@ -32,7 +32,7 @@ _WEIGHT = "model."
 _logger = logging.getLogger(__name__)
 
 
-def describe(
+def describe_predictor(
     preparation: Preparation, network: Network
 ) -> tuple[dict[str, Any], dict[str, Tensor]]:
     r"""Returns the header of a predictor, JSON values, and its tensors without the weights."""
@@ -88,7 +88,7 @@ def checkpoint_entry(
     """
     preparation = Preparation.of_dataset(dataset, transform)
     network = Network(model, dataset.class_names, task, threshold)
-    header, tensors = describe(preparation, network)
+    header, tensors = describe_predictor(preparation, network)
     # Copies: a view would drag its whole storage into the checkpoint.
     return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
 
@@ -141,7 +141,7 @@ def build_model(
     return Builder(layout, {**entry["tensors"], **weights}).model(entry["description"], model)
 
 
-def build(
+def build_predictor(
     header: Mapping[str, Any],
     tensors: Mapping[str, Tensor],
     weights: Mapping[str, Tensor],
@@ -206,7 +206,7 @@ def build(
 
 def save(preparation: Preparation, network: Network, path: PathLike) -> None:
     r"""Writes a predictor to a file, whole or not at all."""
-    header, tensors = describe(preparation, network)
+    header, tensors = describe_predictor(preparation, network)
     for name, value in network.model.state_dict().items():
         if not isinstance(value, Tensor):
             raise ValueError(
@@ -238,7 +238,7 @@ def load(
         if not has_checksum:
             _logger.warning("'%s' has no checksum: save it again with this version", path)
         own = {name: t for name, t in tensors.items() if not name.startswith(_WEIGHT)}
-        return build(header, own, _weights(tensors), model, transforms)
+        return build_predictor(header, own, _weights(tensors), model, transforms)
 
 
 def load_checkpoint(
@@ -256,7 +256,7 @@ def load_checkpoint(
                 "TactileDataModule; train again, or build one with Predictor.from_dataset"
             )
         weights = _weights(content["state_dict"])
-        return build(entry["header"], entry["tensors"], weights, model, transforms)
+        return build_predictor(entry["header"], entry["tensors"], weights, model, transforms)
 
 
 def _weights(tensors: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from torch_geometric_tactile.reports._analysis_sections import Section, Subject
 from torch_geometric_tactile.reports._run_data import load_data, open_predictor, test_part
 
 
-def main(
+def write_analysis(
     model: PathLike,
     out: PathLike,
     *,

@@ -23,7 +23,7 @@ SUMMARY = "simulation.json"
 _Report = TypeVar("_Report")
 
 
-class Trial(ABC, Generic[_Report]):
+class SimulatedTrial(ABC, Generic[_Report]):
     r"""A trial to simulate: all that decides its bits, and its file."""
 
     @property
@@ -59,7 +59,7 @@ def require_simulator(what: str) -> None:
 
 
 def run_trials(
-    trials: Sequence[Trial[_Report]],
+    trials: Sequence[SimulatedTrial[_Report]],
     out: Path,
     jobs: int,
     sum_up: Callable[[list[_Report]], dict[str, Any]] | None = None,
@@ -89,7 +89,7 @@ def run_trials(
         write_summary(out, sum_up(reports))
 
 
-def _simulated(trial: Trial[_Report], parent: int) -> _Report:
+def _simulated(trial: SimulatedTrial[_Report], parent: int) -> _Report:
     # A worker whose run was killed would go on with what was dispatched.
     if parent not in (os.getpid(), os.getppid()):
         os._exit(1)

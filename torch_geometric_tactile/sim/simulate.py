@@ -20,7 +20,7 @@ from torch_geometric_tactile.io import write_hdf5
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_layout
 from torch_geometric_tactile.sim._presets import PRESETS, Preset, TrialReport
 from torch_geometric_tactile.sim._trial_files import (
-    Trial,
+    SimulatedTrial,
     check_run,
     kept_meta,
     require_simulator,
@@ -44,7 +44,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class _Trial(Trial[TrialReport]):
+class _Trial(SimulatedTrial[TrialReport]):
     out: str
     hand: str
     object_set: str

@@ -25,7 +25,7 @@ from torch_geometric_tactile.sim._bigs_times import (
     NUM_SESSIONS,
 )
 from torch_geometric_tactile.sim._trial_files import (
-    Trial,
+    SimulatedTrial,
     check_run,
     kept_meta,
     require_simulator,
@@ -78,7 +78,7 @@ class BigsReport(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Trial(Trial[BigsReport]):
+class _Trial(SimulatedTrial[BigsReport]):
     out: str
     trial: int
     seed: int

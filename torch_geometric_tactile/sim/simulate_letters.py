@@ -18,7 +18,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 from torch_geometric_tactile.sim._trial_files import (
     SUMMARY,
-    Trial,
+    SimulatedTrial,
     check_run,
     run_trials,
     write_summary,
@@ -53,7 +53,7 @@ class LetterReport(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Block(Trial[LetterReport]):
+class _Block(SimulatedTrial[LetterReport]):
     out: str
     letter: str
     first: int

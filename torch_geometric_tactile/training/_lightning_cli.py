@@ -250,7 +250,7 @@ def _build_data(given: GivenArguments) -> TactileDataModule:
     return parser.instantiate_classes(parsed).data
 
 
-def main(args: Sequence[str]) -> None:
+def run_lightning(args: Sequence[str]) -> None:
     r"""Runs a subcommand."""
     own_modules()
     args, folder = _output_folder(args)

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch_geometric.transforms import BaseTransform, Compose
 
 from torch_geometric_tactile.data import Protocol, Split, StaticData, StaticDataset
-from torch_geometric_tactile.data._batches import check_names
+from torch_geometric_tactile.data._batches import check_same_names
 from torch_geometric_tactile.data._transform_rules import flat
 from torch_geometric_tactile.loader import DistributedBlockSampler, StaticLoader
 from torch_geometric_tactile.loader._memory_limit import exceeds_memory
@@ -123,7 +123,7 @@ class TactileDataModule(L.LightningDataModule):
                     f"(got '{other.layout.name}')"
                 )
             keys = ("y", *(part.key or "" for part in fitted_parts(transform)))
-            check_names(dataset, other, keys, f"'{name}_dataset'")
+            check_same_names(dataset, other, keys, f"'{name}_dataset'")
         self.dataset = dataset
         self.val_dataset = val_dataset
         self.test_dataset = test_dataset
