@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torch_geometric_tactile.experiments import Difference, Judgement, paired_difference
+from torch_geometric_tactile.experiments import Difference, Predictions, paired_difference
 
 METRICS = {"shape": "accuracy", "width": "mae"}
 OVERLAP = {"trial": 1 / 4, "placement": 1 / 2, "size": 0.0}  # test samples by training samples
@@ -69,12 +69,12 @@ def of_other_hand(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return {"trained on": mean_and_sd(values), **out}
 
 
-def judgements(runs: list[dict[str, Any]], key: str = "test") -> list[Judgement]:
+def predictions(runs: list[dict[str, Any]], key: str = "test") -> list[Predictions]:
     """What the runs said, as the package compares it."""
     out = []
     for run in runs:
         said, y = np.asarray(run["answers"][key]), np.asarray(run["y"])
-        out.append(Judgement(said, said, y, trial=np.asarray(run["names"])))
+        out.append(Predictions(said, said, y, trial=np.asarray(run["names"])))
     return out
 
 
@@ -85,7 +85,7 @@ def difference(
     task, folds = a[0]["task"], {run["fold"] for run in a} & {run["fold"] for run in b}
     parts = [[run for run in runs if run["fold"] in folds] for runs in (a, b)]
     found: Difference = paired_difference(
-        judgements(parts[0], key), judgements(parts[1], key), METRICS[task], OVERLAP[a[0]["by"]]
+        predictions(parts[0], key), predictions(parts[1], key), METRICS[task], OVERLAP[a[0]["by"]]
     )
     scale = 100 if task == "shape" else 1
     return {

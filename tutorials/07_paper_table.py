@@ -99,7 +99,7 @@ for row, experiments in ROWS.items():
 from torch.nn.functional import cross_entropy
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments import Judgement
+from torch_geometric_tactile.experiments import Predictions
 from torch_geometric_tactile.nn import MTGCN, TactileFNN, TactileGCN
 from torch_geometric_tactile.transforms import ZScore
 
@@ -143,7 +143,7 @@ for seed in range(3):
         said = fit_predict(make(), scaled, train, test, uses_edges="E" in name)
         accuracy[name].append(100 * float((said == data.group[test]).float().mean()))
         said, y, trial = (values.numpy() for values in (said, data.group[test], data.trial[test]))
-        judged[name].append(Judgement(said, said, y, trial=trial))
+        judged[name].append(Predictions(said, said, y, trial=trial))
 print(f"{len(train)} frames to train, {len(test)} to test")
 for name, values in accuracy.items():
     print(f"{name:14} {np.mean(values):.1f} ± {np.std(values, ddof=1):.1f} %")

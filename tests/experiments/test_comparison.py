@@ -19,7 +19,7 @@ from torch_geometric_tactile.experiments.comparison import (
     comparison_plan,
     summarize,
 )
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun, _estimate_seconds
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.reports._compare import (
@@ -47,14 +47,14 @@ def made_up(plan, parts, failed=(), sizes={}):  # noqa: B006
         right = parts[experiment.name][experiment.fold] * len(y)
         prediction = np.where(np.arange(len(y)) < round(right), y, (y + 1) % 3)
         index = np.asarray(test.indices())
-        judgement = Judgement(prediction, prediction, y, None, test.data.trial.numpy(), index)
+        predicted = Predictions(prediction, prediction, y, None, test.data.trial.numpy(), index)
         accuracy = float((prediction == y).mean())
         results.append(
             (
                 experiment,
                 {
                     "metrics": {"accuracy": accuracy, "balanced_accuracy": accuracy, "f1": 0.5},
-                    "predictions": judgement.to_dict(),
+                    "predictions": predicted.to_dict(),
                     "num_parameters": sizes.get(experiment.name, 10),
                     "choose_seconds": 2.0,
                     "train_seconds": 1.0,

@@ -8,7 +8,7 @@ import numpy as np
 
 from torch_geometric_tactile.experiments._scores import prediction_scores, sample_scores
 from torch_geometric_tactile.experiments.differences import Difference, paired_difference
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 
 Y = np.array([0, 0, 1, 1])
 
@@ -17,7 +17,7 @@ def said(*hits, y=Y, trial=(0, 0, 1, 1), index=None):
     hit = np.array(hits, dtype=bool)
     prediction = np.where(hit, y, 1 - y)
     trial = None if trial is None else np.array(trial)
-    return Judgement(prediction, prediction, y, trial=trial, index=index)
+    return Predictions(prediction, prediction, y, trial=trial, index=index)
 
 
 def test_difference_by_hand():
@@ -74,7 +74,7 @@ def test_overlap_of_training_parts_by_hand():
     first = [
         said(*hit, trial=[4 * i, 4 * i + 1, 4 * i + 2, 4 * i + 3]) for i, hit in enumerate(hits)
     ]
-    second = [said(0, 0, 0, 0, trial=judgement.trial) for judgement in first]
+    second = [said(0, 0, 0, 0, trial=predicted.trial) for predicted in first]
     apart, found = (paired_difference(first, second, "accuracy", o) for o in (0.0, 0.5))
     assert apart.over_splits == pytest.approx(0.25 / math.sqrt(3))  # 0.1443
     assert found.over_splits == pytest.approx(0.25 * math.sqrt(1 / 3 + 1 / 2))  # 0.2282

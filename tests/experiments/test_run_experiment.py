@@ -9,7 +9,7 @@ from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import FakeTactileDataset
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.source import DataSource
 from torch_geometric_tactile.training import TactileClassifier
 from torch_geometric_tactile.training.config import load_config
@@ -34,7 +34,7 @@ def generated(model, protocol=Protocol("given"), split="all", **changes):  # noq
 
 
 def judged(experiment):
-    return Judgement.from_dict(run_experiment(experiment)["predictions"])
+    return Predictions.from_dict(run_experiment(experiment)["predictions"])
 
 
 def test_experiment_is_trained_and_tested(of_grasps):
@@ -48,9 +48,9 @@ def test_experiment_is_trained_and_tested(of_grasps):
     assert result["num_parameters"] == 4_463_987
     assert 40 < result["peak_memory_mb"] < 400  # parameters, gradients and Adam's state are 72
     assert result["frames_per_second"] == pytest.approx(24 * 20 / result["train_seconds"])
-    judgement = Judgement.from_dict(result["predictions"])
-    assert judgement.score.shape == (12, 3)
-    assert judgement.metrics()["accuracy"] == result["metrics"]["accuracy"]
+    predicted = Predictions.from_dict(result["predictions"])
+    assert predicted.score.shape == (12, 3)
+    assert predicted.metrics()["accuracy"] == result["metrics"]["accuracy"]
     again = run_experiment(experiment)
     assert again["metrics"] == result["metrics"]
     assert again["predictions"] == result["predictions"]
@@ -69,22 +69,22 @@ def test_properties_have_named_labels(of_grasps):
     assert "label_accuracy_5" in result["metrics"]
     assert result["num_train"] + result["num_test"] < 24
     assert result["peak_memory_mb"] is None  # it was not asked for
-    judgement = Judgement.from_dict(result["predictions"])
+    predicted = Predictions.from_dict(result["predictions"])
     for name, value in result["metrics"].items():
         if value is not None:
-            assert judgement.metrics()[name] == pytest.approx(value, abs=1e-6)
+            assert predicted.metrics()[name] == pytest.approx(value, abs=1e-6)
 
 
 @pytest.mark.parametrize("model", [SVM, MAJORITY, FOREST])
 def test_scikit_learn_is_judged_on_the_given_part(model):
-    judgement = judged(generated(model))
+    predicted = judged(generated(model))
     test = FakeTactileDataset(60, "test")
-    assert np.array_equal(judgement.y, test.data.y.numpy())
-    assert set(judgement.session) == {3, 4, 5}
+    assert np.array_equal(predicted.y, test.data.y.numpy())
+    assert set(predicted.session) == {3, 4, 5}
     if model is MAJORITY:
-        assert len(set(judgement.prediction)) == 1
+        assert len(set(predicted.prediction)) == 1
     else:
-        assert judgement.metrics()["accuracy"] > 0.5
+        assert predicted.metrics()["accuracy"] > 0.5
 
 
 def test_seed_is_that_of_scikit_learn():

@@ -17,7 +17,7 @@ from torch_geometric_tactile.experiments._experiment import Choice, Experiment
 from torch_geometric_tactile.experiments._networks import TargetScale
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
 from torch_geometric_tactile.experiments._worker import run_here
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 
 FOREST = {
     "class_path": "torch_geometric_tactile.baselines.flat_forest",
@@ -83,7 +83,7 @@ def test_networks_are_averaged(tmp_path, monkeypatch):
     result = run_experiment(replace(one, choice=Choice(members=3), seed=1))
     assert seeds == [1, 1001, 2001]
     mean = sum(part.probability for part in said) / 3
-    found = Judgement.from_dict(result["predictions"]).prediction
+    found = Predictions.from_dict(result["predictions"]).prediction
     assert found.tolist() == mean.argmax(dim=1).tolist()
     assert not torch.equal(said[0].probability, said[1].probability)
     assert result["num_parameters"] == 3 * (12 * 8 + 8 + 8 * 3 + 3)
@@ -216,5 +216,5 @@ def test_estimators_see_the_transform_of_the_data_set(tmp_path, chosen):
     source = experiment(tmp_path / "a.npz").data.with_arguments(changes)
     choice = {} if chosen else {"choice": None}
     result = run_experiment(experiment(tmp_path / "a.npz", data=source.resolve()[0], **choice))
-    prediction = Judgement.from_dict(result["predictions"]).prediction
+    prediction = Predictions.from_dict(result["predictions"]).prediction
     assert len(set(prediction.tolist())) == 1  # nothing is left to tell samples apart

@@ -4,13 +4,13 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.experiments._sample_draws import Draws
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 
 
 def judged(right):
     right = np.asarray(right)
     y = np.zeros(len(right), dtype=np.int64)
-    return Judgement(score=np.zeros((len(right), 3)), prediction=(~right).astype(np.int64), y=y)
+    return Predictions(score=np.zeros((len(right), 3)), prediction=(~right).astype(np.int64), y=y)
 
 
 def test_paper_draws_1500_of_2500():
@@ -51,8 +51,8 @@ def test_labels_are_right_if_all_are():
     y = np.array([[0, 1], [1, 1], [0, 0], [1, 0]])
     prediction = y.copy()
     prediction[0, 0] = 1
-    judgement = Judgement(score=y.astype(float), prediction=prediction, y=y)
-    assert Draws(count=3, part=0.99).accuracies(judgement).tolist() == [0.75] * 3
+    predicted = Predictions(score=y.astype(float), prediction=prediction, y=y)
+    assert Draws(count=3, part=0.99).accuracies(predicted).tolist() == [0.75] * 3
 
 
 def test_one_sample_is_drawn_of_very_few():

@@ -123,7 +123,7 @@ def test_nothing_is_left_of_a_copy_that_fails(source, tmp_path, monkeypatch):
     def full(*arguments):
         raise OSError("disk full")
 
-    monkeypatch.setattr(lerobot_touch, "write_table", full)
+    monkeypatch.setattr(lerobot_touch, "write_parquet", full)
     with pytest.raises(OSError, match="disk full"):
         add_to_lerobot(source, [skin(170, 150, 2), skin(95, 150, 3)], tmp_path / "new")
     assert {path.name for path in tmp_path.iterdir()} == {"arm"}

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
 from torch_geometric_tactile.data import Protocol
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.papers._grasp_numbers import grasp_differences
 
@@ -17,7 +17,7 @@ Y = np.array([0, 1, 0, 1])
 
 def result(right, index):
     prediction = np.where(right, Y, 1 - Y)
-    said = Judgement(score=prediction.astype(float), prediction=prediction, y=Y, index=index)
+    said = Predictions(score=prediction.astype(float), prediction=prediction, y=Y, index=index)
     return {"predictions": said.to_dict(), "num_train": 8, "num_test": 4}
 
 

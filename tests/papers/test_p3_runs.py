@@ -14,8 +14,8 @@ import yaml
 from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Trials
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
-from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Settings, make_plan
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import run_plan
 from torch_geometric_tactile.experiments.tables import Ordering
 from torch_geometric_tactile.papers import load_table
@@ -95,15 +95,15 @@ def test_threshold_is_chosen_on_a_part_of_the_training(root):
     assert experiment.threshold == "balanced_accuracy"
     assert "threshold" not in experiment.model
     assert 0 <= result["threshold"] <= 1
-    judgement = Judgement.from_dict(result["predictions"])
-    assert ((judgement.score[:, 1] > result["threshold"]) == judgement.prediction).all()
-    assert set(judgement.trial) <= set(range(24))
+    predicted = Predictions.from_dict(result["predictions"])
+    assert ((predicted.score[:, 1] > result["threshold"]) == predicted.prediction).all()
+    assert set(predicted.trial) <= set(range(24))
     plain = results["svm_f"][1]
     chosen = results["svm_f_threshold"][1]
     assert "threshold" not in plain
     assert chosen["num_train"] < plain["num_train"]
-    judgement = Judgement.from_dict(chosen["predictions"])
-    assert ((judgement.score > chosen["threshold"]) == judgement.prediction).all()
+    predicted = Predictions.from_dict(chosen["predictions"])
+    assert ((predicted.score > chosen["threshold"]) == predicted.prediction).all()
     assert results["svm_f"][0].code != results["svm_f_threshold"][0].code
     assert "threshold" not in results["svm_f"][0].identity()
 

@@ -12,7 +12,7 @@ from torch_geometric_tactile.cli import main
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.experiments._building import check_arguments
 from torch_geometric_tactile.experiments._sample_draws import Draws
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.io import write_recording
 from torch_geometric_tactile.nn.models import MSCNN, TactileFNN, TaxelNet
@@ -179,8 +179,8 @@ def test_table_is_trained_goes_on_and_tells_of_draws(squeezes, tmp_path, capsys)
     mine = {(r["source"], r["metric"]): float(r["mean"]) for r in rows if r["experiment"] == "fnn"}
     (path,) = (tmp_path / "runs").glob("fnn_*.json")
     result = json.loads(path.read_text())["result"]
-    judgement = Judgement.from_dict(result["predictions"])
-    expected = Draws().metrics(judgement)
+    predicted = Predictions.from_dict(result["predictions"])
+    expected = Draws().metrics(predicted)
     assert mine["by trial", "draws_accuracy"] == pytest.approx(100 * expected["draws_accuracy"])
     assert mine["by trial", "draws_variance"] == pytest.approx(1e4 * expected["draws_variance"])
     printed = next(r for r in rows if r["experiment"] == "one_i" and r["source"] == "published")

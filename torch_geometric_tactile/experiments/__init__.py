@@ -16,8 +16,8 @@ from torch_geometric_tactile.experiments.differences import (
     paired_difference,
     run_difference,
 )
-from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Plan, Settings, make_plan
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun, Workers, run_plan
 from torch_geometric_tactile.experiments.source import DataFacts, DataSource
 from torch_geometric_tactile.experiments.studies import Confusion, Study, Trained
@@ -40,11 +40,11 @@ __all__ = [
     "DataSource",
     "Difference",
     "FrameCut",
-    "Judgement",
     "ModelResult",
     "Ordering",
     "Plan",
     "PlanRun",
+    "Predictions",
     "Settings",
     "Study",
     "Summary",

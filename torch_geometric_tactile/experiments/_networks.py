@@ -27,7 +27,7 @@ from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments.studies import Study, Trained
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.training._collected_metrics import predicted_classes
-from torch_geometric_tactile.training._predictions import Predictions, collect_predictions
+from torch_geometric_tactile.training._predictions import Outputs, collect_predictions
 from torch_geometric_tactile.training._threshold import choose_threshold
 from torch_geometric_tactile.training.checkpoint import AtomicCheckpointIO
 from torch_geometric_tactile.training.data_module import TactileDataModule
@@ -121,7 +121,7 @@ def fit_network(
 
 
 def _answers(
-    said: Sequence[Predictions], classifier: TactileClassifier, scale: "TargetScale | None"
+    said: Sequence[Outputs], classifier: TactileClassifier, scale: "TargetScale | None"
 ) -> tuple[np.ndarray, np.ndarray]:
     # What several networks say on average: the scores, and what is predicted by them.
     if scale is not None:
@@ -135,7 +135,7 @@ def _answers(
     return probability.numpy(), predicted.numpy()
 
 
-def _loss(said: Predictions) -> float:
+def _loss(said: Outputs) -> float:
     return float(F.cross_entropy(said.logits, said.y))
 
 

@@ -21,7 +21,7 @@ from torch_geometric_tactile.experiments._experiment import Choice, Experiment, 
 from torch_geometric_tactile.experiments._held_out import Parts, choice_parts, column_of
 from torch_geometric_tactile.experiments._networks import fit_network
 from torch_geometric_tactile.experiments._scores import prediction_scores
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.studies import Study, Trained
 from torch_geometric_tactile.training._config_files import merged
 from torch_geometric_tactile.training.metrics import classification_metrics
@@ -79,9 +79,9 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
         train, test = experiment.data.parts(experiment.protocol, experiment.seed, experiment.fold)
     studies = _build_studies(experiment)
     fitted = fit(experiment, model, train, test, val, checkpoint, studies)
-    judgement = _judge(experiment, fitted, test)
+    predicted = _judge(experiment, fitted, test)
     return {
-        "metrics": _metrics(experiment, fitted, judgement),
+        "metrics": _metrics(experiment, fitted, predicted),
         **({} if fitted.threshold is None else {"threshold": fitted.threshold}),
         **({"studies": _measure(studies, fitted.trained)} if studies else {}),
         "label_names": fitted.label_names,
@@ -92,7 +92,7 @@ def _run(experiment: Experiment, checkpoint: PathLike | None) -> dict[str, Any]:
         "train_seconds": fitted.seconds,
         "predict_seconds": fitted.predict_seconds,
         **chosen,
-        "predictions": judgement.to_dict(),
+        "predictions": predicted.to_dict(),
         "num_train": len(train),
         "num_test": len(test),
     }
@@ -158,10 +158,10 @@ def _measure(studies: Sequence[Study], trained: Trained | None) -> dict[str, Any
     return {name: result for name, result in found.items() if result is not None}
 
 
-def _judge(experiment: Experiment, fitted: Fitted, test: StaticDataset) -> Judgement:
+def _judge(experiment: Experiment, fitted: Fitted, test: StaticDataset) -> Predictions:
     y = column_of(test, "y")  # of `data`, all windows would be cut for them
     assert y is not None
-    return Judgement(
+    return Predictions(
         score=fitted.score,
         prediction=fitted.prediction,
         y=y,
@@ -172,15 +172,15 @@ def _judge(experiment: Experiment, fitted: Fitted, test: StaticDataset) -> Judge
 
 
 def _metrics(
-    experiment: Experiment, fitted: Fitted, judgement: Judgement
+    experiment: Experiment, fitted: Fitted, predicted: Predictions
 ) -> dict[str, float | None]:
     if experiment.choice is not None:
         of_numbers = experiment.choice.of_numbers
-        metrics = prediction_scores(judgement.y, judgement.prediction, of_numbers)
+        metrics = prediction_scores(predicted.y, predicted.prediction, of_numbers)
     elif experiment.is_estimator:
-        metrics = judgement.metrics()
+        metrics = predicted.metrics()
     else:
-        score, y = torch.from_numpy(judgement.score), torch.from_numpy(judgement.y)
+        score, y = torch.from_numpy(predicted.score), torch.from_numpy(predicted.y)
         metrics = classification_metrics(score, y, fitted.task, fitted.threshold)
     return {name: value if math.isfinite(value) else None for name, value in metrics.items()}
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,19 @@ class Draws:
         r"""Returns how many samples a draw has."""
         return max(1, round(self.part * num_samples))
 
-    def accuracies(self, judgement: Judgement) -> np.ndarray:
+    def accuracies(self, predicted: Predictions) -> np.ndarray:
         r"""Returns the accuracy of each draw, from 0 to 1."""
-        right = judgement.prediction == judgement.y
+        right = predicted.prediction == predicted.y
         right = right if right.ndim == 1 else right.all(axis=1)
         rng, size = np.random.default_rng(self.seed), self.num_drawn(len(right))
         draws = [rng.choice(len(right), size, replace=False) for _ in range(self.count)]
         return np.array([right[drawn].mean() for drawn in draws])
 
-    def metrics(self, judgement: Judgement) -> dict[str, float]:
+    def metrics(self, predicted: Predictions) -> dict[str, float]:
         r"""Returns :obj:`draws_accuracy`, the mean over the draws, and :obj:`draws_variance`, the
         unbiased estimate of their variance, of accuracies from 0 to 1.
         """
-        found = self.accuracies(judgement)
+        found = self.accuracies(predicted)
         return {"draws_accuracy": float(found.mean()), "draws_variance": float(found.var(ddof=1))}
 
     def variance(self, accuracy: float, num_samples: int) -> float:

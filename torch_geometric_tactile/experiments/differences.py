@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t
 
 from torch_geometric_tactile.experiments._scores import LEAST_PAIRS, sample_scores
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 
@@ -68,7 +68,7 @@ class Difference(NamedTuple):
 
 
 def paired_difference(
-    first: Sequence[Judgement], second: Sequence[Judgement], metric: str, overlap: float = 0.0
+    first: Sequence[Predictions], second: Sequence[Predictions], metric: str, overlap: float = 0.0
 ) -> Difference:
     r"""Compares two models.
 
@@ -77,8 +77,8 @@ def paired_difference(
     the Generalization Error" <https://doi.org/10.1023/A:1024068626366>`_ (Nadeau and Bengio, 2003).
 
     Args:
-        first (sequence of Judgement): What one said, split by split.
-        second (sequence of Judgement): What the other said of the same splits.
+        first (sequence of Predictions): What one said, split by split.
+        second (sequence of Predictions): What the other said of the same splits.
         metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
         overlap (float): Number of test samples by that of training samples, where the splits are
             drawn from the same samples, so that their training parts overlap.
@@ -125,7 +125,7 @@ def run_difference(
     sizes = [pair[first]["num_test"] / pair[first]["num_train"] for pair in pairs]
     is_given = all(p.protocol.by == "given" for p in run.plan.protocols if p.name == protocol)
     one, other = (
-        [Judgement.from_dict(pair[name]["predictions"]) for pair in pairs]
+        [Predictions.from_dict(pair[name]["predictions"]) for pair in pairs]
         for name in (first, second)
     )
     return paired_difference(one, other, metric, 0.0 if is_given else statistics.fmean(sizes))

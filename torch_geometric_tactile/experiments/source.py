@@ -67,7 +67,7 @@ class DataSource:
             raise ValueError(f"'class_path' must be a StaticDataset (got '{self.class_path}')")
         code = self.fingerprint or _fingerprint(dataset)
         source = replace(self, fingerprint=code)
-        _keep(source._key, dataset)
+        _keep(source._place, dataset)
         count = int(source._chosen(dataset).sum())
         facts = replace(DataFacts.of(dataset), num_samples=count)
         if protocol is not None:
@@ -82,13 +82,13 @@ class DataSource:
         r"""Returns the data set, without :obj:`selection`. A process keeps the last few that it
         loaded.
         """
-        dataset = _LOADED.get(self._key)
+        dataset = _LOADED.get(self._place)
         dataset = self._build(self.arguments) if dataset is None else dataset
-        _keep(self._key, dataset)
+        _keep(self._place, dataset)
         return dataset
 
     @property
-    def _key(self) -> tuple[str, str, str]:
+    def _place(self) -> tuple[str, str, str]:
         return self.class_path, json.dumps(self.arguments, sort_keys=True), self.fingerprint
 
     def parts(
@@ -117,7 +117,7 @@ class DataSource:
         # Which samples of the data set are selected (S,).
         if not self.selection:
             return torch.ones(len(dataset), dtype=torch.bool)
-        chosen = _selected(*self._key, json.dumps(self.selection, sort_keys=True))
+        chosen = _selected(*self._place, json.dumps(self.selection, sort_keys=True))
         is_chosen = torch.zeros(dataset.len(), dtype=torch.bool)
         is_chosen[chosen] = True
         return is_chosen[torch.as_tensor(list(dataset.indices()))]

@@ -9,9 +9,9 @@ import numpy as np
 
 from torch_geometric_tactile.experiments.comparison import Summary
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
-from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
 
 
 class Judged(NamedTuple):
@@ -25,29 +25,29 @@ class Judged(NamedTuple):
     seed: int
 
 
-def grasp_judgements(run: PlanRun) -> dict[Judged, Judgement]:
+def grasp_predictions(run: PlanRun) -> dict[Judged, Predictions]:
     r"""Returns what every model said, the folds of a protocol joined."""
     cells = {cell.experiment: cell for cell in run.plan.table.cells}
     judged = {}
     for part, results in finished_parts(run).items():
         cell = cells[part.experiment]
         key = Judged(cell.row, part.protocol, cell.column, part.seed)
-        judged[key] = pooled_judgement(results)
+        judged[key] = pooled_predictions(results)
     return judged
 
 
-def grasp_records(judgements: dict[Judged, Judgement], run: PlanRun) -> Iterator[dict[str, Any]]:
+def grasp_records(predictions: dict[Judged, Predictions], run: PlanRun) -> Iterator[dict[str, Any]]:
     r"""Yields a record for each model, protocol, kind of readings and seed, and for each recording
     session of a given test part.
     """
     given = {entry.name for entry in run.plan.protocols if entry.protocol.by == "given"}
-    for key, judgement in judgements.items():
-        parts = {key.protocol: judgement}
-        if key.protocol in given and judgement.session is not None:
-            for session in np.unique(judgement.session):
+    for key, predicted in predictions.items():
+        parts = {key.protocol: predicted}
+        if key.protocol in given and predicted.session is not None:
+            for session in np.unique(predicted.session):
                 name = run.plan.facts.session_names[session]
                 shown = name.removesuffix("_test").replace("_", " ")
-                parts[shown] = judgement.select(judgement.session == session)
+                parts[shown] = predicted.select(predicted.session == session)
         for name, part in parts.items():
             metrics = part.metrics()
             yield {

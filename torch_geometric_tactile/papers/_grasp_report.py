@@ -21,14 +21,14 @@ from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.comparison import Summary
 from torch_geometric_tactile.experiments.differences import Difference
-from torch_geometric_tactile.experiments.judgement import Judgement
 from torch_geometric_tactile.experiments.plan import Plan
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import cell_config
 from torch_geometric_tactile.papers._grasp_numbers import (
     Judged,
     grasp_differences,
-    grasp_judgements,
+    grasp_predictions,
     grasp_records,
     grasp_summary,
 )
@@ -70,13 +70,13 @@ def write_grasp_report(
     out, plan = Path(out), run.plan
     unseen = next(e for e in plan.experiments if e.protocol_name == _UNSEEN)
     train, test = unseen.data.parts(unseen.protocol, unseen.seed, unseen.fold)
-    judgements = grasp_judgements(run)
-    records = list(grasp_records(judgements, run))
+    predictions = grasp_predictions(run)
+    records = list(grasp_records(predictions, run))
     summary = grasp_summary(records)
     edges = grasp_differences(run, _READINGS, _MAIN, _TWIN)
-    pictures = _pictures(train, judgements, _means(summary, plan), out)
+    pictures = _pictures(train, predictions, _means(summary, plan), out)
     cell = next(cell for cell in plan.table.cells if cell.experiment == MAIN)
-    metrics = Judgement.from_dict(main["predictions"]).metrics()
+    metrics = Predictions.from_dict(main["predictions"]).metrics()
     content = {
         "data": {
             "source": plan.data.caption,
@@ -254,14 +254,14 @@ def _means(summary: _Scores, plan: Plan) -> dict[str, dict[str, dict[str, tuple[
 
 def _pictures(
     train: StaticDataset,
-    judgements: dict[Judged, Judgement],
+    predictions: dict[Judged, Predictions],
     means: dict[str, dict[str, dict[str, tuple[float, float]]]],
     out: Path,
 ) -> list[ReportPicture]:
-    judged = judgements[Judged(_MAIN, _UNSEEN, _READINGS, 0)]
+    judged = predictions[Judged(_MAIN, _UNSEEN, _READINGS, 0)]
     curves = {}
     for model, readings in _ROC:
-        of = judgements[Judged(model, _UNSEEN, readings, 0)]
+        of = predictions[Judged(model, _UNSEEN, readings, 0)]
         false, true, _ = roc_curve(of.y, of.positive_score)
         name = f"{model}, {'raw' if readings == 'raw' else 'common mode'}"
         curves[name] = (false, true, float(roc_auc_score(of.y, of.positive_score)))

@@ -9,7 +9,7 @@ from torch_geometric_tactile.experiments._scores import RULE
 from torch_geometric_tactile.experiments.differences import Difference, run_difference
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Ordering
-from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
 
 _COLUMNS = ("ordering", "protocol", "first", "second", "difference", "splits", "holds")
 _SQUARED_PERCENT = 100.0**2  # of a variance of parts
@@ -112,7 +112,7 @@ def _class_shares(run: PlanRun) -> dict[str, float]:
     shares: dict[str, list[float]] = {}
     for part, results in finished_parts(run).items():
         if part.experiment == run.results[0][0].name:
-            share = float((pooled_judgement(results).y == 1).mean())
+            share = float((pooled_predictions(results).y == 1).mean())
             shares.setdefault(part.protocol, []).append(share)
     return {protocol: sum(values) / len(values) for protocol, values in shares.items()}
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from torch_geometric_tactile.experiments._sample_draws import Draws
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 
 PUBLISHED = "published"
@@ -62,9 +62,9 @@ def finished_parts(run: PlanRun) -> dict[SeedRuns, list[dict[str, Any]]]:
     return {part: results for part, results in found.items() if len(results) == planned[part]}
 
 
-def pooled_judgement(results: list[dict[str, Any]]) -> Judgement:
+def pooled_predictions(results: list[dict[str, Any]]) -> Predictions:
     r"""Joins the folds of a part, so that every sample is judged once."""
-    return Judgement.join([Judgement.from_dict(result["predictions"]) for result in results])
+    return Predictions.join([Predictions.from_dict(result["predictions"]) for result in results])
 
 
 def table_numbers(run: PlanRun) -> list[Number]:
@@ -98,9 +98,9 @@ def table_numbers(run: PlanRun) -> list[Number]:
 def _values(
     results: list[dict[str, Any]], draws: Draws | None = None
 ) -> Iterator[tuple[str, float]]:
-    metrics = results[0]["metrics"] if len(results) == 1 else pooled_judgement(results).metrics()
+    metrics = results[0]["metrics"] if len(results) == 1 else pooled_predictions(results).metrics()
     if draws is not None:
-        drawn = draws.metrics(pooled_judgement(results))
+        drawn = draws.metrics(pooled_predictions(results))
         yield "draws_accuracy", 100 * drawn["draws_accuracy"]
         yield "draws_variance", 100**2 * drawn["draws_variance"]
     names = results[0]["label_names"] or []

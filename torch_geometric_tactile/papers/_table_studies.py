@@ -11,11 +11,11 @@ import torch
 
 from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile.analysis import class_confusion
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.experiments.run_plan import PlanRun
 from torch_geometric_tactile.experiments.tables import Cell
 from torch_geometric_tactile.papers._table_caption import NOTHING
-from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_judgement
+from torch_geometric_tactile.papers._table_numbers import finished_parts, pooled_predictions
 from torch_geometric_tactile.visualization import (
     LearningCurves,
     plot_confusion,
@@ -77,13 +77,13 @@ def _drawings(run: PlanRun, found: "_Found") -> dict[str, Callable[[], "Figure"]
             plot_feature_maps, entry["image"], maps, title
         )
     for cell, entry in _of(run, found, "Confusion"):
-        judgement = _judgement(run, cell)
-        if judgement is not None:
+        predicted = _predictions(run, cell)
+        if predicted is not None:
             title = (
                 f"{_name(cell)}: percent of each class ({run.plan.data.kind}, all folds, seed 0)"
             )
             drawings[f"confusion-{cell.experiment}"] = partial(
-                plot_confusion, _counts(judgement, entry), entry["class_names"], title
+                plot_confusion, _counts(predicted, entry), entry["class_names"], title
             )
     dead = _dead_curves(run, found)
     if dead:
@@ -221,27 +221,27 @@ def _dead_curves(run: PlanRun, found: _Found) -> dict[str, list[tuple[float, flo
     }
 
 
-def _judgement(run: PlanRun, cell: Cell) -> Judgement | None:
+def _predictions(run: PlanRun, cell: Cell) -> Predictions | None:
     # Of the first seed, if all its folds are there.
     first = run.plan.protocols[0].name
     for part, results in finished_parts(run).items():
         if (part.experiment, part.protocol, part.seed) == (cell.experiment, first, 0):
-            return pooled_judgement(results)
+            return pooled_predictions(results)
     return None
 
 
-def _counts(judgement: Judgement, entry: Mapping[str, Any]) -> Any:
-    y, said = torch.from_numpy(judgement.y.copy()), torch.from_numpy(judgement.prediction.copy())
+def _counts(predicted: Predictions, entry: Mapping[str, Any]) -> Any:
+    y, said = torch.from_numpy(predicted.y.copy()), torch.from_numpy(predicted.prediction.copy())
     return class_confusion(y, said, len(entry["class_names"])).numpy()
 
 
 def _confusion_lines(run: PlanRun, found: _Found) -> list[str]:
     lines = []
     for cell, entry in _of(run, found, "Confusion"):
-        judgement = _judgement(run, cell)
-        if judgement is None:
+        predicted = _predictions(run, cell)
+        if predicted is None:
             continue
-        counts, names = _counts(judgement, entry), entry["class_names"]
+        counts, names = _counts(predicted, entry), entry["class_names"]
         recall = counts.diagonal() / counts.sum(axis=1).clip(min=1)
         order = recall.argsort()
         best = ", ".join(f"{names[i]} {100 * recall[i]:.1f}" for i in order[::-1][:_WORST])

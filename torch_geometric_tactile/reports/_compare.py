@@ -25,7 +25,7 @@ from torch_geometric_tactile.experiments._scores import (
 from torch_geometric_tactile.experiments.advice import advice, to_dict
 from torch_geometric_tactile.experiments.compared_windows import describe_cut, describe_left_out
 from torch_geometric_tactile.experiments.comparison import Comparison, ModelResult
-from torch_geometric_tactile.experiments.judgement import Judgement
+from torch_geometric_tactile.experiments.predictions import Predictions
 from torch_geometric_tactile.io._csv_table import safe_cell
 from torch_geometric_tactile.reports._predictions import cell_text
 from torch_geometric_tactile.visualization import ComparisonPanel, plot_comparison, save_figure
@@ -229,11 +229,11 @@ def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[
     # to 50 of a kind.
     dataset, metric = comparison.run.plan.data.load(), comparison.metric
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
-    said: dict[str, list[Judgement]] = {result.model.name: [] for result in ordered}
+    said: dict[str, list[Predictions]] = {result.model.name: [] for result in ordered}
     for experiment, result in comparison.run.results:
         if experiment.name in said:
-            said[experiment.name].append(Judgement.from_dict(result["predictions"]))
-    joined = {name: Judgement.join(judgements) for name, judgements in said.items()}
+            said[experiment.name].append(Predictions.from_dict(result["predictions"]))
+    joined = {name: Predictions.join(predictions) for name, predictions in said.items()}
     for kind in _KINDS[:-1]:
         of_model = {name: _names(dataset, kind, j.index) for name, j in joined.items()}
         names, counts = np.unique(next(iter(of_model.values()), []), return_counts=True)
@@ -258,7 +258,7 @@ def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
     answers = [f"{name}{end}" for name in ("y", "prediction") for end in width]
     yield ["model", "seed", "fold", "index", *kinds, *answers]
     for experiment, result in comparison.run.results:
-        said = Judgement.from_dict(result["predictions"])
+        said = Predictions.from_dict(result["predictions"])
         columns = [_names(dataset, kind, said.index).tolist() for kind in kinds]
         for values in (said.y, said.prediction):
             columns += _named(values, dataset.class_names).reshape(len(values), -1).T.tolist()

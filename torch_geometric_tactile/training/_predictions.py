@@ -11,7 +11,7 @@ from torch_geometric_tactile.training._finite import BatchCheck
 from torch_geometric_tactile.training.module import TactileClassifier
 
 
-class Predictions(NamedTuple):
+class Outputs(NamedTuple):
     r"""What a classifier says of :math:`S` samples, on the CPU.
 
     Shapes:
@@ -30,7 +30,7 @@ def collect_predictions(
     classifier: TactileClassifier,
     batches: Iterable[Data],
     device: torch.device | str | None = None,
-) -> Predictions:
+) -> Outputs:
     r"""Returns what a classifier says of samples, in their order. Dropout and the like are off; the
     classifier is left in the mode that it was in.
     """
@@ -51,4 +51,4 @@ def collect_predictions(
         classifier.train(training)
     if not y:
         raise ValueError("'batches' must hold at least one batch (got none)")
-    return Predictions(torch.cat(logits), torch.cat(probability), torch.cat(y))
+    return Outputs(torch.cat(logits), torch.cat(probability), torch.cat(y))

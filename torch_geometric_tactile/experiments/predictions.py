@@ -14,7 +14,7 @@ from torch_geometric_tactile.training._collected_metrics import macro_f1, positi
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Predictions:
     r"""What a model said of :math:`S` samples, and what they are.
 
     Shapes:
@@ -26,7 +26,7 @@ class Judgement:
         - **session:** The recording session of each sample :math:`(S,)`.
         - **trial:** The trial of each sample :math:`(S,)`.
         - **index:** The place of each sample in its data set :math:`(S,)`; the
-          same ones in all judgements that are compared, if left out.
+          same ones in all predictions that are compared, if left out.
     """
 
     score: np.ndarray
@@ -42,7 +42,7 @@ class Judgement:
         return self.score if self.score.ndim == 1 else self.score[:, 1]
 
     def select(self, mask: np.ndarray) -> Self:
-        r"""Returns the judgement of some of the samples.
+        r"""Returns the predictions of some of the samples.
 
         Shapes:
             - **mask:** Which ones :math:`(S,)`.
@@ -51,7 +51,7 @@ class Judgement:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        r"""Returns several judgements as one, such as the folds of a data set."""
+        r"""Returns several predictions as one, such as the folds of a data set."""
         arrays = [part._arrays() for part in parts]
         return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
@@ -106,7 +106,7 @@ class Judgement:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Builds a judgement from what :meth:`to_dict` returns."""
+        r"""Builds predictions from what :meth:`to_dict` returns."""
         return cls(
             **{
                 name: np.frombuffer(
