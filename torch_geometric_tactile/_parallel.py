@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Literal, TypeVar
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._interrupts import interrupts_ignored
 
 Backend = Literal["loky", "dask", "ray"]
@@ -37,8 +38,7 @@ def kept_memory() -> Iterator[None]:
 
 def check_backend(backend: str, scheduler: str | None = None) -> None:
     r"""Checks before anything runs that the jobs can be run."""
-    if backend not in BACKENDS:
-        raise ValueError(f"'backend' must be one of {list(BACKENDS)} (got '{backend}')")
+    need(backend in BACKENDS, f"'backend' must be one of {list(BACKENDS)} (got '{backend}')")
     if scheduler is not None and backend == "loky":
         raise ValueError(
             f"'scheduler' must come with the backend dask or ray (got '{scheduler}' with loky)"
@@ -69,8 +69,7 @@ def run_parallel(
     generator is closed. Those of this machine compute with one thread each, unless the function
     sets another number.
     """
-    if jobs < 1:
-        raise ValueError(f"'jobs' must be at least 1 (got {jobs})")
+    need(jobs >= 1, "'jobs' must be at least 1", jobs)
     check_backend(backend, scheduler)
     from joblib import Parallel, delayed, parallel_config
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._limits import JSON_BYTES
 from torch_geometric_tactile._typing import PathLike
 
@@ -100,10 +101,8 @@ def read_json(path: PathLike) -> Any:
     """
     path = Path(path)
     found = path.stat()
-    if not stat.S_ISREG(found.st_mode):
-        raise ValueError("it must be a regular file (got a folder, pipe or device)")
-    if found.st_size > JSON_BYTES:
-        raise ValueError(f"it must not exceed {JSON_BYTES} bytes (got {found.st_size})")
+    need(stat.S_ISREG(found.st_mode), "it must be a regular file (got a folder, pipe or device)")
+    need(found.st_size <= JSON_BYTES, f"it must not exceed {JSON_BYTES} bytes", found.st_size)
     return parse_json(path.read_text(encoding="utf-8"))
 
 

@@ -9,6 +9,7 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.explain import Explainer, ExplainerAlgorithm, Explanation
 from torch_geometric.explain.config import MaskType, ModelMode, ModelReturnType
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 
 
@@ -58,8 +59,7 @@ class IntegratedGradients(ExplainerAlgorithm):
 
     def __init__(self, num_steps: int = 16, baseline: Tensor | None = None) -> None:
         super().__init__()
-        if num_steps < 1:
-            raise ValueError(f"'num_steps' must be at least 1 (got {num_steps})")
+        need(num_steps >= 1, "'num_steps' must be at least 1", num_steps)
         self.num_steps = num_steps
         self.baseline = baseline
 
@@ -228,8 +228,7 @@ def patch_occlusion(
     if segment.shape != shape[1:2]:
         raise ValueError(f"'segment' must have shape ({shape[1]},) (got {tuple(segment.shape)})")
     if reference is None:
-        if shape[0] == 1:
-            raise ValueError("'reference' must be given for a single sample (its mean is itself)")
+        need(shape[0] != 1, "'reference' must be given for a single sample (its mean is itself)")
         reference = x.view(shape).mean(dim=0)
     if reference.shape != shape[1:]:
         raise ValueError(f"'reference' must have shape {shape[1:]} (got {tuple(reference.shape)})")
@@ -268,8 +267,7 @@ class _Samples(Module):
             self.num_samples = batch.num_samples
         else:
             self.num_samples = batch.num_graphs if isinstance(batch, Batch) else 1
-        if batch.x.numel() == 0:
-            raise ValueError(f"'batch' must hold samples (got 'x' of {tuple(batch.x.shape)})")
+        need(batch.x.numel() != 0, f"'batch' must hold samples (got 'x' of {tuple(batch.x.shape)})")
         self.num_nodes = batch.x.numel() // batch.x.size(-1) // self.num_samples
         self.inputs = {name: batch[name] for name in names}
         target = torch.as_tensor(target, device=batch.x.device)

@@ -6,6 +6,8 @@ import torch
 from sklearn.manifold import TSNE
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
+
 _MIN_NODES = 8  # with fewer, neither method has neighbourhoods to preserve
 
 
@@ -44,8 +46,7 @@ def node_matrix(features: Tensor, frames: Literal["joined", "mean"] = "joined") 
         )
     if not features.isfinite().all():
         raise ValueError("'features' must hold finite numbers only (got NaN or infinity)")
-    if frames not in ("joined", "mean"):
-        raise ValueError(f"'frames' must be 'joined' or 'mean' (got '{frames}')")
+    need(frames in ("joined", "mean"), f"'frames' must be 'joined' or 'mean' (got '{frames}')")
     if frames == "mean":
         features = features.mean(dim=0, keepdim=True)
     mean = features.mean(dim=(0, 1))
@@ -97,16 +98,13 @@ def embed_nodes(
         >>> embed_nodes(torch.randn(8, 30, 4), num_components=2).shape
         torch.Size([30, 2])
     """
-    if method not in ("tsne", "umap"):
-        raise ValueError(f"'method' must be 'tsne' or 'umap' (got '{method}')")
-    if num_components not in (2, 3):
-        raise ValueError(f"'num_components' must be 2 or 3 (got {num_components})")
+    need(method in ("tsne", "umap"), f"'method' must be 'tsne' or 'umap' (got '{method}')")
+    need(num_components in (2, 3), "'num_components' must be 2 or 3", num_components)
     if num_neighbors is not None and num_neighbors < 2:
         raise ValueError(f"'num_neighbors' must be at least 2 (got {num_neighbors})")
     rows = node_matrix(features, frames).numpy()
     num_nodes = len(rows)
-    if num_nodes < _MIN_NODES:
-        raise ValueError(f"'features' must be of at least {_MIN_NODES} nodes (got {num_nodes})")
+    need(num_nodes >= _MIN_NODES, f"'features' must be of at least {_MIN_NODES} nodes", num_nodes)
     if method == "tsne":
         perplexity = min(num_neighbors or 30, (num_nodes - 1) / 3)
         reducer = TSNE(num_components, perplexity=perplexity, init="pca", random_state=seed)

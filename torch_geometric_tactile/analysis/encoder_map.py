@@ -9,6 +9,8 @@ from sklearn.metrics import roc_auc_score
 from torch import Tensor
 from torch.nn import Module
 
+from torch_geometric_tactile._checks import need
+
 
 class EdgeSeparation(NamedTuple):
     r"""The result of :func:`edge_separation`: how well a value of each edge separates edges between
@@ -123,10 +125,8 @@ def encoder_map(
         tensor([-2., -1.,  3.])
     """
     blocks = encoder_blocks(weight, num_nodes, num_edges, edge_dim, out_channels)
-    if len(blocks) < 2:
-        raise ValueError(f"'weight' must be of at least two edges (got {len(blocks)})")
-    if not blocks.isfinite().all():
-        raise ValueError("'weight' must hold finite numbers only (got NaN or infinity)")
+    need(len(blocks) >= 2, "'weight' must be of at least two edges", len(blocks))
+    need(blocks.isfinite().all(), "'weight' must hold finite numbers only (got NaN or infinity)")
     # Centred here, since scikit-learn divides by the variance, which may be zero.
     centred = blocks - blocks.mean(dim=0)
     if not centred.any():
@@ -176,8 +176,7 @@ def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeS
             f"'value' must have shape ({edge_index.size(1)},), one for each edge "
             f"(got {tuple(value.shape)})"
         )
-    if not value.isfinite().all():
-        raise ValueError("'value' must hold finite numbers only (got NaN or infinity)")
+    need(value.isfinite().all(), "'value' must hold finite numbers only (got NaN or infinity)")
     if segment.dim() != 1 or (edge_index.numel() and int(edge_index.max()) >= len(segment)):
         raise ValueError(
             "'segment' must have shape (num_nodes,), one for each node of 'edge_index' "
@@ -232,8 +231,7 @@ def untrained_separation(
         >>> untrained_separation(encoder, edge_index, torch.tensor([0, 0, 1, 1]), num_seeds=2).shape
         torch.Size([2])
     """
-    if num_seeds < 1:
-        raise ValueError(f"'num_seeds' must be at least 1 (got {num_seeds})")
+    need(num_seeds >= 1, "'num_seeds' must be at least 1", num_seeds)
     fresh = copy.deepcopy(encoder).cpu()
     aucs = []
     for seed in range(num_seeds):

@@ -7,6 +7,8 @@ import numpy as np
 from sklearn.metrics import roc_auc_score, roc_curve
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
+
 MACRO = "mean of all"
 
 
@@ -69,8 +71,7 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
         raise ValueError(
             f"'y' must have shape {scores.shape[:1]} or {scores.shape} (got {truth.shape})"
         )
-    if not np.isfinite(scores).all():
-        raise ValueError("'score' must hold finite numbers only (got NaN or infinity)")
+    need(np.isfinite(scores).all(), "'score' must hold finite numbers only (got NaN or infinity)")
     if len(set(names)) < num_classes or MACRO in names:
         raise ValueError(f"'names' must differ from each other and from '{MACRO}' (got {names})")
     if truth.ndim == 1:
@@ -80,8 +81,7 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
         if len(np.unique(truth[:, i])) == 2:
             fpr, tpr, _ = roc_curve(truth[:, i], scores[:, i])
             curves[name] = RocCurve(fpr, tpr, float(roc_auc_score(truth[:, i], scores[:, i])))
-    if not curves:
-        raise ValueError("'y' must have samples with and without a class (got one kind only)")
+    need(curves, "'y' must have samples with and without a class (got one kind only)")
     grid = np.unique(np.concatenate([curve.fpr for curve in curves.values()]))
     # Just before and at each rate: foot and top of a vertical step.
     grid = np.stack([np.nextafter(grid, -1.0), grid], axis=1).ravel()

@@ -11,6 +11,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 from sklearn.utils.validation import check_is_fitted
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._readings import TakesReadings, check_finite
 from torch_geometric_tactile.baselines.signal_features import SignalFeatures
 
@@ -63,8 +64,7 @@ class GraspSVM(ClassifierMixin, TakesReadings):
         Shapes:
             - **output:** :math:`(S, 12 K N)` for time series, :math:`(S, K N)` for static readings
         """
-        if self.num_fingers < 1:
-            raise ValueError(f"'num_fingers' must be at least 1 (got {self.num_fingers})")
+        need(self.num_fingers >= 1, "'num_fingers' must be at least 1", self.num_fingers)
         x = np.asarray(x, dtype=np.float64)
         if x.ndim != 3 or x.shape[2] == 0 or x.shape[2] % self.num_fingers:
             raise ValueError(

@@ -12,6 +12,7 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC, SVR, LinearSVC, LinearSVR
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
@@ -210,8 +211,7 @@ def constant(task: _Task = "multiclass") -> Pipeline:
 
 
 def _is_classes(task: str) -> bool:
-    if task not in _TASKS:
-        raise ValueError(f"'task' must be one of {list(_TASKS)} (got '{task}')")
+    need(task in _TASKS, f"'task' must be one of {list(_TASKS)} (got '{task}')")
     return task == "multiclass"
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
 
 _MARGIN = 16  # scales around a point, without which mahotas leaves it out
@@ -76,12 +77,9 @@ class SURFSVM(VisualWordsSVM):
 
     def _check(self) -> None:
         super()._check()
-        if self.spacing < 1:
-            raise ValueError(f"'spacing' must be at least 1 (got {self.spacing})")
-        if not 1 <= self.scale < math.inf:
-            raise ValueError(f"'scale' must be at least 1 (got {self.scale})")
-        if not 0 <= self.contrast <= 1:
-            raise ValueError(f"'contrast' must be a part from 0 to 1 (got {self.contrast})")
+        need(self.spacing >= 1, "'spacing' must be at least 1", self.spacing)
+        need(1 <= self.scale < math.inf, "'scale' must be at least 1", self.scale)
+        need(0 <= self.contrast <= 1, "'contrast' must be a part from 0 to 1", self.contrast)
 
     def describe(self, images: np.ndarray) -> Iterator[np.ndarray]:
         r"""Yields the descriptors of points on a raster of each image :math:`(P, 64)`.

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._levels import NAMED
 from torch_geometric_tactile.data._recording_arrays import checked_numbers, refuse_masked
 from torch_geometric_tactile.data.static_data import StaticData
@@ -130,13 +131,11 @@ def _numbered(key: str, value: Any, found: dict[str, list[str]]) -> Any:
     array = np.asarray(value) if not _is_ragged(value) else np.empty(0)
     if array.dtype.kind not in "USO" or not all(isinstance(item, str) for item in array.flat):
         return value
-    if array.ndim != 1:
-        raise ValueError(f"'{key}' must have one name for each sample (got shape {array.shape})")
+    need(array.ndim == 1, f"'{key}' must have one name for each sample (got shape {array.shape})")
     what = NAMED[key]
     names = found.setdefault(what, sorted(map(str, set(array.tolist()))))
     unknown = sorted({*array.tolist()} - {*names})
-    if unknown:
-        raise ValueError(f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
+    need(not unknown, f"'{what}_names' must name every '{key}' (got {names} without {unknown})")
     number = {name: i for i, name in enumerate(names)}
     return torch.tensor([number[str(name)] for name in array.tolist()], dtype=torch.long)
 

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._batches import joined
@@ -49,8 +50,7 @@ class FrameView(StaticDataset):
             )
         if dataset.column("num_frames") is not None:
             raise ValueError("'dataset' must hold frames (got samples of several frames)")
-        if len(dataset) == 0:
-            raise ValueError("'dataset' must hold at least one frame (got none)")
+        need(len(dataset) != 0, "'dataset' must hold at least one frame (got none)")
         self.dataset = dataset
         self.layout = dataset.layout
         self.target = target

@@ -9,6 +9,7 @@ import torch
 from torch_geometric.data import Dataset
 from torch_geometric.data.dataset import files_exist
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile.data._fingerprint import (
     changes,
@@ -100,8 +101,7 @@ class ProcessedDataset(Dataset):
         data, names = self.__dict__.pop("_source", None) or self.read()
         if self.pre_filter is not None:
             kept = [i for i in range(data.num_samples) if self.pre_filter(data.sample(i))]
-            if not kept:
-                raise ValueError("'pre_filter' must keep at least one sample (kept none)")
+            need(kept, "'pre_filter' must keep at least one sample (kept none)")
             data = data.index_select(torch.tensor(kept))
         return apply_transform(self.pre_transform, data), names
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import remove_leftovers
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._torch_file import read_torch_file, write_torch_file
@@ -65,8 +66,7 @@ def read_processed(path: PathLike) -> ProcessedFile:
     one only if it has changed since. Removes what killed processes left beside it.
     """
     remove_leftovers(path)
-    if Path(path).stat().st_size == 0:
-        raise ValueError(f"processed file '{path}' is empty; {_MEND}")
+    need(Path(path).stat().st_size != 0, f"processed file '{path}' is empty; {_MEND}")
     try:
         content = read_torch_file(path, mmap=True, once=True)
     except ValueError as error:
@@ -88,8 +88,7 @@ def _from_content(content: Mapping[str, Any]) -> ProcessedFile:
     names, settings, raw_state = (content[key] for key in ("names", "settings", "raw_state"))
     if not _are_texts(raw_state) or not all(_are_texts(value) for value in names.values()):
         raise ValueError("names must be lists of texts")
-    if not _are_texts([*names, *settings, *settings.values()]):
-        raise ValueError("settings must be texts")
+    need(_are_texts([*names, *settings, *settings.values()]), "settings must be texts")
     return ProcessedFile(data, names, settings, raw_state)
 
 

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
+from torch_geometric_tactile._checks import need
+
 _NUMBERS = "biuf"
 _NO_NAME = {"/", "\0"}  # where names of a file end
 _MAX_DIMS = 9  # with that of the frames
@@ -19,8 +21,7 @@ def checked_numbers(name: str, value: Any, dtype: DTypeLike) -> np.ndarray:
     copy if the type fits.
     """
     array = _array(f"'{name}' must be an array of numbers", value)
-    if array.dtype.kind not in _NUMBERS:
-        raise ValueError(f"'{name}' must be an array of numbers (got {array.dtype})")
+    need(array.dtype.kind in _NUMBERS, f"'{name}' must be an array of numbers", array.dtype)
     # A reading beyond float32 becomes infinite here and is reported as such by the caller.
     with np.errstate(over="ignore"):
         numbers: np.ndarray = array.astype(dtype, copy=False)
@@ -39,8 +40,7 @@ def checked_time(value: Any) -> np.ndarray:
     """
     refuse_masked("time", value)
     time = _array("'time' must be an array of numbers", value)
-    if time.ndim != 1:
-        raise ValueError(f"'time' must have shape (num_frames,) (got {time.shape})")
+    need(time.ndim == 1, "'time' must have shape (num_frames,)", time.shape)
     if time.dtype.kind in "mM":
         time = _seconds(time)
     elif time.dtype.kind != "f":
@@ -124,8 +124,7 @@ def _checked_rows(kind: str, name: str, value: Any, num_frames: int) -> np.ndarr
         raise ValueError(
             f"{kind} '{name}' must hold numbers of at most 8 bytes (got {array.dtype})"
         )
-    if array.ndim == 0:
-        raise ValueError(f"{kind} '{name}' must have one row per frame (got a scalar)")
+    need(array.ndim != 0, f"{kind} '{name}' must have one row per frame (got a scalar)")
     check_frames(name, array, num_frames)
     if array.ndim > _MAX_DIMS or 0 in array.shape[1:]:
         raise ValueError(

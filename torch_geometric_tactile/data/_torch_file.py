@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, check_zip
 from torch_geometric_tactile._typing import PathLike
 
@@ -170,8 +171,7 @@ def _check_sizes(content: Any, path: PathLike, stored: int) -> None:
                 f"{tuple(value.shape)} (got {held})"
             )
     held = sum(storages.values())
-    if held > stored:
-        raise ValueError(f"'{path}' must hold the {held} bytes of its tensors (got {stored})")
+    need(held <= stored, f"'{path}' must hold the {held} bytes of its tensors", stored)
 
 
 def _values(content: Any) -> Iterator[Any]:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._unit_draws import (
     Classes,
     Folds,
@@ -171,10 +172,7 @@ class Protocol:
             return self.folds or 1
         units = numbers_of(dataset, self.by)
         count = len(np.unique(units))
-        if count < 2:
-            raise ValueError(
-                f"'dataset' must have at least 2 {self.by}s to leave one out (got {count})"
-            )
+        need(count >= 2, f"'dataset' must have at least 2 {self.by}s to leave one out", count)
         return count
 
     def split(self, dataset: Samples, seed: int = 0, fold: int = 0) -> Split:
@@ -191,8 +189,7 @@ class Protocol:
                 be empty, or the classes do not allow to stratify.
         """
         num_folds = self.num_folds(dataset)
-        if not 0 <= fold < num_folds:
-            raise ValueError(f"'fold' must be between 0 and {num_folds - 1} (got {fold})")
+        need(0 <= fold < num_folds, f"'fold' must be between 0 and {num_folds - 1}", fold)
         if self.by == "given":
             return _split_of(_given_parts(dataset))
         if self.unseen is not None:

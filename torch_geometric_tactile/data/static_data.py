@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._block_diagonal import to_batch
 from torch_geometric_tactile.data._leveled_data import LeveledData
 from torch_geometric_tactile.data._levels import KNOWN_ATTRIBUTES, TOPOLOGY, Schema, flat_index
@@ -232,8 +233,7 @@ class StaticData(LeveledData):
 
 def _stack_samples(data_list: Sequence[Data], schema: Schema) -> dict[str, Any]:
     # The attributes of many samples by their levels.
-    if len(data_list) == 0:
-        raise ValueError("'data_list' must hold at least one sample (got none)")
+    need(len(data_list) != 0, "'data_list' must hold at least one sample (got none)")
     for i, data in enumerate(data_list):
         if not isinstance(data, Data):
             raise TypeError(
@@ -266,8 +266,7 @@ def _stack(key: str, values: list[Any], schema: Schema) -> Any:
         _require_same(key, values)
         return first
     shapes = {tuple(value.shape) for value in values}
-    if len(shapes) > 1:
-        raise ValueError(f"all samples must have '{key}' in one shape (got {sorted(shapes)})")
+    need(len(shapes) <= 1, f"all samples must have '{key}' in one shape", sorted(shapes))
     if key == "x" or declared:
         return torch.stack(values)
     if level != "sample" and known is not None:

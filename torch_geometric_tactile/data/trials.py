@@ -3,6 +3,7 @@ r"""Whole trials as samples."""
 from collections.abc import Sequence
 from typing import Any, Literal
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._trial_runs import TrialRuns
@@ -62,12 +63,10 @@ class Trials(FrameView):
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
     ) -> None:
-        if ragged not in _RAGGED:
-            raise ValueError(f"'ragged' must be one of {list(_RAGGED)} (got {ragged!r})")
+        need(ragged in _RAGGED, f"'ragged' must be one of {list(_RAGGED)} (got {ragged!r})")
         if length is not None and ragged == "error":
             raise ValueError(f"'length' must be left out with ragged='error' (got {length})")
-        if length is not None and length < 1:
-            raise ValueError(f"'length' must be at least 1 (got {length})")
+        need(length is None or length >= 1, "'length' must be at least 1", length)
         self.ragged = ragged
         self.length = length
         #: Number of frames of a sample, before any transform.

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import torch
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Transform
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._trial_runs import TrialRuns
@@ -73,8 +74,7 @@ class Windows(FrameView):
         transform: Transform | None = None,
         pre_transform: Transform | None = None,
     ) -> None:
-        if label not in _LABELS:
-            raise ValueError(f"'label' must be one of {list(_LABELS)} (got {label!r})")
+        need(label in _LABELS, f"'label' must be one of {list(_LABELS)} (got {label!r})")
         for name, number in (("length", length), ("hop", hop)):
             if number < 1:
                 raise ValueError(f"'{name}' must be at least 1 (got {number})")

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._column_order import column_names, in_column_order
 from torch_geometric_tactile.datasets._trial import Trial, check_together, make_trial
@@ -126,8 +127,7 @@ class FrameReader:
                     )
                 files.add("x", recording.tactile)
                 num_missing += int(recording.missing.sum())
-            if not trials:
-                raise ValueError("'recordings' must hold at least one recording (got none)")
+            need(trials, "'recordings' must hold at least one recording (got none)")
             num_frames = sum(trial.num_frames for trial in trials)
             x = files.tensor("x")
         if num_missing:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.datasets._frame_reader import FrameFiles
 from torch_geometric_tactile.datasets._trial import Trial, check_one_file_each, make_trial
@@ -45,8 +46,7 @@ class GraspReader:
         """
         with FrameFiles(folder) as files:
             grasps = [self._grasp(files, *given) for given in recordings]
-            if not grasps:
-                raise ValueError("there must be at least one grasp (got none)")
+            need(grasps, "there must be at least one grasp (got none)")
             check_one_file_each(
                 (
                     (t.object_name, t.number, t.meta.get("session")),

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import TaxelLayout
 
@@ -109,8 +110,7 @@ def make_trial(
         recording.check(layout)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
-    if recording.num_frames == 0:
-        raise ValueError(f"{where} must hold at least one frame (got none)")
+    need(recording.num_frames != 0, f"{where} must hold at least one frame (got none)")
     found = re.fullmatch(pattern, name)
     said = {} if found is None else {k: v for k, v in found.groupdict().items() if v is not None}
     if "label" in said and recording.label is not None and str(recording.label) != said["label"]:

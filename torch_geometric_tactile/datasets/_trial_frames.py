@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Protocol, Recording
 from torch_geometric_tactile.datasets._raw_files import RawFiles
@@ -170,8 +171,7 @@ class TrialFrames(RawFiles):
                 f"'phase_names' (got {phases})"
             )
         unknown = [name for name in phases if name not in self.phase_names]
-        if unknown or not phases:
-            raise ValueError(f"'phases' must be some of {self.phase_names} (got {phases})")
+        need(not unknown and phases, f"'phases' must be some of {self.phase_names}", phases)
         wanted = torch.tensor([self.phase_names.index(name) for name in phases])
         return torch.isin(self._data.phase, wanted)
 

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets._allegro_labels import (
@@ -186,10 +187,8 @@ class AllegroUSkin(RecordingFrames):
         pre_filter: Filter | None = None,
         force_reload: bool = False,
     ) -> None:
-        if task not in _TASKS:
-            raise ValueError(f"'task' must be one of {_TASKS} (got '{task}')")
-        if split_by not in _SPLITS_BY:
-            raise ValueError(f"'split_by' must be one of {_SPLITS_BY} (got '{split_by}')")
+        need(task in _TASKS, f"'task' must be one of {_TASKS} (got '{task}')")
+        need(split_by in _SPLITS_BY, f"'split_by' must be one of {_SPLITS_BY} (got '{split_by}')")
         self.task = task
         self.split_by = split_by
         self.fractions = _checked_fractions(fractions)

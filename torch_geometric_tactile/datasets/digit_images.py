@@ -8,6 +8,7 @@ from sklearn.datasets import load_digits
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.datasets._image_dataset import ImageDataset
@@ -118,8 +119,7 @@ class DigitImages(PublishedFiles, ImageDataset):
         force_reload: bool = False,
         checksum: bool = True,
     ) -> None:
-        if source not in _SOURCES:
-            raise ValueError(f"'source' must be one of {list(_SOURCES)} (got {source!r})")
+        need(source in _SOURCES, f"'source' must be one of {list(_SOURCES)} (got {source!r})")
         if source == "sklearn" and root is not None:
             raise ValueError(f"'root' must be None with source='sklearn' (got '{root}')")
         if source == "mnist":

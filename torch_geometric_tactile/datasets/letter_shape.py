@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_list
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import StaticData, apply_transform
@@ -159,8 +160,7 @@ class LetterShape(ImageDataset):
     ) -> None:
         if isinstance(copies, bool) or not isinstance(copies, int) or copies < 1:
             raise ValueError(f"'copies' must be a whole number, at least 1 (got {copies})")
-        if not 0 < full_scale < float("inf"):
-            raise ValueError(f"'full_scale' must be a positive pressure (got {full_scale})")
+        need(0 < full_scale < float("inf"), "'full_scale' must be a positive pressure", full_scale)
         root = Path(default_root(self._folder) if root is None else root).expanduser()
         self.fold, self.split, self.folds, self.split_seed = fold, split, folds, split_seed
         self.copies = copies

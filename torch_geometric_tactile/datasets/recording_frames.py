@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Filter, PathLike, Transform
 from torch_geometric_tactile.data import Protocol, Recording, StaticData
 from torch_geometric_tactile.data.recording import UNITS
@@ -286,8 +287,7 @@ def _check_arguments(
 ) -> None:
     if split is not None and split not in PARTS:
         raise ValueError(f"'split' must be 'train', 'val', 'test' or None (got '{split}')")
-    if stride < 1:
-        raise ValueError(f"'stride' must be at least 1 (got {stride})")
+    need(stride >= 1, "'stride' must be at least 1", stride)
     if (root is None) == (recordings is None):
         both = "none" if root is None else "both"
         raise ValueError(f"one of 'root' and 'recordings' must be given (got {both})")

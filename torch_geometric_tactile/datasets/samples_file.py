@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._arrays import static_data_from_arrays
@@ -72,8 +73,7 @@ class SamplesFile(StaticDataset):
         time_axis: int | None = None,
         transform: Transform | None = None,
     ) -> None:
-        if task not in _TASKS:
-            raise ValueError(f"'task' must be one of {list(_TASKS)} (got '{task}')")
+        need(task in _TASKS, f"'task' must be one of {list(_TASKS)} (got '{task}')")
         if layout is not None and grid is not None:
             raise ValueError(f"only one of 'layout' and 'grid' may be given (got '{grid}' too)")
         self.path = str(path)
@@ -228,8 +228,7 @@ def _are_few_codes(y: np.ndarray) -> bool:
 
 def _numbered(key: str, values: np.ndarray) -> tuple[list[str], Tensor]:
     values = values.reshape(len(values)) if values.size == len(values) else values
-    if values.ndim != 1:
-        raise ValueError(f"'{key}' must have one value a sample (got shape {values.shape})")
+    need(values.ndim == 1, f"'{key}' must have one value a sample (got shape {values.shape})")
     if values.dtype.kind == "f" and np.isnan(values).any():
         raise ValueError(f"'{key}' must be known for every sample (got NaN)")
     found, codes = np.unique(values, return_inverse=True)

@@ -13,6 +13,7 @@ import torch
 import torch_geometric
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments.source import DataSource
@@ -36,10 +37,8 @@ class Choice:
     def __post_init__(self) -> None:
         if self.metric not in _METRICS:
             raise ValueError(f"'metric' must be one of {list(_METRICS)} (got '{self.metric}')")
-        if not self.settings:
-            raise ValueError("'settings' must hold at least one setting (got none)")
-        if self.members < 1:
-            raise ValueError(f"'members' must be at least 1 (got {self.members})")
+        need(self.settings, "'settings' must hold at least one setting (got none)")
+        need(self.members >= 1, "'members' must be at least 1", self.members)
 
     @property
     def of_numbers(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Protocol, StaticDataset, Windows
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -35,8 +36,7 @@ def balanced_protocol(
     possible.
     """
     count = _num_units(dataset, by)
-    if count < 2:
-        raise ValueError(f"'dataset' must have at least 2 {by}s to be split by {by} (got {count})")
+    need(count >= 2, f"'dataset' must have at least 2 {by}s to be split by {by}", count)
     plain = Protocol(by, folds=min(folds, count))  # type: ignore[arg-type]
     y = dataset.column("y")
     if y is None or y.dim() != 1 or y.is_floating_point():

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, remove_leftovers
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments._experiment import Experiment
@@ -39,8 +40,7 @@ class RunStore:
             same = content["identity"] == experiment.identity()
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"'{path}' is damaged: delete it to run it again ({error})") from error
-        if not same:
-            raise ValueError(f"'{path}' is not what its name says: delete it to run it again")
+        need(same, f"'{path}' is not what its name says: delete it to run it again")
         return result
 
     def write(self, experiment: Experiment, result: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
 from torch_geometric_tactile.experiments._compared_models import (
@@ -73,14 +74,12 @@ class ComparisonSettings:
     def __post_init__(self) -> None:
         if self.models is not None:
             check_model_names(self.models)
-        if self.by not in (None, *_UNITS):
-            raise ValueError(f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
+        need(self.by in (None, *_UNITS), f"'by' must be one of {list(_UNITS)} (got '{self.by}')")
         if self.metric not in (None, "accuracy", "balanced_accuracy", "mae"):
             raise ValueError(
                 f"'metric' must be 'accuracy', 'balanced_accuracy' or 'mae' (got '{self.metric}')"
             )
-        if self.members < 1:
-            raise ValueError(f"'members' must be at least 1 (got {self.members})")
+        need(self.members >= 1, "'members' must be at least 1", self.members)
         self.of_plan()
 
     def of_plan(self) -> Settings:

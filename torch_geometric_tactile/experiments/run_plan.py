@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import torch
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._parallel import Backend, check_backend, kept_memory, run_parallel
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
@@ -54,8 +55,7 @@ class Workers:
     scheduler: str | None = None
 
     def __post_init__(self) -> None:
-        if self.jobs < 1:
-            raise ValueError(f"'jobs' must be at least 1 (got {self.jobs})")
+        need(self.jobs >= 1, "'jobs' must be at least 1", self.jobs)
         check_backend(self.backend, self.scheduler)
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, ThresholdMetric
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.experiments._experiment import Choice
@@ -100,8 +101,7 @@ class Ordering:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", tuple((a, b) for a, b in self.pairs))
-        if not self.pairs:
-            raise ValueError(f"'pairs' of '{self.name}' must hold at least one pair (got none)")
+        need(self.pairs, f"'pairs' of '{self.name}' must hold at least one pair (got none)")
 
 
 @dataclass(frozen=True)
@@ -204,8 +204,7 @@ class Table:
                     f"the columns of table '{self.name}' must be numbers, as 'axis' is given (got "
                     f"'{cell.column}')"
                 ) from None
-        if self.shows not in _SHOWS:
-            raise ValueError(f"'shows' must be one of {list(_SHOWS)} (got '{self.shows}')")
+        need(self.shows in _SHOWS, f"'shows' must be one of {list(_SHOWS)} (got '{self.shows}')")
         for what, names in (
             ("protocols", [protocol.name for protocol in self.protocols]),
             ("cells", [cell.experiment for cell in self.cells]),
@@ -285,8 +284,7 @@ class Table:
         for name in wanted:
             if not {name, f"by {name}"} & set(known):
                 raise ValueError(f"'protocols' must be some of {known} (got '{name}')")
-        if not wanted:
-            raise ValueError(f"'protocols' must be some of {known} (got none)")
+        need(wanted, f"'protocols' must be some of {known} (got none)")
         chosen = {*wanted, *(f"by {name}" for name in wanted)}
         return tuple(p.with_folds(folds) for p in self.protocols if p.name in chosen)
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import quoted
 
 # With these a spreadsheet program takes a cell for a formula, and runs it; also as wide characters.
@@ -66,8 +67,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                 yield last, row
     except (csv.Error, UnicodeDecodeError) as error:
         raise ValueError(f"'{path}' cannot be read as CSV: {error}") from error
-    if last == 0:
-        raise ValueError(f"'{path}' must hold at least one frame (got no line)")
+    need(last != 0, f"'{path}' must hold at least one frame (got no line)")
     if not whole:
         raise ValueError(
             f"'{path}', line {last} must end with a line break: is the file truncated? Delete the "
@@ -103,8 +103,7 @@ def csv_table(
             raise _no_number(path, line, place, row[place], names[place])
         rows.append(numbers)
         cells.append([row[i] for i in texts])
-    if not rows:
-        raise ValueError(f"'{path}' must hold at least one {what} (got a header only)")
+    need(rows, f"'{path}' must hold at least one {what} (got a header only)")
     return np.stack(rows), cells
 
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, existing_file
 from torch_geometric_tactile._limits import LEROBOT_TASKS
 from torch_geometric_tactile._texts import printable, read_json
@@ -53,8 +54,7 @@ def check_new_folder(root: Path) -> None:
 
 def check_alike(recordings: Sequence[Recording]) -> None:
     r"""Raises an error unless there are recordings with frames, of the same shapes and unit."""
-    if not recordings:
-        raise ValueError("'recordings' must hold at least one recording (got none)")
+    need(recordings, "'recordings' must hold at least one recording (got none)")
     shapes = [(r.num_taxels, r.num_channels, r.num_joints) for r in recordings]
     for i, (recording, shape) in enumerate(zip(recordings, shapes, strict=True)):
         if recording.num_frames == 0:

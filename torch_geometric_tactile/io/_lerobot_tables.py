@@ -8,6 +8,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 from torch_geometric_tactile._texts import printable
@@ -233,8 +234,7 @@ def _totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
             values += counts[0].get(1, 0) if counts else 0
         unpacked += whole
         start += header.place + packed
-    if start != end:
-        raise ValueError("its pages must end where its footer declares (got another place)")
+    need(start == end, "its pages must end where its footer declares (got another place)")
     return values, unpacked
 
 
@@ -265,8 +265,7 @@ class _Header:
         return out
 
     def _byte(self) -> int:
-        if self.place >= len(self.data):
-            raise ValueError("its pages must have whole headers (got the end)")
+        need(self.place < len(self.data), "its pages must have whole headers (got the end)")
         self.place += 1
         return self.data[self.place - 1]
 

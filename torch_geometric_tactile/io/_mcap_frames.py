@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._limits import ARRAY_BYTES, EXPANSION, FRAME_BYTES
 from torch_geometric_tactile.io._mcap_schemas import FRAME, decode
 
@@ -93,8 +94,7 @@ def _values(frame: Any) -> dict[str, np.ndarray]:
             f"'tactile' must have the shape that its frame says (got {len(tactile)} numbers and "
             f"{shape[:4]})"
         )
-    if not math.isfinite(frame.time):
-        raise ValueError(f"'time' must be finite (got {frame.time})")
+    need(math.isfinite(frame.time), "'time' must be finite", frame.time)
     for name, readings in (("tactile", tactile), ("joint", joint)):
         if np.isinf(readings).any():
             raise ValueError(f"'{name}' must hold finite readings, or NaN where one is missing")

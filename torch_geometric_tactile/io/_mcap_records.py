@@ -23,6 +23,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._limits import RECORD_BYTES
 from torch_geometric_tactile.io._mcap_output import require_mcap
 
@@ -60,8 +61,7 @@ class Scan:
             crc: int | None = zlib.crc32(start)
             place = len(MAGIC)
             if start != MAGIC:
-                if not starts:
-                    raise ValueError(f"'{self.path}' is no MCAP file (it begins with {start!r})")
+                need(starts, f"'{self.path}' is no MCAP file (it begins with {start!r})")
                 crc, place = None, starts[0]
                 self._lost(0, place, "its beginning is damaged")
             yield from summary

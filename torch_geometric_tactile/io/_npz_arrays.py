@@ -11,6 +11,7 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import UNREADABLE, unreadable
 from torch_geometric_tactile._limits import ARRAY_BYTES, is_absurd
 
@@ -105,8 +106,7 @@ def read_array_header(file: IO[bytes], name: str) -> tuple[ArrayHeader, int]:
         raise ValueError(
             f"its array '{name}' is of type {dtype}, and only numbers and texts are read"
         )
-    if any(size < 0 for size in shape):
-        raise ValueError(f"its array '{name}' has the shape {shape}")
+    need(not any(size < 0 for size in shape), f"its array '{name}' has the shape {shape}")
     num_bytes = math.prod(shape) * dtype.itemsize
     return ArrayHeader(shape, fortran_order, dtype, num_bytes), file.tell()
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
@@ -118,8 +119,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 def _numbers(text: str, where: str, what: str, count: int) -> np.ndarray:
     cells = text.split()
-    if len(cells) != count:
-        raise ValueError(f"{where} must hold {count} numbers, {what} (got {len(cells)})")
+    need(len(cells) == count, f"{where} must hold {count} numbers, {what}", len(cells))
     for cell in cells:
         if not is_number_cell(cell) or not abs(float(cell)) < float("inf"):
             raise ValueError(f"{where}: {what} must be finite numbers (got {quoted(cell)})")

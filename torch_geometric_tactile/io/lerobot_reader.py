@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import printable, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -147,8 +148,7 @@ class _Dataset:
 
     def _task(self, path: Path, rows: Any) -> str:
         number = int(integers(path, rows, "task_index")[0])
-        if number not in self.tasks:
-            raise ValueError(f"'{path}' must hold tasks of 'meta/tasks.parquet' (got {number})")
+        need(number in self.tasks, f"'{path}' must hold tasks of 'meta/tasks.parquet'", number)
         return self.tasks[number]
 
 

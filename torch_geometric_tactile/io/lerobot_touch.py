@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io._lerobot_content import (
@@ -115,8 +116,7 @@ def add_to_lerobot(
             rows = max(rows, 1, *map(len, since))
     features = touch_features(shifted[0], rows)
     known = next((name for name in features if name in info["features"]), None)
-    if known is not None:
-        raise ValueError(f"'{source}' must have no feature '{known}' yet (got one)")
+    need(known is None, f"'{source}' must have no feature '{known}' yet (got one)")
     with _copy(source, root) as copy:
         stats: dict[int, dict[str, Stats]] = {}
         for path in data_files(copy, info):

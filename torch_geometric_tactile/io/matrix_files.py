@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import UNREADABLE, existing_file, unreadable
 from torch_geometric_tactile._limits import PNG_BYTES
 from torch_geometric_tactile._typing import PathLike
@@ -94,8 +95,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
             header, start = read_array_header(file, path.stem)
         except UNREADABLE as error:
             raise unreadable(path, "npy", error) from error
-        if header.dtype.kind not in "iuf":
-            raise ValueError(f"'{path}' must hold numbers (got type {header.dtype})")
+        need(header.dtype.kind in "iuf", f"'{path}' must hold numbers (got type {header.dtype})")
         shape = header.shape
         if shape != size and (shape[1:] != size or shape[0] == 0):
             wanted = " x ".join(map(str, size))
@@ -167,8 +167,7 @@ def _checked_depth(path: Path, data: bytes, size: tuple[int, ...]) -> int:
             f"'{path}' must be a grey image (got {_COLORS.get(color, f'colours of type {color}')}):"
             " save it in grey"
         )
-    if depth not in _DEPTHS:
-        raise ValueError(f"'{path}' must have 8 or 16 bits a pixel (got {depth})")
+    need(depth in _DEPTHS, f"'{path}' must have 8 or 16 bits a pixel", depth)
     return int(depth)
 
 
@@ -188,8 +187,7 @@ def _pixels(data: bytes, size: tuple[int, ...]) -> np.ndarray:
                 raise ValueError(f"it must hold one size (got {image.size[::-1]}, too)")
             if getattr(image, "n_frames", 1) > 1:
                 raise ValueError("it must hold one image (got an animation)")
-            if image.mode not in _MODES:
-                raise ValueError(f"it must be a grey image (got mode {image.mode})")
+            need(image.mode in _MODES, f"it must be a grey image (got mode {image.mode})")
             return np.asarray(image)
     except Image.DecompressionBombError as error:
         raise ValueError(str(error)) from error

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._limits import MAT_BYTES, is_absurd
 from torch_geometric_tactile._texts import quoted, short_list
@@ -96,8 +97,7 @@ def _byte_order(data: bytes) -> str:
     if order is None or 0 in data[:4]:
         raise ValueError("it is no MAT file of version 5 to 7, or truncated: try save(..., '-v7')")
     (version,) = struct.unpack(f"{order}H", data[124:126])
-    if version != 0x0100:
-        raise ValueError(f"it is of version {version:#x}: write it by save(..., '-v7')")
+    need(version == 256, f"it is of version {version:#x}: write it by save(..., '-v7')")
     return order
 
 
@@ -125,8 +125,7 @@ def _variables(data: bytes, order: str) -> Iterator[_Variable]:
 
 def _tag(data: bytes, place: int, order: str) -> tuple[int, int, int]:
     # Type and number of bytes of an element, and where they begin.
-    if len(data) < place + 8:
-        raise ValueError("it is truncated")
+    need(len(data) >= place + 8, "it is truncated")
     kind, count = struct.unpack_from(f"{order}II", data, place)
     if kind >> 16:  # a small element has both in one number
         return kind & 0xFFFF, kind >> 16, place + 4
@@ -137,18 +136,15 @@ def _element(data: bytes, place: int, order: str) -> tuple[int, bytes, int]:
     # Type and bytes of an element, and where the next one begins.
     kind, count, start = _tag(data, place, order)
     is_small = start == place + 4
-    if is_small and count > 4:
-        raise ValueError(f"a small part must have 4 bytes at most (got {count})")
+    need(not is_small or count <= 4, "a small part must have 4 bytes at most", count)
     content = data[start : start + count]
-    if len(content) < count:
-        raise ValueError(f"it is truncated: a part must have {count} bytes (got {len(content)})")
+    need(len(content) >= count, f"it is truncated: a part must have {count} bytes", len(content))
     return kind, content, place + 8 if is_small else start + -(-count // 8) * 8
 
 
 def _described(head: bytes, content: bytes, is_packed: bool, order: str) -> _Variable:
     kind, flags, place = _element(head, 0, order)
-    if kind != _UINT32 or len(flags) != 8:
-        raise ValueError("a variable has no description")
+    need(kind == _UINT32 and len(flags) == 8, "a variable has no description")
     (word,) = struct.unpack(f"{order}I", flags[:4])
     variable_class = word & 0xFF
     if variable_class not in _CLASSES:  # not all of these have a size
@@ -160,8 +156,7 @@ def _described(head: bytes, content: bytes, is_packed: bool, order: str) -> _Var
     if min(shape) < 0:
         raise ValueError(f"a variable has the size {shape}")
     kind, name, place = _element(head, place, order)
-    if kind != _INT8 or not name.isascii():
-        raise ValueError("a variable has no name")
+    need(kind == _INT8 and name.isascii(), "a variable has no name")
     return _Variable(name.decode(), variable_class, word >> 8 & 0xFF, shape, content, is_packed)
 
 
@@ -210,8 +205,7 @@ def _numbers(variable: _Variable, size: tuple[int, ...], order: str, num_stored:
     for _ in range(3):  # description, size and name
         _, _, place = _element(content, place, order)
     stored, numbers, place = _element(content, place, order)
-    if stored not in _STORED:
-        raise ValueError(f"'{variable.name}' has numbers of the unknown type {stored}")
+    need(stored in _STORED, f"'{variable.name}' has numbers of the unknown type {stored}")
     dtype = np.dtype(f"{order}{_STORED[stored]}")
     if len(numbers) != count * dtype.itemsize or place < len(content):
         raise ValueError(
@@ -237,6 +231,5 @@ def _whole(content: bytes, most: int, order: str) -> bytes:
     if not packer.eof or packer.unused_data:
         raise ValueError("a variable has other bytes than its description says")
     _, count, start = _tag(data, 0, order)
-    if len(data) != start + count:
-        raise ValueError(f"a variable must have {count} bytes (got {len(data) - start})")
+    need(len(data) == start + count, f"a variable must have {count} bytes", len(data) - start)
     return data[start:]

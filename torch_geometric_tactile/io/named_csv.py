@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording
@@ -98,12 +99,10 @@ def read_named_csv(
         Recording(num_frames=2, num_taxels=2, num_channels=1, rate=100, label='cup')
     """
     path = checked_file(path)
-    if rate is not None and not rate > 0:
-        raise ValueError(f"'rate' must be positive (got {rate})")
+    need(rate is None or rate > 0, "'rate' must be positive", rate)
     if time_unit not in (None, *TIME_UNITS):
         raise ValueError(f"'time_unit' must be one of {list(TIME_UNITS)} (got {time_unit})")
-    if num_channels < 1:
-        raise ValueError(f"'num_channels' must be at least 1 (got {num_channels})")
+    need(num_channels >= 1, "'num_channels' must be at least 1", num_channels)
     lines = csv_rows(path)
     columns = _columns(
         path, csv_names(lines), tactile, joint, (time, time_unit), label, ignore, num_channels

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile._typing import PathLike
@@ -94,8 +95,7 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
             f"(got an npz file with {sorted(shapes)[:5]})"
         )
     check_version(path, texts.get("version"))
-    if problem:
-        raise ValueError(f"'{path}' holds no consistent recording: {problem}; write it anew")
+    need(not problem, f"'{path}' holds no consistent recording: {problem}; write it anew")
     texts |= {
         name: content.pop(name).item() for name in ("arrays", "label", "meta") if name in content
     }

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import existing_file
 from torch_geometric_tactile._texts import quoted, short_list
 from torch_geometric_tactile._typing import PathLike
@@ -76,8 +77,7 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
         if not problem:
             content = {key: arrays.read(names[0]) for key, names in found.items()}
             problem = next(filter(None, map(_kind_problem, content, content.values())), "")
-    if problem:
-        raise ValueError(f"'{path}' must hold labelled samples: {problem}")
+    need(not problem, f"'{path}' must hold labelled samples: {problem}")
     unknown = sorted(set(shapes) - set(_BY_NAME))
     if unknown:
         _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, rest=""))

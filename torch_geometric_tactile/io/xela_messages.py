@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import each_key_once, short_repr
 from torch_geometric_tactile._typing import PathLike
@@ -96,8 +97,7 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
                 )
         frames.append(frame)
         sensors = sensor_keys(message)
-    if not frames:
-        raise ValueError(f"'{path}' must hold at least one XELA message (got none)")
+    need(frames, f"'{path}' must hold at least one XELA message (got none)")
     first = frames[0]
     meta = {
         "sensor": "XELA uSkin",

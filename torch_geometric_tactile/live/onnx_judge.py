@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._ring import Ring
 
@@ -277,8 +278,7 @@ def _checked(path: PathLike) -> bytes:
 
 
 def _read_info(entries: Mapping[str, str], path: str) -> dict[str, Any]:
-    if _KEY not in entries:
-        raise ValueError(f"'{path}' must be a model that 'tactile export' wrote (got another one)")
+    need(_KEY in entries, f"'{path}' must be a model that 'tactile export' wrote (got another one)")
     try:
         info = json.loads(entries[_KEY])
         if info["format"] != _FORMAT:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, unquote
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile.live.source import Source
 
@@ -74,8 +75,7 @@ def _split(text: str, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]
 def _file(path: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.replay_source import ReplaySource
 
-    if not path:
-        raise ValueError("a source of a file must name it, such as file:grasp.h5")
+    need(path, "a source of a file must name it, such as file:grasp.h5")
     if re.match(r"/dev/|COM[0-9]+$", path) or Path(path).is_char_device():  # or a link to one
         raise ValueError(
             f"a serial port must be given as serial:{path}?protocol=NAME (got '{printable(path)}')"
@@ -112,8 +112,7 @@ def _shown_port(port: str) -> str:
 def _simulated(rest: str, options: Mapping[str, Any]) -> Source:
     from torch_geometric_tactile.live.simulated_source import SimulatedSource
 
-    if rest:
-        raise ValueError(f"a simulated source must be sim: or sim:?object=NAME (got 'sim:{rest}')")
+    need(not rest, f"a simulated source must be sim: or sim:?object=NAME (got 'sim:{rest}')")
     kinds = {"object": _text, "rate": _number, "seed": _whole, "objects": _text, "motion": _text}
     return SimulatedSource(**_converted("sim:", options, kinds))
 
@@ -158,6 +157,5 @@ def _truth(name: str, value: Any) -> bool:
     if isinstance(value, bool):
         return value
     text = str(value).lower()
-    if text not in _TRUE + _FALSE:
-        raise ValueError(f"'{name}' must be 1 or 0 (got {value!r})")
+    need(text in _TRUE + _FALSE, f"'{name}' must be 1 or 0 (got {value!r})")
     return text in _TRUE

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data.recording import Recording
 from torch_geometric_tactile.io.xela_message import XELA_VERSION
@@ -65,8 +66,7 @@ class ReplayServer(WebServer):
         *,
         host: str = "127.0.0.1",
     ) -> None:
-        if not speed > 0 or speed == float("inf"):
-            raise ValueError(f"'speed' must be positive and finite (got {speed})")
+        need(speed > 0 and speed != float("inf"), "'speed' must be positive and finite", speed)
         if not isinstance(recording, Recording):
             from torch_geometric_tactile.io import read_recording
 

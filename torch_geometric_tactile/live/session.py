@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.callback import Callback
@@ -89,8 +90,7 @@ class LiveSession:
         if tare and rest is None:
             raise ValueError("'rest' must be given: 'tare' subtracts what it measures (got None)")
         measures = judge is not None and judge.info["rest"] is not None
-        if tare and measures:
-            raise ValueError("'tare' must be false: the model itself measures the rest")
+        need(not tare or not measures, "'tare' must be false: the model itself measures the rest")
         self.stream = Stream(source, taxel_map=taxel_map)
         self.callbacks = list(callbacks)
         self.judged = 0

@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.live.clock_map import ClockMap
@@ -60,8 +61,7 @@ class Stream:
     def __init__(
         self, source: Source, *, taxel_map: "TaxelMap | None" = None, silent_after: float = 1.0
     ) -> None:
-        if not silent_after > 0:
-            raise ValueError(f"'silent_after' must be positive, in seconds (got {silent_after})")
+        need(silent_after > 0, "'silent_after' must be positive, in seconds", silent_after)
         self.source = source
         self.taxel_map = taxel_map
         self.silent_after = silent_after

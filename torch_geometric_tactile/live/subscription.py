@@ -7,6 +7,7 @@ from contextlib import suppress
 from time import perf_counter
 from typing import Self
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Policy
 from torch_geometric_tactile.data.live_frame import LiveFrame
 
@@ -77,8 +78,7 @@ class Subscription:
     """
 
     def __init__(self, policy: Policy = "all", size: int | None = None) -> None:
-        if policy not in _SIZES:
-            raise ValueError(f"'policy' must be one of {list(_SIZES)} (got {policy!r})")
+        need(policy in _SIZES, f"'policy' must be one of {list(_SIZES)} (got {policy!r})")
         size = _SIZES[policy] if size is None or policy == "newest" else size
         if isinstance(size, bool) or not isinstance(size, int) or size < 1:
             raise ValueError(f"'size' must be a positive number of frames (got {size!r})")

@@ -11,6 +11,7 @@ import torch
 from torch.utils.data import DataLoader, Dataset
 from torch_geometric.data import Data
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._batches import check_joinable, static_batch, static_parts
 from torch_geometric_tactile.data.apply_transform import stack_like
@@ -170,10 +171,8 @@ def _has_sampler(kwargs: Mapping[str, Any]) -> bool:
 def _shuffle_by_blocks(dataset: Any, shuffle: Any, kwargs: dict[str, Any]) -> bool:
     # Sets a sampler if it is to be by blocks, and returns the argument for PyTorch.
     if isinstance(shuffle, str):
-        if shuffle != "blocks":
-            raise ValueError(f"'shuffle' must be True, False or 'blocks' (got '{shuffle}')")
-        if _has_sampler(kwargs):
-            raise ValueError("'shuffle' must be left out with a sampler (got 'blocks')")
+        need(shuffle == "blocks", f"'shuffle' must be True, False or 'blocks' (got '{shuffle}')")
+        need(not _has_sampler(kwargs), "'shuffle' must be left out with a sampler (got 'blocks')")
     elif not exceeds_memory(dataset):
         return True
     else:

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch_geometric.transforms import Compose
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticDataset
@@ -65,8 +66,7 @@ def write_grasp_report(
     run: PlanRun, main: dict[str, Any], out: PathLike, seconds: float
 ) -> GraspReport:
     r"""Writes :obj:`report.html`, its pictures and :obj:`metrics.json`."""
-    if run.missing:
-        raise ValueError(f"'run' must be complete (got {run.missing} runs missing)")
+    need(not run.missing, f"'run' must be complete (got {run.missing} runs missing)")
     out, plan = Path(out), run.plan
     unseen = next(e for e in plan.experiments if e.protocol_name == _UNSEEN)
     train, test = unseen.data.parts(unseen.protocol, unseen.seed, unseen.fold)

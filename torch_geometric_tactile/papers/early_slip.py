@@ -7,6 +7,8 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
+
 
 @dataclass(frozen=True, eq=False)
 class SlipScores:
@@ -91,11 +93,9 @@ def alarm_threshold(scores: SlipScores, false_alarms: float = 0.05) -> float:
         >>> alarm_threshold(held, 0.25)
         4.0
     """
-    if not 0 < false_alarms < 1:
-        raise ValueError(f"'false_alarms' must be between 0 and 1 (got {false_alarms})")
+    need(0 < false_alarms < 1, "'false_alarms' must be between 0 and 1", false_alarms)
     held = np.sort(scores.score[~scores.slips])
-    if len(held) == 0:
-        raise ValueError("'scores' must have grasps that hold, to count false alarms (got none)")
+    need(len(held) != 0, "'scores' must have grasps that hold, to count false alarms (got none)")
     allowed = math.floor(false_alarms * len(held) + 1e-9)
     above = held[len(held) - allowed - 1]  # the largest score that must not be an alarm
     larger = held[held > above]
@@ -139,8 +139,7 @@ def lead_times(
         LeadTimes: NaN where no grasp has a moment.
     """
     lead = np.asarray(seconds, dtype=np.float64)
-    if lead.ndim != 1 or not (lead > 0).all():
-        raise ValueError(f"'seconds' must be times above zero (got {list(seconds)})")
+    need(lead.ndim == 1 and (lead > 0).all(), "'seconds' must be times above zero", list(seconds))
     alarm = scores.score >= threshold
     slipping, holding = _by_trial(scores, scores.slips), _by_trial(scores, ~scores.slips)
     recall, false_alarms = np.full(len(lead), np.nan), np.full(len(lead), np.nan)

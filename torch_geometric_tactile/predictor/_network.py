@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.nn.models._inputs import needed_inputs
 
@@ -26,8 +27,7 @@ class Network:
         task: str = "multiclass",
         threshold: float | None = None,
     ) -> None:
-        if task not in TASKS:
-            raise ValueError(f"'task' must be one of {list(TASKS)} (got '{task}')")
+        need(task in TASKS, f"'task' must be one of {list(TASKS)} (got '{task}')")
         if threshold is not None and (task != "multiclass" or not 0 <= threshold <= 1):
             raise ValueError(
                 "'threshold' must be a probability, with task='multiclass' and two classes (got "
@@ -103,8 +103,7 @@ class Network:
             ValueError: If :obj:`task` is :obj:`"regression"`, or there is a threshold and are not
                 two classes.
         """
-        if self.task == "regression":
-            raise ValueError("a regression has no labels (task='regression')")
+        need(self.task != "regression", "a regression has no labels (task='regression')")
         rows = probability.view(-1, probability.size(-1)).cpu()
         names = self.names(rows.size(1))
         if self.task == "multilabel":

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, join_frames
 from torch_geometric_tactile.predictor._onnx_steps import GivenRest, is_framewise, lowered
 from torch_geometric_tactile.predictor._settling import access
@@ -242,8 +243,7 @@ def _count_joints(predictor: Predictor) -> int:
     counting = (predictor.model, preparation.hand)
     known = [preparation.num_joints, *(getattr(one, "num_joints", None) for one in counting)]
     found = [number for number in known if number]
-    if not found:
-        raise ValueError("the predictor must know 'num_joints' to be exported (got None)")
+    need(found, "the predictor must know 'num_joints' to be exported (got None)")
     return int(found[0])
 
 

@@ -18,6 +18,7 @@ from torch import Tensor
 from torch.nn import Module
 from torch_geometric.transforms import BaseTransform, Compose
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data._allocation_limit import AllocationLimit
 from torch_geometric_tactile.data._transform_rules import KEPT_AS, flat
 from torch_geometric_tactile.predictor.classes import model_classes, transform_classes
@@ -70,8 +71,7 @@ class Builder:
         r"""Returns a model, with weights that are still to be loaded."""
         if given is not None:
             name = described.get("own", described.get("class"))
-            if type(given).__name__ != name:
-                raise ValueError(f"'model' must be a {name} (got {type(given).__name__})")
+            need(type(given).__name__ == name, f"'model' must be a {name}", type(given).__name__)
             with torch.random.fork_rng(devices=[]):  # some layers draw weights when they are copied
                 return copy.deepcopy(given)
         if "own" in described:
@@ -123,8 +123,7 @@ class Builder:
 
     def tensor(self, name: Any) -> Tensor:
         r"""Returns a tensor by its name."""
-        if name not in self.tensors:
-            raise ValueError(f"it must hold the tensor '{name}' (got none)")
+        need(name in self.tensors, f"it must hold the tensor '{name}' (got none)")
         return self.tensors[name]
 
 

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.transforms import Compose
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording, StaticData
 from torch_geometric_tactile.predictor._readings import ArrayLike
 from torch_geometric_tactile.transforms import FittedTransform, Tare, fit_parts, fitted_parts
@@ -129,8 +130,7 @@ class Session:
         return number
 
     def _require_parts(self) -> None:
-        if not self.parts:
-            raise ValueError("no transform of this predictor measures sessions: there is no need")
+        need(self.parts, "no transform of this predictor measures sessions: there is no need")
 
     def give(self, center: Tensor, scale: Tensor | None = None) -> None:
         r"""Sets what was measured elsewhere, in place of all sessions before.

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeGuard
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 
@@ -99,8 +100,7 @@ def read_tensors(path: PathLike) -> TensorFile:
     with path.open("rb") as file:
         start = file.read(8)
         length = int.from_bytes(start, "little")
-        if size < 8 or length > min(size - 8, _MAX_HEADER):
-            raise ValueError(f"it has no header ({size} bytes)")
+        need(size >= 8 and length <= min(size - 8, _MAX_HEADER), f"it has no header ({size} bytes)")
         try:
             text = file.read(length)
             header = json.loads(text.decode())
@@ -118,8 +118,7 @@ def read_tensors(path: PathLike) -> TensorFile:
         _check(checksum, start + text, data)
     tensors = {name: _tensor(name, entry, data) for name, entry in header.items()}
     used = sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())
-    if used != len(data):
-        raise ValueError(f"its tensors must fill it ({used} of {len(data)} bytes)")
+    need(used == len(data), f"its tensors must fill it ({used} of {len(data)} bytes)")
     return TensorFile(tensors, metadata, checksum is not None)
 
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import (
     StaticData,
     StaticDataset,
@@ -81,8 +82,7 @@ class WindowCut:
         :math:`(W,)`.
         """
         count = frames.num_samples
-        if count == 0:
-            raise ValueError("there must be at least one frame to predict (got none)")
+        need(count != 0, "there must be at least one frame to predict (got none)")
         if self.ragged == "error" and self.is_trial and count != self.length:
             raise ValueError(
                 f"a recording must have {self.length} frames, as the trials that the model was "

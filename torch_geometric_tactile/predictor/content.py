@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn import Module
 
 from torch_geometric_tactile import __version__
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._torch_file import read_torch_file
@@ -230,8 +231,7 @@ def load(
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
     with _explained(f"'{path}' is no predictor that can be read here"):
         tensors, texts, has_checksum = read_tensors(path)
-        if _KEY not in texts:
-            raise ValueError("it is not a file of Predictor.save")
+        need(_KEY in texts, "it is not a file of Predictor.save")
         header = json.loads(texts[_KEY])
         if not has_checksum and header.get("format") != _OLD_FORMATS[0]:
             raise ValueError("it must have a checksum (got none): it is damaged")

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn import Module
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike, Transform
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
 from torch_geometric_tactile.predictor import content
@@ -361,5 +362,4 @@ class Predictor:
 
 
 def _check_size(size: int) -> None:
-    if size < 1:
-        raise ValueError(f"'batch_size' must be at least 1 (got {size})")
+    need(size >= 1, "'batch_size' must be at least 1", size)

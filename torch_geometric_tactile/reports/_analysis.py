@@ -5,6 +5,7 @@ from typing import Any
 
 import torch
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile._typing import PathLike
@@ -77,8 +78,7 @@ def analyze(
     r"""Analyses a predictor on labelled samples that it was not trained on, and returns the
     page.
     """
-    if frames < 2:
-        raise ValueError(f"'frames' must be at least 2 (got {frames})")
+    need(frames >= 2, "'frames' must be at least 2", frames)
     if predictor.task == "regression":
         raise ValueError("'predictor' must predict classes or labels (got task='regression')")
     out = Path(out)

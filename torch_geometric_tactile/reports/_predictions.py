@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import Recording, StaticData, StaticDataset
@@ -120,8 +121,7 @@ def _write(predictor: Predictor, head: Sequence[str], rows: _Rows, out: PathLike
             count[prediction] += 1
             numbers = [f"{value:.6f}" for value in probability.tolist()]
             writer.writerow([*cells, *([cell_text(prediction)] if has_labels else []), *numbers])
-        if not count:
-            raise ValueError("there must be at least one frame to predict (got none)")
+        need(count, "there must be at least one frame to predict (got none)")
     return count
 
 

@@ -11,6 +11,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io import read_recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, as_layout, stock_layout
@@ -91,8 +92,7 @@ class SimulatedRun(FinishedRun[TrialReport]):
         r"""Draws the first trial of the first object, as a film and as forces."""
         done = [report for report in self.reports if report.path is not None]
         done.sort(key=lambda report: (self.object_names.index(report.object_name), report.trial))
-        if not done:
-            raise ValueError("a preview must have a trial to show (got none that succeeded)")
+        need(done, "a preview must have a trial to show (got none that succeeded)")
         assert done[0].path is not None
         recording, hand = read_recording(done[0].path), HandKinematics.allegro()
         layout = stock_layout(recording.meta["sensor"])

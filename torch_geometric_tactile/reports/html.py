@@ -6,6 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import printable
 from torch_geometric_tactile._typing import PathLike
@@ -97,8 +98,7 @@ def write_report(
         ...     "84.0" in path.read_text(encoding="utf-8")
         True
     """
-    if not notice.strip():
-        raise ValueError("'notice' must say which data was used (got an empty text)")
+    need(notice.strip(), "'notice' must say which data was used (got an empty text)")
     try:
         import jinja2
     except ImportError as error:

@@ -3,6 +3,7 @@ r"""Checks of plain data, such as JSON, that somebody else may have written."""
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_repr
 
 MOST_TAXELS = 1_000_000
@@ -18,8 +19,7 @@ def need_mapping(value: Any, what: str) -> None:
 def need_key(item: Any, key: str, what: str) -> Any:
     r"""Returns a value of an object."""
     need_mapping(item, what)
-    if key not in item:
-        raise ValueError(f"{what} must have the key '{key}' (got {sorted(item)})")
+    need(key in item, f"{what} must have the key '{key}'", sorted(item))
     return item[key]
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
     MOST_TAXELS,
@@ -48,8 +49,7 @@ def layout_arguments(content: Mapping[str, Any]) -> dict[str, Any]:
     for key in ("name", "unit", "source"):
         need_text(content.get(key, ""), f"'{key}'")
     unit = content["unit"]
-    if unit not in _METRES_PER_UNIT:
-        raise ValueError(f"'unit' must be one of {list(_METRES_PER_UNIT)} (got '{unit}')")
+    need(unit in _METRES_PER_UNIT, f"'unit' must be one of {list(_METRES_PER_UNIT)} (got '{unit}')")
     taxels = _checked_taxels(content["taxels"])
     normal, tangent, cells = (_column(taxels, key) for key in ("normal", "tangent", "cell"))
     pos = torch.tensor([taxel["pos"] for taxel in taxels], dtype=torch.double)
@@ -109,10 +109,8 @@ def _indices(content: Mapping[str, Any], taxels: list[Mapping[str, Any]]) -> dic
 def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
     if not isinstance(taxels, list | tuple):
         raise ValueError(f"'taxels' must be a list (got {type(taxels).__name__})")
-    if not taxels:
-        raise ValueError("'taxels' must hold at least one taxel (got none)")
-    if len(taxels) > MOST_TAXELS:
-        raise ValueError(f"'taxels' must be {MOST_TAXELS} at most (got {len(taxels)})")
+    need(taxels, "'taxels' must hold at least one taxel (got none)")
+    need(len(taxels) <= MOST_TAXELS, f"'taxels' must be {MOST_TAXELS} at most", len(taxels))
     dims = set()
     for i, taxel in enumerate(taxels):
         place = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
@@ -127,8 +125,7 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
                     f"'{key}' of taxel {i} must be {what} (got {short_repr(taxel[key])})"
                 )
         dims.add(len(taxel["pos"]))
-    if len(dims) > 1:
-        raise ValueError("'pos' must have as many numbers at every taxel (got two and three)")
+    need(len(dims) <= 1, "'pos' must have as many numbers at every taxel (got two and three)")
     return list(taxels)
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
+
 if TYPE_CHECKING:
     from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -21,8 +23,7 @@ def join_arguments(
     for key, values in (("names", names), ("links", links)):
         if values is not None and len(values) != count:
             raise ValueError(f"'{key}' must be {count}, one for each layout (got {len(values)})")
-    if len(set(names)) < count:
-        raise ValueError(f"'names' must differ from one another (got {list(names)})")
+    need(len(set(names)) >= count, "'names' must differ from one another", list(names))
     poses = _checked_pose(pose, count)
     pos = [
         (layout.pos.double() @ turn[:3, :3].t() + turn[:3, 3]).float()
@@ -57,8 +58,7 @@ def _checked_pose(pose: Tensor | None, count: int) -> Tensor:
     if pose is None:
         return torch.eye(4, dtype=torch.double).expand(count, 4, 4)
     pose = torch.as_tensor(pose, dtype=torch.double)
-    if pose.shape != (count, 4, 4):
-        raise ValueError(f"'pose' must have shape ({count}, 4, 4) (got {tuple(pose.shape)})")
+    need(pose.shape == (count, 4, 4), f"'pose' must have shape ({count}, 4, 4)", tuple(pose.shape))
     turn = pose[:, :3, :3]
     is_rigid = torch.allclose(turn @ turn.mT, eye.expand_as(turn), atol=1e-4)
     last = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.double)

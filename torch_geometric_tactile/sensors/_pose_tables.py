@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.joints import Joint
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -25,8 +26,7 @@ class LinkTree(NamedTuple):
 
 def link_tree(joints: Sequence[Joint]) -> LinkTree:
     r"""Returns the links that joints make up."""
-    if len(joints) > _MOST_JOINTS:
-        raise ValueError(f"'joints' must be {_MOST_JOINTS} at most (got {len(joints)})")
+    need(len(joints) <= _MOST_JOINTS, f"'joints' must be {_MOST_JOINTS} at most", len(joints))
     if len({joint.name for joint in joints}) < len(joints):
         raise ValueError("'joints' must have different names (got one twice)")
     by_child: dict[str, Joint] = {}
@@ -38,8 +38,7 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
             )
         by_child[joint.child] = joint
     roots = list(dict.fromkeys(j.parent for j in joints if j.parent not in by_child))
-    if len(roots) != 1:
-        raise ValueError(f"the links must be one tree, with one root (got roots {roots})")
+    need(len(roots) == 1, f"the links must be one tree, with one root (got roots {roots})")
     names, levels = [roots[0]], []
     level = names
     while level:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.joints import Joint
 
 _MOVING = ("revolute", "continuous")
@@ -30,8 +31,7 @@ def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint
         root = ElementTree.fromstring(path.read_bytes())  # bytes: the file declares its encoding
     except (ElementTree.ParseError, LookupError) as error:  # another encoding is a LookupError
         raise ValueError(str(error)) from error
-    if root.tag != "robot":
-        raise ValueError(f"the root element must be 'robot' (got '{root.tag}')")
+    need(root.tag == "robot", f"the root element must be 'robot' (got '{root.tag}')")
     joints = [_urdf_joint(element) for element in root.findall("joint")]
     links = [element.get("name") for element in root.findall("link")]
     held = {link for joint in joints for link in (joint.parent, joint.child)}
@@ -58,8 +58,7 @@ def _still(joint: Joint) -> Joint:
 
 def _urdf_joint(element: ElementTree.Element) -> Joint:
     name, kind = element.get("name", ""), element.get("type")
-    if not name:
-        raise ValueError("each joint must have a name (got none)")
+    need(name, "each joint must have a name (got none)")
     _check_parts(element, name)
     if kind not in (*_MOVING, "fixed"):
         raise ValueError(f"joint '{name}' must be revolute, continuous or fixed (got '{kind}')")

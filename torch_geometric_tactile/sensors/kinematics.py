@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import read_json, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, only_keys
@@ -94,8 +95,7 @@ class HandKinematics:
         self.name = name
         self.joints = tuple(joints)
         moving = [joint for joint in self.joints if joint.axis is not None]
-        if not moving:
-            raise ValueError("'joints' must hold at least one joint that moves (got none)")
+        need(moving, "'joints' must hold at least one joint that moves (got none)")
         self.joint_names = tuple(joint.name for joint in moving)
         if len(set(self.joint_names)) < len(moving):
             raise ValueError("'joints' must have different names (got one twice)")
@@ -324,8 +324,7 @@ def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
             f"'joint' must have shape (..., {hand.num_joints}), as '{hand.name}' has joints "
             f"(got {tuple(joint.shape)})"
         )
-    if not joint.is_floating_point():
-        raise ValueError(f"'joint' must be floating-point angles (got {joint.dtype})")
+    need(joint.is_floating_point(), "'joint' must be floating-point angles", joint.dtype)
     if torch.compiler.is_compiling():  # an export must not depend on values
         return
     # No hand turns this far.

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._texts import read_json
 from torch_geometric_tactile._typing import PathLike
@@ -148,8 +149,7 @@ class TaxelLayout:
         Raises:
             ValueError: If :obj:`by` is neither.
         """
-        if by not in _SEGMENTATIONS:
-            raise ValueError(f"'by' must be one of {_SEGMENTATIONS} (got '{by}')")
+        need(by in _SEGMENTATIONS, f"'by' must be one of {_SEGMENTATIONS} (got '{by}')")
         segments: Tensor = getattr(self, by)
         return segments
 
@@ -247,8 +247,7 @@ class TaxelLayout:
             ('index', 'middle', 'thumb')
         """
         layouts = list(layouts)
-        if not layouts:
-            raise ValueError("'layouts' must hold at least one layout (got none)")
+        need(layouts, "'layouts' must hold at least one layout (got none)")
         names = [layout.name for layout in layouts] if names is None else names
         return cls(name, **join_arguments(layouts, names, links, pose))
 
@@ -319,8 +318,7 @@ def _checked_pos(pos: Tensor) -> Tensor:
         )
     if pos.size(1) == 2:
         pos = torch.nn.functional.pad(pos, (0, 1))
-    if not pos.isfinite().all():
-        raise ValueError("'pos' must hold finite numbers only (got NaN or infinity)")
+    need(pos.isfinite().all(), "'pos' must hold finite numbers only (got NaN or infinity)")
     return pos
 
 
@@ -379,8 +377,7 @@ def _checked_image_map(layout: TaxelLayout, image_map: Tensor) -> Tensor:
         raise ValueError(
             f"'image_map' must have shape ({layout.num_taxels}, 2) (got {tuple(image_map.shape)})"
         )
-    if not is_whole_tensor(image_map):
-        raise ValueError(f"'image_map' must hold whole numbers (got {image_map.dtype})")
+    need(is_whole_tensor(image_map), "'image_map' must hold whole numbers", image_map.dtype)
     image_map = image_map.long()
     first, last = int(image_map.min()), int(image_map.max())
     if first < 0 or last >= _MOST_CELLS:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._texts import short_repr
 from torch_geometric_tactile.sensors._content_checks import (
     are_whole,
@@ -74,8 +75,7 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     """
     what = "a layout of patches"
     described, shapes = need_key(content, "patches", what), need_key(content, "shapes", what)
-    if "taxels" in content:
-        raise ValueError(f"{what} must have no 'taxels' of its own (got both)")
+    need("taxels" not in content, f"{what} must have no 'taxels' of its own (got both)")
     need_mapping(shapes, "'shapes'")
     patches: dict[str, Patch] = {}
     num_taxels = 0
@@ -108,8 +108,7 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_count(what: str, count: int, most: int) -> None:
-    if count > most:
-        raise ValueError(f"a layout of patches must have {most} {what} at most (got {count})")
+    need(count <= most, f"a layout of patches must have {most} {what} at most", count)
 
 
 class _Join:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors._content_checks import MOST_TAXELS
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -90,14 +91,12 @@ def hexagonal(rows: int, cols: int, pitch: float) -> TaxelLayout:
 
 def _cells(rows: int, cols: int, pitch: float) -> tuple[Tensor, Tensor]:
     # Row and column of each taxel (N, 2), and the number in each cell (rows, cols).
-    if rows < 1 or cols < 1:
-        raise ValueError(f"'rows' and 'cols' must be at least 1 (got {rows} and {cols})")
+    need(rows >= 1 and cols >= 1, f"'rows' and 'cols' must be at least 1 (got {rows} and {cols})")
     if rows * cols > MOST_TAXELS:
         raise ValueError(
             f"'rows' and 'cols' must make {MOST_TAXELS} taxels at most (got {rows} and {cols})"
         )
-    if not 0 < pitch < float("inf"):
-        raise ValueError(f"'pitch' must be a positive length in metres (got {pitch})")
+    need(0 < pitch < float("inf"), "'pitch' must be a positive length in metres", pitch)
     cell = torch.cartesian_prod(torch.arange(rows), torch.arange(cols)).view(-1, 2)
     return cell, torch.arange(rows * cols).view(rows, cols)
 

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.checks import check_segment
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -89,10 +90,8 @@ def sector_edges(
             f"'axes' must have shape ({num_taxels}, 3, 3), those of the taxels of 'pos' "
             f"(got {tuple(axes.shape)})"
         )
-    if num_sectors < 1:
-        raise ValueError(f"'num_sectors' must be at least 1 (got {num_sectors})")
-    if radius is not None and not radius > 0:
-        raise ValueError(f"'radius' must be positive metres (got {radius})")
+    need(num_sectors >= 1, "'num_sectors' must be at least 1", num_sectors)
+    need(radius is None or radius > 0, "'radius' must be positive metres", radius)
     if group is None:
         group = torch.zeros(num_taxels, dtype=torch.long)
     group = check_segment(group, num_taxels, "'group'", gaps=True)
@@ -132,8 +131,7 @@ def layout_sectors(
         >>> layout_sectors(grid(2, 3, pitch=0.002)).sector.bincount().tolist()
         [4, 2, 3, 2, 4, 2, 3, 2]
     """
-    if within not in ("patch", "link"):
-        raise ValueError(f"'within' must be 'patch' or 'link' (got {within!r})")
+    need(within in ("patch", "link"), f"'within' must be 'patch' or 'link' (got {within!r})")
     assert layout.link is not None
     assert layout.patch is not None
     group = layout.link

@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.checks import is_whole_tensor
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -81,10 +82,8 @@ def thinned(layout: TaxelLayout, keep: float, seed: int = 0) -> TaxelLayout:
         >>> thinned(letter_array(), keep=0.5)
         TaxelLayout('letter_array_512', num_taxels=512, patches=1, digits=1)
     """
-    if not 0 < keep <= 1:
-        raise ValueError(f"'keep' must be a part above 0 and at most 1 (got {keep})")
-    if seed < 0:
-        raise ValueError(f"'seed' must not be negative (got {seed})")
+    need(0 < keep <= 1, "'keep' must be a part above 0 and at most 1", keep)
+    need(seed >= 0, "'seed' must not be negative", seed)
     draw = torch.Generator().manual_seed(seed)
     order = torch.randperm(layout.num_taxels, generator=draw)
     count = max(1, round(keep * layout.num_taxels))
@@ -106,8 +105,7 @@ def _numbers(taxels: Tensor | Sequence[int] | Sequence[bool], num_taxels: int) -
             )
         chosen = chosen.nonzero().view(-1)
     chosen = chosen.long()
-    if not len(chosen):
-        raise ValueError("'taxels' must keep at least one taxel (got none)")
+    need(len(chosen), "'taxels' must keep at least one taxel (got none)")
     first, last = int(chosen.min()), int(chosen.max())
     if first < 0 or last >= num_taxels:
         raise ValueError(

@@ -6,6 +6,7 @@ from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
@@ -26,8 +27,7 @@ def stock_path(kind: str, name: str) -> Path:
         >>> stock_path("layouts", "allegro_uskin").name
         'allegro_uskin.json'
     """
-    if kind not in _KINDS:
-        raise ValueError(f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
+    need(kind in _KINDS, f"'kind' must be one of {list(_KINDS)} (got '{kind}')")
     if name not in stock_names(kind):
         raise ValueError(f"'name' must be one of {stock_names(kind)} (got '{name}')")
     return _folder(kind) / f"{name}.json"

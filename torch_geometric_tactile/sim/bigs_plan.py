@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sim._bigs_times import DIRECTIONS, INPUT_END, BigsShape
 
 # Half width, half height (m), mass (kg) and height of the fingertips above the centre (m) from
@@ -100,8 +101,7 @@ def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
         >>> draw_grasp("ball", np.random.default_rng(0)).shape
         'ball'
     """
-    if shape not in _WIDTH:
-        raise ValueError(f"'shape' must be one of {list(_WIDTH)} (got {shape!r})")
+    need(shape in _WIDTH, f"'shape' must be one of {list(_WIDTH)} (got {shape!r})")
     half_width = rng.uniform(*_WIDTH[shape])
     half_height = half_width if shape == "ball" else rng.uniform(*_HEIGHT[shape])
     yaw = 0.06 if shape == "box" else 0.3  # a box is seen, and grasped along its sides

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _COUNTS = 4095
@@ -100,8 +101,7 @@ class BioTacModel:
             if not 0 <= value < float("inf") or (value == 0 and name in positive):
                 least = "positive" if name in positive else "not negative"
                 raise ValueError(f"'{name}' must be {least} and finite (got {value})")
-        if self.lag >= 1:
-            raise ValueError(f"'lag' must be at least 0 and below 1 (got {self.lag})")
+        need(self.lag < 1, "'lag' must be at least 0 and below 1", self.lag)
 
     def session(self, layout: TaxelLayout, rng: np.random.Generator) -> SessionOffsets:
         r"""Draws offsets and gains of a session.

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Shape
 from torch_geometric_tactile.sim.objects import GraspObject
 
@@ -43,10 +44,8 @@ def drawn_objects(num_objects: int = NUM_DRAWN, seed: int = 0) -> list[GraspObje
         >>> [item.name for item in drawn_objects(5)]
         ['sphere_000', 'cylinder_000', 'box_000', 'ellipsoid_000', 'sphere_001']
     """
-    if num_objects < 1:
-        raise ValueError(f"'num_objects' must be at least 1 (got {num_objects})")
-    if seed < 0:
-        raise ValueError(f"'seed' must not be negative (got {seed})")
+    need(num_objects >= 1, "'num_objects' must be at least 1", num_objects)
+    need(seed >= 0, "'seed' must not be negative", seed)
     objects = []
     for i in range(num_objects):
         number, place = divmod(i, len(SHAPES))

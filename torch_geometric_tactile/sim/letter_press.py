@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 from torch_geometric_tactile.sim._pressure_field import CELL, FieldSampling, field_sampling
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
@@ -139,8 +140,7 @@ class LetterPress:
                 raise ValueError(
                     f"'{name}' must be at least 0 and below 1 (got {getattr(self, name)})"
                 )
-        if not 0 <= self.angle <= math.pi:
-            raise ValueError(f"'angle' must be between 0 and pi, in radians (got {self.angle})")
+        need(0 <= self.angle <= math.pi, "'angle' must be between 0 and pi, in radians", self.angle)
         if self.size[0] <= self.stroke:
             raise ValueError(f"'size' must be above 'stroke', {self.stroke} m (got {self.size[0]})")
         if self.pressure[0] < 0:
@@ -172,8 +172,7 @@ class LetterPress:
             ValueError: If there is no such letter, :obj:`count` is negative, or the layout is not
                 flat, too small for the letters, or has fewer rows than dead ones.
         """
-        if count < 0:
-            raise ValueError(f"'count' must not be negative (got {count})")
+        need(count >= 0, "'count' must not be negative", count)
         strokes = letter_strokes(letter)
         layout = _default_layout() if layout is None else layout
         self.check_layout(layout)

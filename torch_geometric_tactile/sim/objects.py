@@ -3,6 +3,7 @@ r"""The objects that the simulated hand grasps."""
 from dataclasses import dataclass, replace
 from itertools import product
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import Shape
 from torch_geometric_tactile.datasets._allegro_labels import PAPER_OBJECTS
 from torch_geometric_tactile.datasets._allegro_labels import PROPERTIES as _PROPERTIES
@@ -47,8 +48,7 @@ class GraspObject:
     soft: bool
 
     def __post_init__(self) -> None:
-        if self.shape not in _SHAPES:
-            raise ValueError(f"'shape' must be one of {_SHAPES} (got '{self.shape}')")
+        need(self.shape in _SHAPES, f"'shape' must be one of {_SHAPES} (got '{self.shape}')")
         if self.shape == "cylinder" and self.size[0] != self.size[2]:
             raise ValueError(f"a cylinder must be as wide as it is high (got {self.size})")
         if self.shape == "sphere" and len(set(self.size)) > 1:

@@ -5,6 +5,8 @@ from typing import Self
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
+
 _THIRD = 0.4307272992954576  # two thirds of a normal variable lie beyond this many deviations
 _OPEN = 0.625  # how much of the spread of the closed hand the open hand has
 _LAZIEST = 0.6  # the most that a lazy finger closes
@@ -49,8 +51,7 @@ class GraspSpread:
             if not is_number or not 0 <= value < float("inf"):
                 raise ValueError(f"'{field.name}' must be a number from 0 on (got {value!r})")
             object.__setattr__(self, field.name, float(value))
-        if self.lazy_finger > 1:
-            raise ValueError(f"'lazy_finger' must be a probability (got {self.lazy_finger})")
+        need(self.lazy_finger <= 1, "'lazy_finger' must be a probability", self.lazy_finger)
 
     @classmethod
     def wide(cls) -> Self:

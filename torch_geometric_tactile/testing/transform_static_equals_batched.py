@@ -6,6 +6,7 @@ from typing import Any
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.testing._compare import assert_equal_numbers
 
@@ -33,8 +34,7 @@ def assert_transform_static_equals_batched(
         >>> data = StaticData(x=torch.randn(5, 6, 3), pos=grid(2, 3, pitch=0.002).pos)
         >>> assert_transform_static_equals_batched(KNNGraph(k=2), data)
     """
-    if data.num_samples == 0:
-        raise ValueError("'data' must hold at least one sample (got none)")
+    need(data.num_samples != 0, "'data' must hold at least one sample (got none)")
     name = type(transform).__name__
     static = transform(data).to_data_list()
     for i, expected in enumerate(static):

@@ -16,14 +16,15 @@ from torchmetrics.classification import (
 from torchmetrics.functional.classification import binary_auroc
 from torchmetrics.utilities import dim_zero_cat
 
+from torch_geometric_tactile._checks import need
+
 Task = Literal["multiclass", "multilabel", "regression"]
 TASKS: tuple[Task, ...] = get_args(Task)
 
 
 def check_task(task: str) -> None:
     r"""Raises a :class:`ValueError` if there is no such task."""
-    if task not in TASKS:
-        raise ValueError(f"'task' must be one of {list(TASKS)} (got '{task}')")
+    need(task in TASKS, f"'task' must be one of {list(TASKS)} (got '{task}')")
 
 
 class KeptScores(Metric):

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import new_scratch_folder
 from torch_geometric_tactile._limits import CONFIG_BYTES
 
@@ -53,8 +54,7 @@ def read_yaml(path: Path) -> Any:
 class _Loader(yaml.SafeLoader):
     # Its time grows with the square of the brackets that are open.
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:  # noqa: N803
-        if self.flow_level > _MAX_DEPTH:
-            raise ValueError(f"nested more than {_MAX_DEPTH} deep")
+        need(self.flow_level <= _MAX_DEPTH, f"nested more than {_MAX_DEPTH} deep")
         super().fetch_flow_collection_start(TokenClass)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -104,8 +104,7 @@ def expand_template(template: str) -> dict[str, dict[str, Any]]:
     A template holds :obj:`base`, a configuration or the name of one in another template, and
     :obj:`experiments`: names, and what each lays over the base.
     """
-    if template not in TEMPLATES:
-        raise ValueError(f"'template' must be one of {list(TEMPLATES)} (got '{template}')")
+    need(template in TEMPLATES, f"'template' must be one of {list(TEMPLATES)} (got '{template}')")
     return copy.deepcopy(_expanded(template))
 
 

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.training._finite import BatchCheck
 from torch_geometric_tactile.training.module import TactileClassifier
 
@@ -49,6 +50,5 @@ def collect_predictions(
                 y.append(batch.y.cpu())
     finally:
         classifier.train(training)
-    if not y:
-        raise ValueError("'batches' must hold at least one batch (got none)")
+    need(y, "'batches' must hold at least one batch (got none)")
     return Outputs(torch.cat(logits), torch.cat(probability), torch.cat(y))

@@ -5,6 +5,8 @@ from typing import Any
 import lightning as L
 from torch.optim.lr_scheduler import OneCycleLR
 
+from torch_geometric_tactile._checks import need
+
 
 class OneCycle(L.Callback):
     r"""Steps the learning rate through :class:`torch.optim.lr_scheduler.OneCycleLR`: up to the
@@ -26,8 +28,7 @@ class OneCycle(L.Callback):
     """
 
     def __init__(self, part: float = 0.3) -> None:
-        if not 0 < part < 1:
-            raise ValueError(f"'part' must be between 0 and 1 (got {part})")
+        need(0 < part < 1, "'part' must be between 0 and 1", part)
         self.part = part
         self.scheduler: OneCycleLR | None = None
 
@@ -39,8 +40,7 @@ class OneCycle(L.Callback):
             pl_module (lightning.LightningModule): What it trains.
         """
         steps = trainer.estimated_stepping_batches
-        if steps == float("inf"):
-            raise ValueError("'max_epochs' must be given for OneCycle (got -1, no end)")
+        need(steps != float("inf"), "'max_epochs' must be given for OneCycle (got -1, no end)")
         (optimizer,) = trainer.optimizers
         rates = [group["lr"] for group in optimizer.param_groups]
         # It keeps the betas: cycling the momentum is of no use to Adam here.

@@ -3,6 +3,8 @@ r"""How to train the models that are ours."""
 import math
 from typing import NamedTuple
 
+from torch_geometric_tactile._checks import need
+
 _STEPS = 1500
 _EPOCHS = (15, 60)
 _BATCHES = (16, 64)
@@ -33,8 +35,7 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
         >>> recipe.batch_size, recipe.max_epochs, recipe.lr
         (64, 24, 0.004)
     """
-    if num_samples < 1:
-        raise ValueError(f"'num_samples' must be at least 1 (got {num_samples})")
+    need(num_samples >= 1, "'num_samples' must be at least 1", num_samples)
     least, most = _BATCHES
     batch_size = min(most, max(least, num_samples // 24))
     fewest, longest = _EPOCHS

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Data
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import FRAMES, require_floats
@@ -96,15 +97,13 @@ def normal(count: int, x: Tensor, generator: torch.Generator | None) -> Tensor:
 
 def check_deviation(std: float, name: str = "std") -> float:
     r"""Returns a standard deviation."""
-    if not 0 <= std < math.inf:
-        raise ValueError(f"'{name}' must be at least 0 and finite (got {std})")
+    need(0 <= std < math.inf, f"'{name}' must be at least 0 and finite", std)
     return float(std)
 
 
 def check_probability(p: float) -> float:
     r"""Returns a probability."""
-    if not 0 <= p <= 1:
-        raise ValueError(f"'p' must be a probability, 0 to 1 (got {p})")
+    need(0 <= p <= 1, "'p' must be a probability, 0 to 1", p)
     return float(p)
 
 

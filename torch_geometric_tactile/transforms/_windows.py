@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch_geometric.data import Batch, Data
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, join_frames, split_frames
 from torch_geometric_tactile.transforms._attributes import require_x
 
@@ -44,8 +45,7 @@ def require_signals(transform: object, data: Data) -> Tensor:
     x = x if x.is_floating_point() else x.float()  # counts may be integers
     if isinstance(data, Batch):
         sizes = data.ptr.diff().unique().tolist()
-        if len(sizes) != 1:
-            raise ValueError(f"all samples must have the same number of taxels (got {sizes})")
+        need(len(sizes) == 1, "all samples must have the same number of taxels", sizes)
         x = x.view(-1, sizes[0], x.size(-1))
     frames = split_frames(x, require_num_frames(transform, data)).transpose(-1, -2)
     return frames if frames.dim() == 4 else frames.unsqueeze(0)

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.transforms import BaseTransform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import FRAMES, require
 from torch_geometric_tactile.transforms._samples import AnySamples, Samples
@@ -98,10 +99,8 @@ class FittedTransform(TactileTransform):
         attr: str = "x",
         per: Literal["taxel", "channel", "signal"] = "taxel",
     ) -> None:
-        if per not in _PER:
-            raise ValueError(f"'per' must be one of {list(_PER)} (got {per!r})")
-        if per == "signal" and attr != "x":
-            raise ValueError(f"'attr' must be 'x' with per='signal' (got {attr!r})")
+        need(per in _PER, f"'per' must be one of {list(_PER)} (got {per!r})")
+        need(per != "signal" or attr == "x", f"'attr' must be 'x' with per='signal' (got {attr!r})")
         self.key = key
         self.unit_scale = unit_scale
         self.first = first
@@ -174,8 +173,7 @@ class FittedTransform(TactileTransform):
         Raises:
             ValueError: If there is no such attribute, or it has another number of values.
         """
-        if key not in data:
-            raise ValueError(f"{type(self).__name__} needs samples with '{key}' (got none)")
+        need(key in data, f"{type(self).__name__} needs samples with '{key}' (got none)")
         values = torch.as_tensor(data[key]).reshape(-1).cpu()
         if len(values) != num_samples:
             raise ValueError(
@@ -189,8 +187,7 @@ class FittedTransform(TactileTransform):
             values = values[~torch.isin(values, self.key_values)]
         if len(values) == 0:
             return self
-        if self.attr not in samples:
-            raise ValueError(f"{type(self).__name__} needs '{self.attr}' (got none)")
+        need(self.attr in samples, f"{type(self).__name__} needs '{self.attr}' (got none)")
         if samples.is_shared(self.attr) and self.per == "taxel":
             _logger.warning("all samples share one '%s', which %r sets to zero", self.attr, self)
         parts = [center_and_scale(self, samples, (keys == v).nonzero().view(-1)) for v in values]

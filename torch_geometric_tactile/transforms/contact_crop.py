@@ -10,6 +10,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._attributes import FRAMES
 from torch_geometric_tactile.transforms._random import check_whole
@@ -104,8 +105,7 @@ class ContactCrop(TactileTransform):
         for name, value in (("k", k), ("floor", floor)):
             if not 0 <= value < math.inf:
                 raise ValueError(f"'{name}' must be at least 0 and finite (got {value})")
-        if missing not in _MISSING:
-            raise ValueError(f"'missing' must be one of {list(_MISSING)} (got {missing!r})")
+        need(missing in _MISSING, f"'missing' must be one of {list(_MISSING)} (got {missing!r})")
         self.k = float(k)
         self.floor = float(floor)
         self.sustain = check_whole("sustain", sustain, 1, _MOST_FRAMES)

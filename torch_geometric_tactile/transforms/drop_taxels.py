@@ -7,6 +7,7 @@ from torch import Tensor
 from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.transforms._dead_taxels import DeadTaxels
 
@@ -69,8 +70,7 @@ class DropTaxels(DeadTaxels):
             return dead
         last = int(self.taxels[-1])
         num_taxels = int(data.ptr.diff().min()) if isinstance(data, Batch) else x.size(-2)
-        if last >= num_taxels:
-            raise ValueError(f"'taxels' must be below {num_taxels} (got {last})")
+        need(last < num_taxels, f"'taxels' must be below {num_taxels}", last)
         if isinstance(data, Batch):
             dead[(data.ptr[:-1, None] + taxels).view(-1)] = True
         else:

@@ -5,6 +5,7 @@ import math
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.transforms._attributes import FRAMES, add_mark, require_x
 from torch_geometric_tactile.transforms._windows import padded_frames
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
@@ -46,8 +47,7 @@ class FillMissing(TactileTransform):
 
     def __init__(self, value: float = 0.0) -> None:
         self.value = float(value)
-        if not math.isfinite(self.value):
-            raise ValueError(f"'value' must be finite (got {value})")
+        need(math.isfinite(self.value), "'value' must be finite", value)
 
     def forward(self, data: Data) -> Data:
         r"""Sets :obj:`x` and :obj:`missing`."""

@@ -8,6 +8,7 @@ from torch_geometric.data import Batch, Data
 from torch_geometric.data.datapipes import functional_transform
 from torch_geometric.utils import coalesce
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.transforms._attributes import EDGES, require
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
@@ -51,8 +52,7 @@ class KNNGraph(TactileTransform):
     per_frame = True
 
     def __init__(self, k: int, symmetric: bool = True) -> None:
-        if k < 1:
-            raise ValueError(f"'k' must be at least 1 (got {k})")
+        need(k >= 1, "'k' must be at least 1", k)
         self.k = k
         self.symmetric = symmetric
 
@@ -74,8 +74,7 @@ class KNNGraph(TactileTransform):
 
     def _edges(self, pos: Tensor) -> Tensor:
         num_taxels = pos.size(0)
-        if self.k >= num_taxels:
-            raise ValueError(f"'k' must be below the number of taxels, {num_taxels} (got {self.k})")
+        need(self.k < num_taxels, f"'k' must be below the number of taxels, {num_taxels}", self.k)
         pos = pos.double()
         distance = torch.cdist(pos, pos, compute_mode="donot_use_mm_for_euclid_dist")
         step = _TIE * distance.max()

@@ -7,6 +7,7 @@ from torch import Tensor
 from torch_geometric.data import Data
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms._attributes import FRAMES, check_num_taxels, require_x
@@ -66,8 +67,7 @@ class RandomMirror(TactileTransform):
         negate: int | None = None,
         generator: torch.Generator | None = None,
     ) -> None:
-        if along not in _ALONG:
-            raise ValueError(f"'along' must be one of {list(_ALONG)} (got {along!r})")
+        need(along in _ALONG, f"'along' must be one of {list(_ALONG)} (got {along!r})")
         if negate is not None and (isinstance(negate, bool) or negate < 0):
             raise ValueError(f"'negate' must be a channel, numbered from 0 (got {negate})")
         self.layout, image_map = require_map(self, layout)

@@ -5,6 +5,7 @@ import math
 from torch import Tensor
 from torch_geometric.data.datapipes import functional_transform
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.transforms._samples import Samples
 from torch_geometric_tactile.transforms.base import FittedTransform
 
@@ -67,8 +68,7 @@ class Tare(FittedTransform):
             )
         if seconds is not None and not 0 < seconds < math.inf:
             raise ValueError(f"'seconds' must be positive and finite (got {seconds})")
-        if first is not None and first < 1:
-            raise ValueError(f"'first' must be at least 1 (got {first})")
+        need(first is None or first >= 1, "'first' must be at least 1", first)
         super().__init__(key, unit_scale=True, first=first, attr=attr)
         self.seconds = seconds
 
@@ -77,8 +77,7 @@ class Tare(FittedTransform):
         if self.seconds is None:
             return super().measured(samples, index)
         time = self.sample_values(samples, "time", samples.num_samples)[index].double()
-        if not time.isfinite().all():
-            raise ValueError("'time' must be finite seconds (got NaN or infinity)")
+        need(time.isfinite().all(), "'time' must be finite seconds (got NaN or infinity)")
         return index[time - time.min() < self.seconds]
 
     def __repr__(self) -> str:

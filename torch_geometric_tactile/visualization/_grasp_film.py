@@ -9,6 +9,7 @@ import torch
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.sim import stock_bodies
@@ -60,8 +61,7 @@ def plot_grasp_film(
     phase has about as many pictures, however long it lasts.
     """
     _check(recording)
-    if frames < 1:
-        raise ValueError(f"'frames' must be at least 1 (got {frames})")
+    need(frames >= 1, "'frames' must be at least 1", frames)
     columns = min(frames, 4)
     rows = -(-frames // columns)
     shown = [int(i) for i in _spread_over_phases(recording.privileged["phase"], frames)]

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout, check_edges
 from torch_geometric_tactile.visualization._style import (
     SMALL,
@@ -62,8 +63,7 @@ def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap:
         - **values:** The values :math:`(N,)`; NaN is ignored.
     """
     low, high = _value_limits(values) if limits is None else limits
-    if not low < high:
-        raise ValueError(f"'limits' must rise (got {low} and {high})")
+    need(low < high, f"'limits' must rise (got {low} and {high})")
 
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.visualization._style import (
     SMALL,
@@ -44,8 +45,7 @@ def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
         ...     print(error)
         'recordings' must hold at least one grasp (got none)
     """
-    if len(recordings) == 0:
-        raise ValueError("'recordings' must hold at least one grasp (got none)")
+    need(len(recordings) != 0, "'recordings' must hold at least one grasp (got none)")
     for recording in recordings:
         _check(recording)
     changes = [_change(recording) for recording in recordings]

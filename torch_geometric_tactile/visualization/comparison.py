@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     MARKERS,
     MOST_WIDTH,
@@ -81,8 +82,7 @@ def plot_comparison(
     if not panels or not all(panel.rows for panel in panels):
         raise ValueError("'panels' must hold at least one panel with at least one row (got none)")
     unknown = {name for panel in panels for row in panel.rows.values() for name in row} - {*series}
-    if unknown:
-        raise ValueError(f"'series' must hold all names of 'panels' (lacks {sorted(unknown)})")
+    need(not unknown, f"'series' must hold all names of 'panels' (lacks {sorted(unknown)})")
     columns = _columns(panels)
     lines = [panels[i : i + columns] for i in range(0, len(panels), columns)]
     heights = [max(len(panel.rows) for panel in line) for line in lines]

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     draw_legend,
     draw_series,
@@ -44,8 +45,7 @@ def plot_curves(
         >>> figure.axes[0].get_xlabel()
         'neighbours k'
     """
-    if not any(curves.values()):
-        raise ValueError("'curves' must hold at least one point (got none)")
+    need(any(curves.values()), "'curves' must hold at least one point (got none)")
     figure = new_figure(7.0, 4.0 + 0.2 * len(curves))
     ax = figure.subplots()
     for i, (name, points) in enumerate(curves.items()):

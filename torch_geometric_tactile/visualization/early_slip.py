@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     draw_legend,
     draw_series,
@@ -61,8 +62,7 @@ def plot_early_slip(
         >>> figure.axes[0].get_title()
         'slipping grasps with an alarm'
     """
-    if not methods:
-        raise ValueError("'methods' must hold at least one method (got none)")
+    need(methods, "'methods' must hold at least one method (got none)")
     time = np.asarray(seconds, dtype=np.float64)
 
     from matplotlib.ticker import MaxNLocator

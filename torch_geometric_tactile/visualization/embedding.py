@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.visualization._style import (
     MARKERS,
@@ -113,8 +114,7 @@ def _checked(name: str, places: Tensor, layout: TaxelLayout) -> Tensor:
             f"'{name}' must have shape ({layout.num_taxels}, 2) or ({layout.num_taxels}, 3) "
             f"(got {tuple(places.shape)})"
         )
-    if not places.isfinite().all():
-        raise ValueError(f"'{name}' must hold finite numbers only (got NaN or infinity)")
+    need(places.isfinite().all(), f"'{name}' must hold finite numbers only (got NaN or infinity)")
     return places
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
     TEXT,
@@ -106,8 +107,7 @@ def plot_sample_embeddings(
         >>> figure.axes[0].get_title()
         'GCN'
     """
-    if not panels:
-        raise ValueError("'panels' must hold at least one model (got none)")
+    need(panels, "'panels' must hold at least one model (got none)")
     names = list(dict.fromkeys(name for _, labels in panels.values() for name in labels))
     columns = min(columns, len(panels))
     rows = ceil(len(panels) / columns)

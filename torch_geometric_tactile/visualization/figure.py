@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.visualization._style import CURRENT_THEME, DPI, THEMES
@@ -64,8 +65,7 @@ def theme(name: Literal["light", "dark"]) -> Iterator[None]:
         >>> max(figure.get_facecolor()[:3]) < 0.2
         True
     """
-    if name not in THEMES:
-        raise ValueError(f"'name' must be 'light' or 'dark' (got '{name}')")
+    need(name in THEMES, f"'name' must be 'light' or 'dark' (got '{name}')")
     token = CURRENT_THEME.set(THEMES[name])
     try:
         yield

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
@@ -58,10 +59,8 @@ def plot_grasps(
         >>> figure.axes[-1].get_ylabel()
         'reading (standard deviations)'
     """
-    if not readings:
-        raise ValueError("'readings' must hold at least one grasp (got none)")
-    if not finger_names:
-        raise ValueError("'finger_names' must hold at least one name (got none)")
+    need(readings, "'readings' must hold at least one grasp (got none)")
+    need(finger_names, "'finger_names' must hold at least one name (got none)")
     shape = (layout.num_taxels, len(finger_names))
     for title, reading in readings.items():
         if tuple(reading.shape) != shape:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
@@ -66,17 +67,14 @@ def plot_hand_panels(
         >>> [ax.get_title() for ax in figure.axes[:2]]
         ['soft', 'heavy']
     """
-    if not values:
-        raise ValueError("'values' must hold the values of at least one picture (got none)")
-    if columns < 1:
-        raise ValueError(f"'columns' must be at least 1 (got {columns})")
+    need(values, "'values' must hold the values of at least one picture (got none)")
+    need(columns >= 1, "'columns' must be at least 1", columns)
     checked = {
         name: checked_values(f"values['{name}']", value, layout.num_taxels)
         for name, value in values.items()
     }
     largest = float(torch.cat(list(checked.values())).nan_to_num().abs().max()) or 1.0
-    if limit is not None and not limit > 0:
-        raise ValueError(f"'limit' must be positive (got {limit})")
+    need(limit is None or limit > 0, "'limit' must be positive", limit)
     end = largest if limit is None else limit
     limits = (-end, end)
     columns = min(columns, len(checked))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 from torch_geometric_tactile.visualization._style import (
     MOST_WIDTH,
@@ -67,8 +68,7 @@ def plot_presses(
     """
     layout = letter_array() if layout is None else layout
     presses = _checked(readings, titles, layout)
-    if columns < 1:
-        raise ValueError(f"'columns' must be at least 1 (got {columns})")
+    need(columns >= 1, "'columns' must be at least 1", columns)
     if limits is None:
         limits = (0.0, max(float(np.nanmax(presses, initial=0.0)), 1e-6))
     scale = value_scale(None, limits, cmap)
@@ -98,8 +98,7 @@ def _checked(readings: np.ndarray, titles: Sequence[str], layout: TaxelLayout) -
             f"'readings' must have one number for each of {layout.num_taxels} taxels (got "
             f"{presses.shape[1]})"
         )
-    if len(titles) != len(presses):
-        raise ValueError(f"'titles' must be one a press, {len(presses)} (got {len(titles)})")
+    need(len(titles) == len(presses), f"'titles' must be one a press, {len(presses)}", len(titles))
     return presses
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.visualization._style import (
     DASHES,
     MOST_WIDTH,
@@ -149,8 +150,7 @@ def plot_label_confusions(
             f"(got {counts.shape})"
         )
     _check_counts("matrices", counts)
-    if columns < 1:
-        raise ValueError(f"'columns' must be at least 1 (got {columns})")
+    need(columns >= 1, "'columns' must be at least 1", columns)
     columns = min(columns, num_labels)
     rows = ceil(num_labels / columns)
     figure = new_figure(2.4 * columns + 0.2, 2.6 * rows + 0.5)
@@ -191,10 +191,8 @@ def plot_roc(
         >>> [text.get_text() for text in figure.legends[0].get_texts()]
         ['SVM (AUC 0.750)', 'chance (AUC 0.500)']
     """
-    if not curves:
-        raise ValueError("'curves' must hold at least one model (got none)")
-    if bold is not None and bold not in curves:
-        raise ValueError(f"'bold' must be the name of a curve (got '{bold}')")
+    need(curves, "'curves' must hold at least one model (got none)")
+    need(bold is None or bold in curves, f"'bold' must be the name of a curve (got '{bold}')")
     rates = {}
     for name, (fpr, tpr, _) in curves.items():
         rate = np.asarray(fpr, dtype=float), np.asarray(tpr, dtype=float)
@@ -266,8 +264,7 @@ def plot_protocols(
         for protocol, kinds in protocols.items()
         for readings, (mean, sd) in kinds.items()
     ]
-    if not results:
-        raise ValueError("'table' must hold at least one result (got none)")
+    need(results, "'table' must hold at least one result (got none)")
     for model, protocol, readings, mean, _ in results:
         if not 0 <= mean <= 1:
             raise ValueError(

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data.recording import UNITS
 from torch_geometric_tactile.visualization._style import (
@@ -64,8 +65,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     """
     if recording.num_frames == 0:
         raise ValueError("'recording' must hold at least one frame to be drawn (got none)")
-    if not rest >= 0:
-        raise ValueError(f"'rest' must be 0 s or more (got {rest})")
+    need(rest >= 0, "'rest' must be 0 s or more", rest)
     time = recording.time - recording.time[0]
     single = recording.num_frames == 1
     if single:

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders._header_decoder import WAIT, HeaderDecoder, SequenceNumbers
 
@@ -37,8 +38,7 @@ def encode_letter_array(sequence: int, counts: np.ndarray) -> bytes:
         raise ValueError(f"'counts' must have shape (32, 32) or (1024, 1) (got {counts.shape})")
     if not ((counts >= 0) & (counts < 2**16) & (counts == np.floor(counts))).all():
         raise ValueError("'counts' must be whole numbers from 0 to 65535 (got others)")
-    if sequence < 0:
-        raise ValueError(f"'sequence' must be at least 0 (got {sequence})")
+    need(sequence >= 0, "'sequence' must be at least 0", sequence)
     content = _HEADER + _WORD.pack(sequence % 2**32) + counts.astype("<u2").tobytes()
     return content + _WORD.pack(zlib.crc32(content))
 

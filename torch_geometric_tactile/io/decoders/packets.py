@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders._header_decoder import SequenceNumbers
 from torch_geometric_tactile.io.decoders.decoder import Decoder
@@ -51,10 +52,8 @@ def encode_packet(
             f"{tactile.shape})"
         )
     kind = np.dtype("<f4") if tactile.dtype.kind == "f" else tactile.dtype.newbyteorder("<")
-    if kind not in _SAMPLES:
-        raise ValueError(f"'tactile' must be int16, uint16 or floats (got {tactile.dtype})")
-    if sequence < 0:
-        raise ValueError(f"'sequence' must be at least 0 (got {sequence})")
+    need(kind in _SAMPLES, "'tactile' must be int16, uint16 or floats", tactile.dtype)
+    need(sequence >= 0, "'sequence' must be at least 0", sequence)
     flags, more = 0, b""
     if device_time is not None:
         flags |= _HAS_TIME
@@ -108,8 +107,7 @@ class CobsDecoder(Decoder):
 
     def __init__(self, max_size: int = 2**17) -> None:
         super().__init__()
-        if max_size < _SHORTEST:
-            raise ValueError(f"'max_size' must be at least {_SHORTEST} bytes (got {max_size})")
+        need(max_size >= _SHORTEST, f"'max_size' must be at least {_SHORTEST} bytes", max_size)
         self.max_size = max_size
         self._cobs = _require_cobs()
         self._buffer = b""

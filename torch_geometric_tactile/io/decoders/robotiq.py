@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders._header_decoder import NONE, WAIT, HeaderDecoder
 
@@ -70,10 +71,8 @@ class RobotiqDecoder(HeaderDecoder):
 
     def __init__(self, num_fingers: int = 2, period: float = 0.001) -> None:
         super().__init__()
-        if num_fingers not in (1, _FINGERS):
-            raise ValueError(f"'num_fingers' must be 1 or 2 (got {num_fingers})")
-        if not 0.0005 < period < 0.2555:
-            raise ValueError(f"'period' must be between 0.001 and 0.255 seconds (got {period})")
+        need(num_fingers in (1, _FINGERS), "'num_fingers' must be 1 or 2", num_fingers)
+        need(0.0005 < period < 0.2555, "'period' must be between 0.001 and 0.255 seconds", period)
         self.num_fingers, self.period = num_fingers, period
         self._extra = {
             name: np.full((num_fingers, _VALUES[kind]), np.nan, np.float32)

@@ -9,6 +9,7 @@ from torch.nn.init import trunc_normal_, zeros_
 from torch_geometric.nn.inits import reset
 from torch_geometric.typing import OptTensor
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.nn.models._hand_maps import (
     PATTERNS,
     SD,
@@ -95,13 +96,10 @@ class MSCNN(TactileModel):
         hidden_channels: Optional[int] = None,
     ) -> None:
         layout = load_layout(layout, "its image map")
-        if pattern not in PATTERNS:
-            raise ValueError(f"'pattern' must be one of {list(PATTERNS)} (got {pattern!r})")
-        if channels not in _WIDTHS:
-            raise ValueError(f"'channels' must be 3 or 1 (got {channels!r})")
+        need(pattern in PATTERNS, f"'pattern' must be one of {list(PATTERNS)} (got {pattern!r})")
+        need(channels in _WIDTHS, f"'channels' must be 3 or 1 (got {channels!r})")
         hidden_channels = _HIDDEN[channels] if hidden_channels is None else hidden_channels
-        if hidden_channels < 1:
-            raise ValueError(f"'hidden_channels' must be at least 1 (got {hidden_channels})")
+        need(hidden_channels >= 1, "'hidden_channels' must be at least 1", hidden_channels)
         super().__init__(
             layout,
             out_channels,

@@ -3,6 +3,8 @@ r"""The bilinear feature of a feature map with itself."""
 import torch
 from torch import Tensor
 
+from torch_geometric_tactile._checks import need
+
 # The root of a number near zero has a gradient without bound.
 _FLOOR = 1e-8
 
@@ -44,8 +46,7 @@ class BilinearFeature(torch.nn.Module):
 
     def __init__(self, eps: float = 1e-5) -> None:
         super().__init__()
-        if not 0 < eps < float("inf"):
-            raise ValueError(f"'eps' must be positive and finite (got {eps})")
+        need(0 < eps < float("inf"), "'eps' must be positive and finite", eps)
         self.eps = eps
 
     def forward(self, x: Tensor) -> Tensor:

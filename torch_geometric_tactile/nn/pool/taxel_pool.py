@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
+from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.nn._sizes import is_of_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, taxel_clusters
@@ -57,8 +58,7 @@ class TaxelPool(torch.nn.Module):
         aggr: Literal["max", "mean"] = "max",
     ) -> None:
         super().__init__()
-        if aggr not in ("max", "mean"):
-            raise ValueError(f"'aggr' must be 'max' or 'mean' (got {aggr!r})")
+        need(aggr in ("max", "mean"), f"'aggr' must be 'max' or 'mean' (got {aggr!r})")
         with torch.device("cpu"):  # on the meta device, a layout would lose its numbers
             found = taxel_clusters(as_layout(layout), by)
             members, share = _table(found.cluster)
