@@ -36,7 +36,7 @@ NEEDS_EXTRA = tuple(
         "reports._analysis",
         "reports._compare",
         "reports._simulation",
-        "visualization._shown_figure",  # a class of matplotlib; `visualization.figure` imports it
+        "visualization._shown_figure",  # a class of matplotlib; `visualization._style` imports it
     )
 )
 
