@@ -8,6 +8,7 @@ Results are added to a log, and what is in it already is not run again.
 """
 
 import argparse
+import importlib.util
 import json
 import os
 import shutil
@@ -26,6 +27,7 @@ if __name__ == "__main__":
 from mutation.mutants import Mutant, sampled  # noqa: E402
 
 PACKAGE = "torch_geometric_tactile"
+LIBRARIES = ("torch", "torch_geometric", "sklearn", "scipy", "h5py", "lightning", "torchmetrics")
 ROOMS = ("nn", "data", "io", "sensors", "transforms", "training")
 
 
@@ -40,7 +42,9 @@ def copied(target: Path) -> None:
 
 def preload() -> None:
     """Imports libraries, and nothing of the package: each process imports its own mutated one."""
-
+    for name in LIBRARIES:
+        if importlib.util.find_spec(name):
+            importlib.import_module(name)
     assert not any(name.split(".")[0] == PACKAGE for name in sys.modules)
 
 
@@ -95,7 +99,8 @@ def _run_tests(root: Path, files: list[str], log: Path) -> None:
             os.dup2(file.fileno(), 1)
             os.dup2(file.fileno(), 2)
         os.chdir(root)
-        sys.path[:] = [str(root), *(p for p in sys.path if not p.startswith(str(ROOT)))]
+        libraries = (p for p in sys.path if "site-packages" in p or not p.startswith(str(ROOT)))
+        sys.path[:] = [str(root), *libraries]
         os.environ["PYTHONPATH"] = str(root)
         os.environ.setdefault("TACTILE_TEST_DATA", str(ROOT.parent / "shared/data/biotacsp"))
         sys.dont_write_bytecode = True
