@@ -45,6 +45,7 @@ def test_a_frame_by_hand():
         None,
     )
     assert decoder.stride == 34
+    assert (decoder.layout, AnySkinDecoder().layout) == (None, "anyskin")
     assert (decoder.checksum, decoder.baudrate, AnySkinDecoder().stride) == ("none", 115200, 82)
 
 

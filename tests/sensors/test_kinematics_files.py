@@ -59,6 +59,11 @@ def test_joint_rejects(changes, message):
         Joint("a", "base", "tip", **changes)
 
 
+def test_limits_of_a_joint_may_meet():
+    joint = Joint("a", "base", "tip", lower=0.5, upper=0.5)
+    assert (joint.lower, joint.upper) == (0.5, 0.5)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -11,7 +11,7 @@ from torch_geometric_tactile.training import training_recipe
 )
 def test_training_recipe(num_samples, batch_size, max_epochs):
     recipe = training_recipe(num_samples)
-    assert (recipe.batch_size, recipe.max_epochs) == (batch_size, max_epochs)
+    assert recipe == (batch_size, max_epochs, 4e-3, 0.03, 0.1)
 
 
 def test_training_recipe_bad_number():

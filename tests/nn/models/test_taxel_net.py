@@ -8,7 +8,7 @@ from plain_models import given, trained
 from plain_models import taxel_net as small
 from small_models import samples
 
-from torch_geometric_tactile.nn import TaxelNet
+from torch_geometric_tactile.nn import SelfGCNConv, TaxelNet
 from torch_geometric_tactile.nn.models._taxel_levels import (
     ReadingNorm,
     TaxelNorm,
@@ -52,6 +52,14 @@ def test_taxel_net_parameter_count():
     assert num_parameters(small("difference")) == 2 * 3 * 4 + 8 + head(4, 3)
     blocks = sector(3, 4, 6) + sector(4, 4, 6) + 20 * 3 * 5 + 10
     assert num_parameters(small("direct")) == blocks + head(20 * 4 + 5 + 2, 3)
+
+
+@pytest.mark.parametrize("difference", [False, True])
+def test_taxel_net_blocks_are_of_the_chosen_operator(difference):
+    model = TaxelNet(grid(2, 2, 0.01), 2, conv="difference" if difference else "self")
+    found = [layer.difference for layer in model.modules() if isinstance(layer, SelfGCNConv)]
+    assert found
+    assert {*found} == {difference}
 
 
 def test_taxel_net_levels_follow_from_the_layout():
