@@ -10,6 +10,7 @@ for each taxel: x, y, z), ``integer`` (the same as numbers), on some models ``ca
 import json
 import math
 import re
+import sys
 from array import array
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -103,10 +104,11 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
         for key, sensor in zip(keys, sensors, strict=True)
     ]
     taxels = tuple([len(reading) // 3 for reading in readings])
+    numbers = np.frombuffer(b"".join(readings), dtype=np.float32 if forces else np.uint16)
     return XelaFrame(
         number=number,
         time=float(time),
-        reading=np.concatenate(readings).astype(np.float32, copy=False).reshape(-1, 3),
+        reading=numbers.astype(np.float32).reshape(-1, 3),
         taxels=taxels,
         models=tuple([_text(where, sensor, "model") for sensor in sensors]),
         handedness=tuple([_text(where, sensor, "handedness") for sensor in sensors]),
@@ -187,19 +189,25 @@ def _of_each_taxel(sensors: Sequence[Any], taxels: Sequence[int], key: str) -> n
     for sensor, count in zip(sensors, taxels, strict=True):
         part = sensor.get(key)
         values: list[Any] = part if type(part) is list and len(part) == count else [None] * count
-        if None in values:
-            values = [math.nan if value is None else value for value in values]
         try:  # numbers only, and faster than numpy
             found.fromlist(values)
         except (TypeError, OverflowError):
-            found.fromlist([math.nan] * count)
+            found.extend(_numbers_or_nan(values))
     with np.errstate(over="ignore"):
         numbers = np.frombuffer(found).astype(np.float32)
     numbers[np.isinf(numbers)] = np.nan
     return numbers
 
 
-def _sensor_reading(where: str, key: str, sensor: Any, forces: bool) -> np.ndarray:
+def _numbers_or_nan(values: list[Any]) -> "array[float]":
+    # Nulls are NaN, and all of them if some are no numbers.
+    try:
+        return array("d", [math.nan if value is None else value for value in values])
+    except (TypeError, OverflowError):
+        return array("d", [math.nan] * len(values))
+
+
+def _sensor_reading(where: str, key: str, sensor: Any, forces: bool) -> "array[Any]":
     if not isinstance(sensor, Mapping):
         raise ValueError(f"{where} must be a JSON object (got {short_repr(sensor)})")
     counts = _counts(where, sensor.get("data"))
@@ -222,7 +230,7 @@ def _sensor_reading(where: str, key: str, sensor: Any, forces: bool) -> np.ndarr
     return _forces(where, sensor, len(counts)) if forces else counts
 
 
-def _counts(where: str, data: Any) -> np.ndarray:
+def _counts(where: str, data: Any) -> "array[int]":
     if not isinstance(data, str):
         raise ValueError(
             f"'data' of {where} must be a text of hexadecimal words (got {short_repr(data)})"
@@ -237,22 +245,24 @@ def _counts(where: str, data: Any) -> np.ndarray:
                 f"'data' of {where} must hold hexadecimal words of up to four digits (got "
                 f"{shown(word)})"
             )
-    return np.array([int(word, 16) for word in words], dtype=np.uint16)
+    return array("H", [int(word, 16) for word in words])
 
 
-def _usual_counts(data: str) -> np.ndarray | None:
+def _usual_counts(data: str) -> "array[int] | None":
     # Words of four digits, as servers send them: ten times as fast as one word after another.
     number = (len(data) + 1) // 5
     if data[4::5] != "," * (number - 1):
         return None
     try:
-        found = np.frombuffer(bytes.fromhex(data.replace(",", " ")), dtype=">u2")
+        found = array("H", bytes.fromhex(data.replace(",", " ")))
     except ValueError:
         return None
-    return found.astype(np.uint16) if len(found) == number else None
+    if sys.byteorder == "little":
+        found.byteswap()
+    return found if len(found) == number else None
 
 
-def _forces(where: str, sensor: Mapping[str, Any], count: int) -> np.ndarray:
+def _forces(where: str, sensor: Mapping[str, Any], count: int) -> "array[float]":
     if "calibrated" not in sensor:
         model = shown(str(sensor.get("model", "")))
         raise ValueError(
@@ -275,7 +285,7 @@ def _forces(where: str, sensor: Mapping[str, Any], count: int) -> np.ndarray:
         raise ValueError(
             f"'calibrated' of {where} must have shape ({count},) (got {calibrated.shape})"
         )
-    return calibrated
+    return array("f", calibrated.tobytes())
 
 
 def format_xela_message(
