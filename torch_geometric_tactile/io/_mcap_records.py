@@ -135,18 +135,25 @@ def _readers() -> dict[int, Any]:
     }
 
 
-def _record(kind: int, content: bytes | memoryview) -> Any | None:
-    # None for those that readers need not know.
+@cache
+def _stream() -> tuple[Any, tuple[type[Exception], ...]]:
+    # What the readers take, and what they raise.
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import McapError
 
+    return ReadDataStream, (McapError, OverflowError, UnicodeDecodeError, struct.error)
+
+
+def _record(kind: int, content: bytes | memoryview) -> Any | None:
+    # None for those that readers need not know.
     read = _readers().get(kind)
     if read is None:
         return None
-    stream = ReadDataStream(BytesIO(content))
+    stream, errors = _stream()
     try:
-        return read(stream, len(content)) if kind == MESSAGE else read(stream)
-    except (McapError, OverflowError, UnicodeDecodeError, struct.error) as error:
+        of_bytes = stream(BytesIO(content))
+        return read(of_bytes, len(content)) if kind == MESSAGE else read(of_bytes)
+    except errors as error:
         raise Damaged(f"a record is damaged: {error}") from error
 
 

@@ -167,7 +167,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
 def append_hdf5(recording: Recording, path: PathLike) -> None:
     r"""Appends frames to an HDF5 file, which is created if missing.
 
-    .. deprecated:: 0.3
+    .. deprecated:: 0.2.1
         HDF5 is written once. What grows frame by frame is MCAP
         (:class:`~torch_geometric_tactile.io.McapWriter`), which :func:`write_hdf5` converts at the
         end. Until it is removed, this function reads the file and writes all of it anew, whole or
@@ -209,7 +209,7 @@ def append_hdf5(recording: Recording, path: PathLike) -> None:
         with opened(path, in_memory=True) as file:
             before = _read(path, _checked(path, file), max_bytes=2**63)
         there, added = recording_to_arrays(before), recording_to_arrays(recording)
-        _check_continues(path, before, recording)
+        _check_continues(path, before, recording, there, added)
         if recording.num_frames:
             joined = {
                 name: np.concatenate(
@@ -286,8 +286,13 @@ def _read(path: Path, content: _Content, max_bytes: int | None) -> Recording:
     return recording_from_fields(path, arrays, content.texts)
 
 
-def _check_continues(path: Path, before: Recording, recording: Recording) -> None:
-    there, arrays = recording_to_arrays(before), recording_to_arrays(recording)
+def _check_continues(
+    path: Path,
+    before: Recording,
+    recording: Recording,
+    there: Mapping[str, np.ndarray],
+    arrays: Mapping[str, np.ndarray],
+) -> None:
     if arrays.keys() != there.keys():
         raise ValueError(
             f"'recording' must hold {sorted(there)}, as '{path}' does (got {sorted(arrays)})"
