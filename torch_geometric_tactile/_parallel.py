@@ -5,9 +5,12 @@ joblib is imported when something runs: it comes with scikit-learn, and takes a 
 
 import logging
 import os
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cache
+from threading import Thread
 from typing import Any, Literal, TypeVar
 
 from torch_geometric_tactile._checks import need
@@ -34,6 +37,27 @@ def kept_memory() -> Iterator[None]:
     finally:
         for name in added:
             del os.environ[name]
+
+
+def end_with(parent: int | None) -> None:
+    r"""Ends this process with the one that its work is for, or else it would go on with what was
+    dispatched, or wait for minutes. Does nothing in that process itself, and without one.
+    """
+    if parent in (None, os.getpid()):
+        return
+    if os.getppid() != parent:
+        os._exit(1)
+    _watch(parent)
+
+
+@cache
+def _watch(parent: int | None) -> None:
+    def wait() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    Thread(target=wait, daemon=True).start()
 
 
 def check_backend(backend: str, scheduler: str | None = None) -> None:

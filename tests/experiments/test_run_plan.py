@@ -43,6 +43,12 @@ def test_finished_runs_are_kept(grasps, tmp_path, trained):
     assert len(trained) == 6
 
 
+def test_only_runs_with_a_choice_are_estimated(grasps, tmp_path, trained):
+    told = []
+    run_table("p2-table2", grasps, tmp_path, QUICK, ["ii_tac"], on_estimate=told.append)
+    assert (told, trained) == ([{}], ["ii_tac by trial 0"])
+
+
 def test_all_seeds_and_splits_are_run(grasps, tmp_path, trained):
     settings = Settings(seeds=2, epochs=1)
     run = run_table("p1-table3", grasps, tmp_path, settings, ["dense"])

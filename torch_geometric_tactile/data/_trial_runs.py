@@ -51,11 +51,6 @@ class TrialRuns(NamedTuple):
         known = 0 <= number < len(self.names)
         return f"trial {number} ('{self.names[number]}')" if known else f"trial {number}"
 
-    @property
-    def of_frame(self) -> Tensor:
-        r"""Which trial each frame belongs to :math:`(S,)`."""
-        return torch.arange(len(self.number)).repeat_interleave(self.length)
-
     def require_constant(self, key: str, value: Tensor) -> None:
         r"""Checks that an attribute does not change within a trial.
 

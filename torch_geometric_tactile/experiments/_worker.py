@@ -12,12 +12,11 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from torch_geometric_tactile._parallel import KEPT_MEMORY
+from torch_geometric_tactile._parallel import KEPT_MEMORY, end_with
 from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments._memory import PeakMemory
 from torch_geometric_tactile.experiments._run_experiment import run_experiment
@@ -33,7 +32,7 @@ def run_safely(experiment: Experiment, parent: int | None = None) -> dict[str, A
     r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed: in a
     process of its own if its memory is to be measured, and otherwise here.
     """
-    _end_with(parent)
+    end_with(parent)
     return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
 
 
@@ -120,19 +119,6 @@ class _Process:
             if file is not None:
                 with suppress(BrokenPipeError):  # it was killed before it read all
                     file.close()
-
-
-def _end_with(parent: int | None) -> None:
-    if parent in (None, os.getpid()) or getattr(_end_with, "watching", False):
-        return
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-    _end_with.watching = True  # type: ignore[attr-defined]
 
 
 def run_worker() -> None:

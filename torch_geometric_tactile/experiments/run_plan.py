@@ -105,8 +105,9 @@ def run_plan(
         on_progress (callable, optional): Called with each run that ended, how many ended so far,
             and how many are to be run.
         on_estimate (callable, optional): Called before the first run with the seconds, about, that
-            the runs of each experiment will take one after the other, by its name. They are
-            measured on a short probe, and the quick ones are run first.
+            the runs of each experiment with a choice, as those of comparisons, will take one after
+            the other, by its name. They are measured on a short probe, and the quick ones are run
+            first.
         on_model (callable, optional): Called with the runs of one experiment when the last of them
             is finished.
 
@@ -129,7 +130,7 @@ def run_plan(
     failed: dict[str, str] = {}
     try:
         if on_estimate is not None and train:
-            seconds = _estimate_seconds(todo)
+            seconds = _estimate_seconds([e for e in todo if e.choice is not None])
             on_estimate(seconds)
             todo.sort(key=lambda experiment: seconds.get(experiment.name, 0.0))
         with _noticed_stop() as stopped, closing(_run(todo, workers)) as running:

@@ -271,7 +271,7 @@ class _PredictorModel:
         facts = {**predictor.network.facts(), **predictor.preparation.facts()}
         self.info: dict[str, Any] = {**facts, "unit": None}
         self._ring: Any = None
-        self.prepare_ns = self.model_ns = 0
+        self.model_ns = 0
 
     @property
     def length(self) -> int:
@@ -313,7 +313,6 @@ class _PredictorModel:
         r"""As of :class:`OnnxModel`."""
         import torch
 
-        start = perf_counter_ns()
         predictor = self._predictor
         with torch.inference_mode():
             data = predictor.prepare_frame(tactile, joint)
@@ -328,7 +327,6 @@ class _PredictorModel:
             ready = perf_counter_ns()
             out = predictor.probability(predictor.logits(data))[0].cpu().float().numpy()
         self.model_ns = perf_counter_ns() - ready
-        self.prepare_ns = ready - start
         return out
 
     def _frame_ring(self, x: Any) -> Any:

@@ -2,19 +2,17 @@ r"""Many simulated trials, each in a file of its own, on many processes; finishe
 
 import json
 import os
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from functools import cache, partial
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Thread
 from typing import Any, Generic, TypeVar
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import atomic_path, remove_leftovers
-from torch_geometric_tactile._parallel import run_parallel
+from torch_geometric_tactile._parallel import end_with, run_parallel
 from torch_geometric_tactile.io import read_hdf5_head
 
 SUMMARY = "simulation.json"
@@ -90,24 +88,8 @@ def run_trials(
 
 
 def _simulated(trial: SimulatedTrial[_Report], parent: int) -> _Report:
-    # A worker whose run was killed would go on with what was dispatched.
-    if parent not in (os.getpid(), os.getppid()):
-        os._exit(1)
-    if parent != os.getpid():
-        _end_with(parent)
+    end_with(parent)
     return trial.simulate()
-
-
-@cache
-def _end_with(parent: int) -> None:
-    # Once a worker: one that has nothing to do would wait for minutes.
-    Thread(target=_wait_for_end, args=(parent,), daemon=True).start()
-
-
-def _wait_for_end(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(1)
 
 
 def kept_meta(
