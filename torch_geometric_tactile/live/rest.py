@@ -120,6 +120,7 @@ class Rest:
         self.reason = ""
         self._lock = threading.RLock()
         self._pending: list[LiveFrame] = []
+        self._so_far = _Sum(self._pending)
         self._frames: RestFrames | None = None
         self._value: np.ndarray | None = None
         self._noise: np.ndarray | None = None
@@ -222,7 +223,9 @@ class Rest:
             self.add(frame)
             value = self._value
             if value is None and self._pending:
-                value = _mean(np.stack([one.tactile for one in self._pending], dtype=np.float64))
+                if self._so_far.frames is not self._pending:
+                    self._so_far = _Sum(self._pending)
+                value = self._so_far.mean()
             out: np.ndarray = (frame.tactile - self._ready(value)).astype(np.float32)
             return out
 
@@ -310,6 +313,24 @@ class Rest:
             f"{type(self).__name__}(seconds={self.seconds:g}, min_frames={self.min_frames}, "
             f"max_movement={self.max_movement:g}, ready={self.ready})"
         )
+
+
+class _Sum:
+    # Of frames that become more, each of which is added once.
+
+    def __init__(self, frames: list[LiveFrame]) -> None:
+        self.frames = frames
+        self._number = 0
+        self._total = self._count = np.zeros(1)
+
+    def mean(self) -> np.ndarray:
+        for frame in self.frames[self._number :]:
+            present = ~np.isnan(frame.tactile)
+            self._total = self._total + np.where(present, frame.tactile, 0.0)
+            self._count = self._count + present
+        self._number = len(self.frames)
+        with np.errstate(invalid="ignore"):  # a taxel without any reading is NaN
+            return self._total / self._count
 
 
 def _movement(tactile: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
