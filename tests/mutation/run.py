@@ -28,7 +28,10 @@ from mutation.mutants import Mutant, sampled  # noqa: E402
 
 PACKAGE = "torch_geometric_tactile"
 LIBRARIES = ("torch", "torch_geometric", "sklearn", "scipy", "h5py", "lightning", "torchmetrics")
-ROOMS = ("nn", "data", "io", "sensors", "transforms", "training")
+ROOMS = (
+    *("nn", "data", "io", "sensors", "transforms", "training"),
+    *("datasets", "loader", "predictor", "experiments", "live", "sim"),
+)
 
 
 def copied(target: Path) -> None:
