@@ -359,6 +359,8 @@ def _cell(content: Mapping[str, Any], template: str | None, folder: Path) -> Cel
         config = str(folder / config)
     values.setdefault("experiment", values["row"])
     values["column"] = str(values.get("column", ""))
+    if "choice" in values:
+        values["choice"] = Choice(**values["choice"])
     return Cell(config=config, published=published, **values)
 
 
