@@ -215,7 +215,7 @@ def test_a_new_transform_takes_all_samples_at_once(dataset):
     assert folded.x.shape == (12, 6, 2)
 
 
-def test_a_new_transform_is_settled_in_a_predictor(dataset):
+def test_a_new_transform_is_computed_once_in_a_predictor(dataset):
     predictor = Predictor(
         model_of(dataset), dataset.layout, transform=Heights(), adjacency="original"
     )

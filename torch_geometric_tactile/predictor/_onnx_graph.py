@@ -11,8 +11,8 @@ from torch.nn import Module
 
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.data import StaticData, join_frames
+from torch_geometric_tactile.predictor._computed_once import access
 from torch_geometric_tactile.predictor._onnx_steps import GivenRest, is_framewise, lowered
-from torch_geometric_tactile.predictor._settling import access
 from torch_geometric_tactile.predictor.predictor import Predictor
 from torch_geometric_tactile.transforms import FillMissing
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torch_geometric_tactile.data import StaticData, apply_transform
 from torch_geometric_tactile.data._transform_rules import own_declaration, static_rule
-from torch_geometric_tactile.predictor._settling import access
+from torch_geometric_tactile.predictor._computed_once import access
 from torch_geometric_tactile.transforms import FittedTransform, TactileTransform
 from torch_geometric_tactile.transforms._windows import repeated
 
@@ -52,7 +52,7 @@ class GivenRest:
         return data
 
 
-class Set:
+class GivenAttributes:
     r"""Attributes that are the same for all frames, and columns of the readings."""
 
     def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
@@ -123,14 +123,14 @@ def _lowered(
         writes = tuple(key for key in writes if key != "x")  # columns of readings are set apart
     if reads is not None and writes is not None and changing.isdisjoint((*reads, *writes)):
         after = apply_transform(part, known)
-        step_set = Set(known, after, columns == "replace")
+        given = GivenAttributes(known, after, columns == "replace")
         if after.x.size(-1):
             changing.add("$x")
             after = copy.copy(after)
             after.x = known.x
-        return step_set, after
+        return given, after
     step: Step = part.graph_step(known, changing) if is_ours and writes else _per_sample(part)
-    if getattr(step, "is_settled", False):
+    if getattr(step, "is_same_for_all", False):
         return step, step(copy.copy(known))
     changing.update(_ALL if writes is None else writes)
     if writes is None or "x" in writes:

@@ -13,6 +13,7 @@ from torch_geometric_tactile.data import Recording, StaticData, StaticDataset, a
 from torch_geometric_tactile.data._column_order import in_column_order
 from torch_geometric_tactile.data._frame_view import FrameView
 from torch_geometric_tactile.data._transform_rules import flat
+from torch_geometric_tactile.predictor._computed_once import access, apply_once, is_computed_once
 from torch_geometric_tactile.predictor._readings import (
     ArrayLike,
     as_numbers,
@@ -22,7 +23,6 @@ from torch_geometric_tactile.predictor._readings import (
     stored_options,
 )
 from torch_geometric_tactile.predictor._session import Session, keyed
-from torch_geometric_tactile.predictor._settling import access, apply_once, is_settled
 from torch_geometric_tactile.predictor._window_cut import WindowCut, frame_by_frame
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout
 from torch_geometric_tactile.transforms import Tare, fitted_parts
@@ -103,7 +103,7 @@ class Preparation:
             frames = frames.dataset
         sample, frame = (_first_stored(part) for part in (dataset, frames))
         # Results that depend on the layout only are among what the samples share.
-        steps = [part for part in flat(frames.pre_transform) if not is_settled(part, frame)]
+        steps = [part for part in flat(frames.pre_transform) if not is_computed_once(part, frame)]
         joint = frame.joint if "joint" in frame else None
         known: dict[str, Any] = {
             "num_channels": None if steps else frame.num_features,
@@ -112,7 +112,9 @@ class Preparation:
         }
         if window is not None:
             known |= {"window": window, "frame_transform": _joined([*steps, frames.transform])}
-            steps = [part for part in flat(dataset.pre_transform) if not is_settled(part, sample)]
+            steps = [
+                part for part in flat(dataset.pre_transform) if not is_computed_once(part, sample)
+            ]
         last = Compose([*flat(dataset.transform), *flat(transform)])
         return cls(dataset.layout, sample, _joined(steps), last, **known)
 

@@ -138,6 +138,6 @@ def describe_counts(count: Counter[str], out: PathLike, of_windows: bool = False
     total = sum(count.values())
     parts: Iterable[str] = (f"{name or 'none'} {n}" for name, n in count.most_common(8))
     more = ", ..." if len(count) > 8 else ""
-    told = "" if set(count) == {""} else f": {', '.join(parts)}{more}"
+    counts = "" if set(count) == {""} else f": {', '.join(parts)}{more}"
     unit = "window" if of_windows else "frame"
-    return f"{Path(out)}: {total} {unit}{'s' if total > 1 else ''}{told}"
+    return f"{Path(out)}: {total} {unit}{'s' if total > 1 else ''}{counts}"

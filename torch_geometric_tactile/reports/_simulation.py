@@ -187,20 +187,20 @@ def run_simulation(
     names = [item.name for item in object_set(objects, num_objects, seed)[1]]
     total = len(names) * (trials or PRESETS[preset].trials)
 
-    def told(reports: list[TrialReport]) -> str:
+    def in_words(reports: list[TrialReport]) -> str:
         return f"{sum(report.attempts for report in reports)} attempts"
 
-    return SimulatedRun(*_watched(running, total, out, "trial", told), names)
+    return SimulatedRun(*_watched(running, total, out, "trial", in_words), names)
 
 
 def run_bigs(out: PathLike, *, grasps: int | None = None, seed: int = 0, jobs: int = 1) -> BigsRun:
     r"""Runs :func:`~torch_geometric_tactile.sim.simulate_bigs` likewise."""
     total = BIGS_GRASPS if grasps is None else grasps
 
-    def told(reports: list[BigsReport]) -> str:
+    def in_words(reports: list[BigsReport]) -> str:
         return f"{sum(report.success for report in reports)} held"
 
-    return BigsRun(*_watched(simulate_bigs(out, total, seed, jobs), total, out, "grasp", told))
+    return BigsRun(*_watched(simulate_bigs(out, total, seed, jobs), total, out, "grasp", in_words))
 
 
 def run_letters(
@@ -216,11 +216,11 @@ def run_letters(
     layout = None if layout is None else as_layout(layout)
     running = simulate_letters(out, number, seed, jobs, layout=layout)
 
-    def told(reports: list[LetterReport]) -> str:
+    def in_words(reports: list[LetterReport]) -> str:
         return f"letter {reports[-1].letter}"
 
     total, files = num_letter_files(number), "[A-Z]/*.npy"
-    return LettersRun(*_watched(running, total, out, "file", told, files), layout)
+    return LettersRun(*_watched(running, total, out, "file", in_words, files), layout)
 
 
 def _watched(
@@ -228,7 +228,7 @@ def _watched(
     total: int,
     out: PathLike,
     unit: str,
-    told: Callable[[list[_Report]], str],
+    in_words: Callable[[list[_Report]], str],
     files: str = "*.h5",
 ) -> tuple[list[_Report], float, Path]:
     # The reports of a simulation with a progress bar, its seconds and its folder.
@@ -244,7 +244,7 @@ def _watched(
         ):
             for report in running:
                 reports.append(report)
-                bar.set_postfix_str(told(reports), refresh=False)
+                bar.set_postfix_str(in_words(reports), refresh=False)
                 bar.update()
     except KeyboardInterrupt:
         finished = len(list(Path(out).glob(files)))

@@ -66,7 +66,7 @@ class Level(NamedTuple):
     xyz: Tensor
 
 
-class FewTables(NamedTuple):
+class SmallBatchTables(NamedTuple):
     r"""What poses few frames of a layout with few operations."""
 
     parents: list[Tensor]  # of the links of each level, where they are in the level before
@@ -141,10 +141,10 @@ def _waves(joint: Tensor) -> Tensor:
     return torch.stack([torch.ones_like(angle), angle.sin(), 1 - angle.cos()], dim=-1)
 
 
-def few_tables(
+def small_batch_tables(
     levels: Sequence[Level], numbers: Mapping[str, int], layout: TaxelLayout, like: Tensor
-) -> FewTables:
-    r"""Returns the tables of :func:`pose_few`."""
+) -> SmallBatchTables:
+    r"""Returns the tables of :func:`pose_small_batch`."""
     assert layout.link is not None
     number = torch.zeros(len(layout.link_names), dtype=torch.long)
     for name, i in numbers.items():
@@ -157,7 +157,7 @@ def few_tables(
     table[:, 0, 3, 3] = 1.0
     first = [0, *torch.tensor([len(level) for level in parents]).cumsum(0).tolist()]
     with torch.inference_mode(False):  # or no gradient could pass through them later
-        return FewTables(
+        return SmallBatchTables(
             # A link hangs on the level before its own.
             [
                 (level - (first[i - 1] + 1 if i else 0)).to(like.device)
@@ -171,7 +171,9 @@ def few_tables(
         )
 
 
-def pose_few(few: FewTables, joint: Tensor, with_normal: bool) -> tuple[Tensor, Tensor | None]:
+def pose_small_batch(
+    tables: SmallBatchTables, joint: Tensor, with_normal: bool
+) -> tuple[Tensor, Tensor | None]:
     r"""Returns positions and normals :math:`(T, N, 3)` of few frames.
 
     It works with homogeneous matrices and taxel by taxel: more arithmetic than with
@@ -180,22 +182,22 @@ def pose_few(few: FewTables, joint: Tensor, with_normal: bool) -> tuple[Tensor, 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
     """
-    pose = chain_few(few, joint).index_select(1, few.link)[:, :, :3]
-    pos = (pose * few.pos).sum(dim=-1)
-    return pos, (pose * few.normal).sum(dim=-1) if with_normal else None
+    pose = chain_small_batch(tables, joint).index_select(1, tables.link)[:, :, :3]
+    pos = (pose * tables.pos).sum(dim=-1)
+    return pos, (pose * tables.normal).sum(dim=-1) if with_normal else None
 
 
-def chain_few(few: FewTables, joint: Tensor) -> Tensor:
+def chain_small_batch(tables: SmallBatchTables, joint: Tensor) -> Tensor:
     r"""Returns the matrices of all links :math:`(T, L, 4, 4)` in few frames.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
     """
-    waves = _waves(joint).index_select(1, few.column).unsqueeze(2)
-    steps = (waves @ few.turns).unflatten(-1, (4, 4)).squeeze(2)
+    waves = _waves(joint).index_select(1, tables.column).unsqueeze(2)
+    steps = (waves @ tables.turns).unflatten(-1, (4, 4)).squeeze(2)
     root = torch.eye(4, dtype=joint.dtype, device=joint.device)
     poses, start = [root.expand(len(joint), 1, 4, 4)], 0
-    for parent in few.parents:
+    for parent in tables.parents:
         step = steps[:, start : start + len(parent)]
         poses.append(poses[-1].index_select(1, parent) @ step if start else step)
         start += len(parent)

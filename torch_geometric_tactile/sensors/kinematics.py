@@ -14,12 +14,12 @@ from torch_geometric_tactile._texts import read_json, short_repr
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors._content_checks import need_text, only_keys
 from torch_geometric_tactile.sensors._pose_tables import (
-    few_tables,
     link_tables,
     link_tree,
-    pose_few,
     pose_links,
+    pose_small_batch,
     pose_tables,
+    small_batch_tables,
     tree_levels,
 )
 from torch_geometric_tactile.sensors._urdf import read_urdf
@@ -237,11 +237,11 @@ class HandKinematics:
         flat = joint.reshape(-1, self.num_joints)
         with_normal = normal and layout.normal is not None
         if len(flat) <= _FEW:
-            few = self._kept_tables(layout, flat, few=True)
-            pos, normals = pose_few(few, flat, with_normal)
+            tables = self._kept_tables(layout, flat, small=True)
+            pos, normals = pose_small_batch(tables, flat, with_normal)
             normals = None if normals is None else normals.view(*shape, num_taxels, 3)
             return PosedTaxels(pos.view(*shape, num_taxels, 3), normals)
-        tables, place = self._kept_tables(layout, flat, few=False)
+        tables, place = self._kept_tables(layout, flat, small=False)
         out = pose_tables(self._levels, tables, flat, with_normal, _CHUNK)
         values = [value.view(*shape, num_taxels, 3) for value in out]
         if place is not None:
@@ -285,10 +285,10 @@ class HandKinematics:
             )
         return used
 
-    def _kept_tables(self, layout: TaxelLayout, like: Tensor, few: bool) -> Any:
-        if few:
+    def _kept_tables(self, layout: TaxelLayout, like: Tensor, small: bool) -> Any:
+        if small:
             return self._kept_for(
-                "few", layout, like, lambda of: few_tables(self._levels, of, layout, like)
+                "small", layout, like, lambda of: small_batch_tables(self._levels, of, layout, like)
             )
         return self._kept_for("many", layout, like, lambda of: link_tables(of, layout, like))
 

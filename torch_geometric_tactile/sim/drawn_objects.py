@@ -62,9 +62,11 @@ def _block(seed: int, place: int, block: int) -> np.ndarray:
         np.arange(_PER_BLOCK)[:, None], (_CANDIDATES, _PER_BLOCK, _NUM_NUMBERS)
     )
     ranks = rng.permuted(strata, axis=1)
-    told = np.concatenate([ranks[..., [0, 3, 4]], ranks[..., 5:] < _PER_BLOCK // 2], axis=-1)
-    told = (told - told.mean(axis=1, keepdims=True)) / told.std(axis=1, keepdims=True)
-    correlation = np.abs(np.einsum("cni,cnj->cij", told, told))
+    properties = np.concatenate([ranks[..., [0, 3, 4]], ranks[..., 5:] < _PER_BLOCK // 2], axis=-1)
+    properties = (properties - properties.mean(axis=1, keepdims=True)) / properties.std(
+        axis=1, keepdims=True
+    )
+    correlation = np.abs(np.einsum("cni,cnj->cij", properties, properties))
     correlation[:, range(4), range(4)] = 0.0
     best = ranks[correlation.max(axis=(1, 2)).argmin()]
     return np.asarray((best + rng.random(best.shape)) / _PER_BLOCK)

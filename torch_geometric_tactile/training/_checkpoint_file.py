@@ -66,8 +66,8 @@ def load_module(
         module.on_load_checkpoint(checkpoint)
         module.load_state_dict(weights, strict=strict is not False)
     except Exception as error:  # whatever other contents lead to
-        told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        raise ValueError(f"no {cls.__name__} can be built from '{path}': {told}") from error
+        reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        raise ValueError(f"no {cls.__name__} can be built from '{path}': {reason}") from error
     tensors = (value for value in weights.values() if isinstance(value, torch.Tensor))
     return module.to(next(tensors, torch.empty(0)).device)
 

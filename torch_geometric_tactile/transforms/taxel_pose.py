@@ -10,7 +10,7 @@ from torch_geometric.data.datapipes import functional_transform
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, allegro_uskin, as_layout
-from torch_geometric_tactile.sensors._pose_tables import FewTables, chain_few
+from torch_geometric_tactile.sensors._pose_tables import SmallBatchTables, chain_small_batch
 from torch_geometric_tactile.transforms._attributes import check_num_taxels, require
 from torch_geometric_tactile.transforms.tactile_transform import TactileTransform
 
@@ -125,13 +125,13 @@ class TaxelPose(TactileTransform):
         self, known: StaticData, changing: Set[str]
     ) -> Callable[[StaticData], StaticData]:
         r"""Returns one product with the poses of the links."""
-        return _Posed(self)
+        return _LinearPose(self)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}('{self.layout.name}', '{self.kinematics.name}')"
 
 
-class _Posed:
+class _LinearPose:
     r"""Taxels placed by joint angles. Positions and normals are linear in the poses of the links:
     one product serves all taxels.
     """
@@ -139,17 +139,17 @@ class _Posed:
     def __init__(self, part: TaxelPose) -> None:
         self.part = part
         joint = torch.zeros(1, part.kinematics.num_joints)
-        self.few: FewTables = part.kinematics._kept_tables(part.layout, joint, few=True)
-        self.links = self.few.link.unique()
-        self.pos = self._table(self.few.pos)
+        self.tables: SmallBatchTables = part.kinematics._kept_tables(part.layout, joint, small=True)
+        self.links = self.tables.link.unique()
+        self.pos = self._table(self.tables.pos)
         self.normal = None
         if part.normal and part.layout.normal is not None:
-            self.normal = self._table(self.few.normal)
+            self.normal = self._table(self.tables.normal)
 
     def _table(self, places: Tensor) -> Tensor:
         # (12 L, 3 N): of each link three rows of four numbers.
         count = len(places)
-        row = torch.searchsorted(self.links, self.few.link)
+        row = torch.searchsorted(self.links, self.tables.link)
         table = torch.zeros(len(self.links), 3, 4, count, 3)
         for axis in range(3):
             table[row, axis, :, torch.arange(count), axis] = places[:, 0]
@@ -157,7 +157,9 @@ class _Posed:
 
     def __call__(self, data: StaticData) -> StaticData:
         joint = data.joint
-        pose = chain_few(self.few, joint).index_select(1, self.links)[:, :, :3].flatten(1)
+        pose = (
+            chain_small_batch(self.tables, joint).index_select(1, self.links)[:, :, :3].flatten(1)
+        )
         shape = (len(joint), -1, 3)
         data.pos = (pose @ self.pos).view(shape)
         if self.normal is not None:

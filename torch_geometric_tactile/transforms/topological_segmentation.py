@@ -217,7 +217,7 @@ def _reslice(data: Data, key: str, counts: Tensor, increment: int | None = None)
 class _Segmented:
     r"""Edges within segments, chosen beforehand: their number must not depend on values."""
 
-    is_settled = True  # what it sets is the same for all frames
+    is_same_for_all = True  # what it sets is the same for all frames
 
     def __init__(self, part: TopologicalSegmentation, known: StaticData) -> None:
         source, target = known.edge_index

@@ -45,7 +45,7 @@ def access(part: Any) -> tuple[_Names, _Names]:
     return rule.reads, tuple(dict.fromkeys((*writes, *added)))
 
 
-def is_settled(part: Any, sample: StaticData) -> bool:
+def is_computed_once(part: Any, sample: StaticData) -> bool:
     r"""Tells whether the results of a transform are among what the samples of a data set share."""
     _, writes = access(part)
     if writes is None or "x" in writes:
