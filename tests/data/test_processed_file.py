@@ -10,6 +10,7 @@ from torch_geometric.transforms import RandomJitter
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.data._processed_file import (
     OtherFormatError,
+    _is_view,
     read_processed,
     save_static,
 )
@@ -255,6 +256,12 @@ def test_save_writes_views_without_their_storage(tmp_path):
     whole = StaticData(x=torch.rand(1000, 10, 10))
     save_static(whole.index_select(slice(0, 1)), {}, tmp_path / "a.pt")
     assert os.path.getsize(tmp_path / "a.pt") < 10_000
+
+
+def test_only_what_would_drag_a_storage_along_is_copied_to_be_saved():
+    x = torch.rand(4, 3)
+    assert not any(map(_is_view, (x, x.t(), x.long(), "text")))
+    assert all(map(_is_view, (x[:2], x.to_sparse(), torch.nn.Parameter(x))))
 
 
 def test_load_missing_file(tmp_path):
