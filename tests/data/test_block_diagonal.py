@@ -213,6 +213,10 @@ def test_to_batch_of_no_samples():
     assert batch.to_data_list() == []
 
 
+def test_to_batch_of_no_taxels_is_pygs():
+    assert_is_pygs_batch(StaticData(x=torch.zeros(2, 0, 1), y=torch.arange(2)))
+
+
 def test_to_batch_of_pygs_edge_index():
     edge_index = EdgeIndex(EDGES, sparse_size=(3, 3), sort_order="row")
     data = StaticData(x=torch.randn(2, 3, 1), edge_index=edge_index)

@@ -5,7 +5,6 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 from torch_geometric.transforms import BaseTransform, Compose, Distance
@@ -14,7 +13,7 @@ from torch_geometric_tactile.data import StaticData, StaticDataset
 from torch_geometric_tactile.data._processed_file import read_processed
 from torch_geometric_tactile.datasets import BioTacSP
 from torch_geometric_tactile.sensors import grid
-from torch_geometric_tactile.transforms import CommonMode, KNNGraph
+from torch_geometric_tactile.transforms import KNNGraph
 
 
 class Binned(StaticDataset):
@@ -124,11 +123,6 @@ def test_other_pre_filter_is_processed_again(binned, caplog):
     assert [text.split(":")[0] for text in messages(caplog)] == ["pre_filter"] * 2
 
 
-class Plain(BaseTransform):
-    def forward(self, data):
-        return data
-
-
 class Cached(BaseTransform):
     def __init__(self, k):
         self.k = k
@@ -151,25 +145,6 @@ def test_transform_that_has_been_used_is_the_same(binned):
     assert Binned.reads == 1
     binned("a", pre_transform=Cached(3))
     assert Binned.reads == 2
-
-
-@pytest.mark.parametrize("name", ["k", "_k"])
-@pytest.mark.parametrize("wrap", [list, torch.tensor, np.array, lambda k: {"k": k}])
-def test_other_attribute_of_a_transform_is_processed_again(binned, name, wrap):
-    def made(k):
-        transform = Plain()
-        setattr(transform, name, wrap([k]))
-        return transform
-
-    for k, reads in ((2, 1), (2, 1), (3, 2)):
-        binned("a", pre_transform=made(k))
-        assert Binned.reads == reads
-
-
-def test_other_segments_are_processed_again(binned):
-    for segments, reads in (([0, 0, 1, 1], 1), ([0, 0, 1, 1], 1), ([0, 1, 0, 1], 2)):
-        binned("a", pre_transform=CommonMode(segments))
-        assert Binned.reads == reads
 
 
 def test_biotac_sp_with_other_edges(write_bts3, tmp_path, caplog):

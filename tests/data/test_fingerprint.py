@@ -171,6 +171,12 @@ def test_equal_values_are_described_alike(make):
     assert describe(make()) == describe(make())
 
 
+def test_private_attribute_that_becomes_a_cache_does_not_count():
+    one, used = Private(None), Private(None)
+    used._k = Slotted(torch.zeros(2))  # neither data nor a transform
+    assert describe(used) == describe(one) != describe(Private(2))
+
+
 def test_use_does_not_change_the_description():
     pose = TaxelPose()
     before = describe(pose)

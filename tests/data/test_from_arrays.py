@@ -204,18 +204,6 @@ def test_infinite_readings():
         StaticDataset.from_arrays(x, layout=LAYOUT)
 
 
-def test_works_with_the_data_module():
-    pytest.importorskip("lightning", reason="needs the extra 'train'")
-    from torch_geometric_tactile.training import TactileDataModule
-
-    x = torch.randn(40, 6, 2, generator=torch.Generator().manual_seed(0))
-    y, trial = torch.arange(40) % 2, torch.arange(40) // 4
-    dataset = StaticDataset.from_arrays(x, y, layout=LAYOUT, trial=trial)
-    module = TactileDataModule(dataset, split="trial", transform=ZScore(), batch_size=8)
-    module.setup()
-    assert next(iter(module.train_dataloader())).x.shape == (8, 6, 2)
-
-
 def test_works_with_everything_else():
     draw = torch.Generator().manual_seed(0)
     x, y = torch.randn(40, 6, 2, generator=draw), torch.arange(40) % 2

@@ -46,12 +46,6 @@ def test_dataset_selection_of_a_selection(build):
     assert part[1].x[0].tolist() == [8.0, 9.0]
 
 
-def test_dataset_num_classes_of_a_selection(build):
-    dataset = build()
-    assert dataset[::2].data.y.unique().tolist() == [0]
-    assert [part.num_classes for part in (dataset, dataset[::2], dataset[:0])] == [2, 2, 2]
-
-
 def test_dataset_shuffle_is_a_permutation(build):
     dataset = build()
     torch.manual_seed(1)
@@ -65,13 +59,6 @@ def test_dataset_shuffle_is_a_permutation(build):
 def test_dataset_index_out_of_range(build, index):
     with pytest.raises(IndexError, match="index out of range"):
         build()[index]
-
-
-def test_batch_takes_masks_as_the_dataset_does(build):
-    part = build()[1:]
-    mask = torch.tensor([True, False, False, True, False])
-    assert part.batch(mask).x.equal(part[mask].data.x)
-    assert part.batch(mask.tolist()).trial.tolist() == [0, 2]
 
 
 def test_batch_of_nothing_and_out_of_range(build):

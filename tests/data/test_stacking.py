@@ -1,7 +1,7 @@
 import pytest
 import torch
 from torch_geometric.data import Data, HeteroData
-from torch_geometric.transforms import BaseTransform, Compose, Distance, RandomJitter
+from torch_geometric.transforms import BaseTransform, Compose, Distance
 
 from torch_geometric_tactile.data import StaticData, apply_transform
 from torch_geometric_tactile.transforms import KNNGraph
@@ -199,11 +199,6 @@ def test_apply_transform_none_returns_the_data():
     assert apply_transform(None, data) is data
 
 
-def test_apply_transform_of_pyg_stores_edge_attr_once():
-    out = apply_transform(Distance(norm=False), square())
-    assert out.edge_attr.tolist() == [[5.0], [5.0]]
-
-
 def test_apply_transform_compose_is_one_after_the_other():
     whole = apply_transform(Compose([KNNGraph(k=1), Distance(norm=False), Double()]), square())
     assert whole.x.eq(2).all()
@@ -229,12 +224,6 @@ def test_apply_transform_keeps_once_what_stands_once():
     data = square().declare(shared=["rest"])
     data.rest = torch.zeros(1, 16)
     assert apply_transform(Double(), data).rest.shape == (1, 16)
-
-
-def test_apply_transform_gives_samples_positions_of_their_own():
-    out = apply_transform(RandomJitter(1.0), square().index_select(slice(0, 2)))
-    assert out.pos.shape == (2, 2, 3)
-    assert not out.pos[0].equal(out.pos[1])
 
 
 @pytest.mark.parametrize("transform", [Double(), StaticDouble()])

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch_geometric.data import Data
 from torch_geometric.loader import DataLoader
-from torch_geometric.transforms import Compose, Distance, RandomJitter, ToUndirected
+from torch_geometric.transforms import Compose, Distance, ToUndirected
 
 from torch_geometric_tactile.data import Recording, StaticDataset, Windows
 from torch_geometric_tactile.datasets import FakeTactileDataset, RecordingFrames
@@ -79,17 +79,6 @@ def test_dataset_pre_transform(build, pre_transform, edges):
     assert dataset[5].x.equal(build(force_reload=True)[5].x)
 
 
-def test_dataset_pre_transform_distance_stands_once(build):
-    dataset = build(pre_transform=Distance(norm=False))
-    assert dataset.data.edge_attr.shape == (8, 1)
-    assert dataset[3].edge_attr.view(-1).tolist() == pytest.approx([0.01] * 8)
-
-
-def test_dataset_transform_that_moves_taxels(build):
-    dataset = build(transform=RandomJitter(0.001))
-    assert dataset.batch([0, 1, 2]).pos.shape == (3, 4, 3)
-
-
 def test_dataset_pre_filter(build):
     dataset = build(pre_filter=lambda data: int(data.y) == 1)
     assert len(dataset) == 3
@@ -100,15 +89,6 @@ def test_dataset_pre_filter(build):
 def test_dataset_pre_filter_that_keeps_none(build):
     with pytest.raises(ValueError, match=r"'pre_filter' must keep at least one sample"):
         build(pre_filter=lambda data: False)
-
-
-def test_dataset_pre_transform_with_several_topologies(build):
-    def cut(data):
-        data.edge_index = data.edge_index[:, : 1 + int(data.y)]
-        return data
-
-    with pytest.raises(ValueError, match="must have the same 'edge_index' as sample 0"):
-        build(pre_transform=cut)
 
 
 def test_dataset_of_another_layout(toy):

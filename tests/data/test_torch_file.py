@@ -133,9 +133,11 @@ def test_views_and_transposed_tensors_are_read(tmp_path):
 
 
 def test_more_values_than_any_file_needs(tmp_path, monkeypatch):
-    monkeypatch.setattr(torch_file, "_MAX_VALUES", 900)
-    torch.save([[0] * 30] * 30, tmp_path / "a.pt")
-    with pytest.raises(ValueError, match=r"a\.pt' must hold at most 900 values"):
+    torch.save([[0] * 30] * 30, tmp_path / "a.pt")  # 900 numbers in 31 lists
+    monkeypatch.setattr(torch_file, "_MAX_VALUES", 931)
+    assert read_torch_file(tmp_path / "a.pt") == [[0] * 30] * 30
+    monkeypatch.setattr(torch_file, "_MAX_VALUES", 930)
+    with pytest.raises(ValueError, match=r"a\.pt' must hold at most 930 values"):
         read_torch_file(tmp_path / "a.pt")
 
 

@@ -95,6 +95,13 @@ def test_label_of_the_trial_and_other_target():
         Windows(frames, 3, label="trial", target="slip")
 
 
+def test_class_names_are_those_of_the_target():
+    slip, group = torch.arange(14) % 2, ["cup"] * 7 + ["box"] * 7
+    frames = frames_of(y=["no", "yes"] * 7, slip=slip, group=group)
+    for target, expected in (("y", ["no", "yes"]), ("group", ["box", "cup"]), ("slip", [])):
+        assert Windows(frames, 3, target=target).class_names == expected
+
+
 def test_windows_without_labels():
     windows = Windows(frames_of(y=None), 3)
     assert windows.column("y") is None
@@ -240,9 +247,10 @@ def test_windows_take_no_memory_but_the_index(tmp_path):
         ({"target": "slip"}, r"'target' must name an attribute.*'slip'"),
         ({"target": "pos"}, r"'target' must name an attribute.*'pos'"),
         ({"series": "joint"}, "'series' must be a list of names"),
-        ({"series": ["slip"]}, r"'series' must name attributes.*'slip'"),
-        ({"series": ["x"]}, r"'series' must name attributes.*'x'"),
-        ({"series": ["pos"]}, r"'series' must name attributes.*'pos'"),
+        ({"series": ["slip"]}, r"attributes that each frame has, .* \(got 'slip'\)"),
+        ({"series": ["x"]}, r"attributes that each frame has, .* \(got 'x'\)"),
+        ({"series": ["y"]}, r"attributes that each frame has, .* \(got 'y'\)"),
+        ({"series": ["pos"]}, r"attributes that each frame has, .* \(got 'pos'\)"),
         ({"series": ["missing"]}, r"'series' must name attributes with one row.*each node"),
     ],
 )

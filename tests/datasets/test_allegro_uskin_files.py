@@ -82,16 +82,6 @@ def test_unreadable_name(tmp_path, name, meta):
         everything(tmp_path)
 
 
-@pytest.mark.parametrize("inner", ["", "raw"])
-def test_no_trials(tmp_path, inner):
-    folder = tmp_path / "mine"
-    if inner:
-        (folder / inner).mkdir(parents=True)
-    with pytest.raises(FileNotFoundError, match=r"no trials in '.*raw' or '.*mine'.*simulate"):
-        AllegroUSkin(folder)
-    assert not (folder / "processed").exists()
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -119,20 +109,6 @@ def test_one_wrong_file(root, wrong, message):
     with pytest.raises(ValueError, match=message):
         AllegroUSkin(root)
     assert not list((root / "processed").iterdir())
-
-
-def test_same_trial_in_two_formats(root):
-    write(root / "raw" / "sponge_1.csv")
-    with pytest.raises(ValueError, match=r"trial 1 of 'sponge' must be in one file \(got .*csv"):
-        AllegroUSkin(root)
-
-
-def test_two_units(root):
-    write(root / "raw" / "sponge_2.npz", unit="count")
-    assert len(everything(root)) == 10
-    write(root / "raw" / "sponge_3.npz", unit="newton")
-    with pytest.raises(ValueError, match=r"must have one unit \(got 'count' in .*'newton' in .*_3"):
-        AllegroUSkin(root)
 
 
 def test_newtons_beside_files_that_name_no_unit(root):
@@ -195,14 +171,6 @@ def test_cut_file(root, suffix):
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ValueError, match=rf"sponge_2\{suffix}' .*truncated"):
         AllegroUSkin(root)
-
-
-@pytest.mark.filterwarnings("ignore:'joint' must be in radians")
-def test_joints_in_degrees_warn(root):
-    degrees = Recording([0.0], np.zeros((1, 384, 3)), joint=np.full((1, 16), 45.0))
-    write_recording(degrees, root / "raw" / "sponge_3.npz")
-    with pytest.warns(UserWarning, match="must be in radians"):
-        everything(root)
 
 
 def test_missing_readings_stay_and_are_counted(root, caplog):

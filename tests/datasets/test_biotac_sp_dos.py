@@ -2,12 +2,9 @@ import logging
 
 import numpy as np
 import pytest
-import torch
 
 from torch_geometric_tactile.data import Protocol
 from torch_geometric_tactile.datasets import BioTacSPDoS
-from torch_geometric_tactile.loader import StaticLoader
-from torch_geometric_tactile.transforms import KNNGraph
 
 FOLDERS = ("n", "e", "s", "w", "cw", "aw", "t")
 DIRECTIONS = ["north", "east", "south", "west", "clockwise", "anticlockwise", "touch"]
@@ -74,17 +71,6 @@ def test_processed_once_and_anew_when_a_file_changes(tmp_path, caplog):
         sequence(tmp_path / "n" / "hd2.csv", 7)
         assert int(BioTacSPDoS(tmp_path).x[0, 0, 0]) == 2007
     assert "processing" in caplog.text
-
-
-def test_split_load_and_edges(tmp_path):
-    make(tmp_path)
-    dataset = BioTacSPDoS(tmp_path, pre_transform=KNNGraph(k=2))
-    assert dataset[0].edge_index.size(0) == 2
-    split = Protocol("group", val=0.0, test=0.5).split(dataset, seed=0)
-    assert set(dataset.group[split.train].tolist()).isdisjoint(dataset.group[split.test].tolist())
-    batch = next(iter(StaticLoader(dataset, batch_size=5)))
-    assert batch.x.shape == (5, 24, 1)
-    assert torch.equal(batch.x, dataset.x[:5])
 
 
 @pytest.mark.parametrize("missing", ["cw", "t"])

@@ -68,21 +68,12 @@ def test_download_fetches_only_what_is_missing(published, tmp_path):
     ]
 
 
-@pytest.mark.parametrize("content", [b"", b"corrupt", b"<html>404</html>"])
+@pytest.mark.parametrize("content", [b"", b"<html>404</html>"])
 def test_download_of_other_bytes(published, tmp_path, content):
     published.files["bts3v2_palm_down.csv"] = content
     with pytest.raises(ValueError, match=r"hash of downloaded file .*bts3v2_palm_down\.csv"):
         BioTacSP(tmp_path)
     assert raw_files(tmp_path) == []
-
-
-def test_download_of_one_flipped_byte(published, tmp_path):
-    content = bytearray(published.files["bts3v2_palm_side.csv"])
-    content[-3] ^= 1
-    published.files["bts3v2_palm_side.csv"] = bytes(content)
-    with pytest.raises(ValueError, match=r"hash of downloaded file .*bts3v2_palm_side\.csv"):
-        BioTacSP(tmp_path)
-    assert raw_files(tmp_path) == ["bts3v2_palm_down.csv"]
 
 
 def test_download_that_breaks_off_leaves_no_file_and_goes_on_later(published, tmp_path):

@@ -1,4 +1,3 @@
-import pickle
 from pathlib import Path
 
 import pooch
@@ -62,13 +61,6 @@ def test_pre_filter_that_leaves_nothing_of_a_split(root):
     assert len(dataset) == 0
     assert dataset.num_classes == 0
     assert dataset.data.x.shape == (0, 24, 3)
-
-
-def test_pickle(root):
-    dataset = BioTacSP(root, split="test", checksum=False)[2:5]
-    loaded = pickle.loads(pickle.dumps(dataset))
-    assert loaded.data.x.equal(dataset.data.x)
-    assert (loaded.split, loaded.palm, loaded.checksum) == ("test", None, False)
 
 
 @pytest.mark.parametrize("split", ["val", "", None])
@@ -139,18 +131,6 @@ def test_import_raw_takes_the_home_folder(write_bts3, tmp_path, monkeypatch):
     write_bts3(tmp_path / "disk")
     assert BioTacSP.import_raw("~/disk", "~/root")
     assert len(BioTacSP("~/root", checksum=False)) == 24
-
-
-def test_changed_file_is_read_again(write_bts3, tmp_path, caplog):
-    raw = write_bts3(tmp_path / "raw")
-    before = BioTacSP(tmp_path, checksum=False).data.x
-    path = raw / "bts3v2_palm_45.csv"
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[:-2], lines[-1], lines[-2]]) + "\n")
-    after = BioTacSP(tmp_path, checksum=False).data.x
-    assert "again: 'bts3v2_palm_45.csv' was changed" in caplog.text
-    assert not after.equal(before)
-    assert after.sum() == before.sum()
 
 
 def test_home_of_nobody_is_a_folder_of_that_name(monkeypatch):

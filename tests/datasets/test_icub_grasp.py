@@ -1,5 +1,3 @@
-import pickle
-
 import pytest
 import torch
 from torch_geometric.data import Data
@@ -81,13 +79,6 @@ def test_sample_is_plain_data(root):
     assert "pos" not in sample  # each finger has a frame of its own
 
 
-def test_split_by_trial(root):
-    dataset = ICubGrasp(root)
-    parts = Protocol("trial", folds=3, stratify="y").split(dataset)
-    assert not set(dataset.trial[parts.train].tolist()) & set(dataset.trial[parts.test].tolist())
-    assert set(dataset.y[parts.test].tolist()) == {0, 1}
-
-
 @pytest.mark.parametrize("inner", ["raw", "iCubGraspDataset", "."])
 def test_folders_of_the_files(tmp_path, inner):
     write(tmp_path / inner, "bear", 1)
@@ -99,22 +90,6 @@ def test_changed_file_is_processed_again(root, caplog):
     write(root / "raw", "bear", 1, frames=5)
     assert len(ICubGrasp(root)) == 21
     assert "'bear_1.txt' was changed" in caplog.text
-
-
-def test_pickle(root):
-    dataset = ICubGrasp(root)[2:5]
-    loaded = pickle.loads(pickle.dumps(dataset))
-    assert loaded.data.x.equal(dataset.data.x)
-    assert (loaded.unreliable, loaded.contact, loaded.class_names) == (
-        False,
-        False,
-        ["bear", "none"],
-    )
-
-
-def test_pre_filter(root):
-    dataset = ICubGrasp(root, pre_filter=lambda data: int(data.step) == 0)
-    assert dataset.step.tolist() == [0] * 6
 
 
 def test_unreliable_trials_only(tmp_path):

@@ -159,6 +159,7 @@ def test_copies_depend_on_their_file_and_the_seed_only(few, tmp_path):
     first = LetterShape(few, letters=THREE)
     again = LetterShape(few, letters=THREE, force_reload=True)
     assert first.x.equal(again.x)
+    assert first.x[1].mean().item() == pytest.approx(0.0313692, abs=1e-6)  # for ever
     other = LetterShape(few, letters=THREE, augment_seed=1)
     assert not first.x.equal(other.x)
     (few / "A" / "A_0000.npy").unlink()
@@ -234,12 +235,16 @@ def test_formats_are_mixed(few, caplog):
     assert not caplog.records
 
 
-def test_full_scale(few):
+@pytest.mark.parametrize(
+    ("pressure", "full_scale", "part"), [(25.0, 50, 0.5), (25.0, 25, 1.0), (50.00004, 50, 1.0)]
+)
+def test_full_scale(few, pressure, full_scale, part):
     for name in THREE:
-        np.save(few / name / f"{name}_0000.npy", np.full((32, 32), 25.0))
-    dataset = LetterShape(few, letters=THREE, full_scale=50, copies=1)
-    assert dataset.x.unique().tolist() == [0.5]
-    assert LetterShape(few, letters=THREE, full_scale=25, copies=1).x.unique().tolist() == [1.0]
+        np.save(few / name / f"{name}_0000.npy", np.full((32, 32), pressure))
+    dataset = LetterShape(few, letters=THREE, full_scale=full_scale, copies=1)
+    assert dataset.x.unique().tolist() == [part]
+    with pytest.raises(ValueError, match=r"is above the full scale of 24\.9999"):
+        LetterShape(few, letters=THREE, full_scale=24.9999)
 
 
 def bad_files(folder):

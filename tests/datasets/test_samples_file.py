@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from torch_geometric_tactile.data import split_frames
 from torch_geometric_tactile.datasets import SamplesFile
 from torch_geometric_tactile.sensors import grid
 
@@ -67,6 +68,34 @@ def test_whole_numbers_in_floating_point_are_classes_with_a_word(tmp_path, caplo
     assert dataset.class_names == []
 
 
+@pytest.mark.parametrize(
+    ("values", "times", "are_classes"), [(50, 2, True), (51, 2, False), (3, 1, False)]
+)
+def test_whole_numbers_that_are_many_or_never_repeat_are_numbers(
+    tmp_path, values, times, are_classes
+):
+    y = np.arange(values).repeat(times).astype(float)
+    dataset = samples(tmp_path, x=np.zeros((len(y), 6)), y=y)
+    assert (dataset.y.dtype == torch.long) == are_classes
+    assert dataset.num_classes == values if are_classes else dataset.class_names == []
+
+
+def test_names_of_groups_in_floating_point(tmp_path):
+    names = {"2": 2.0, "9007199254740991": 2.0**53 - 1}
+    assert samples(tmp_path, group=[*names.values()] * 3).group_names == [*names]
+    assert samples(tmp_path, group=[0.5, 2.0] * 3).group_names == ["0.5", "2.0"]
+    assert samples(tmp_path, group=[2.0, 1e20] * 3).group_names == ["2.0", "1e+20"]
+
+
+def test_windows_that_are_cut_already_have_their_frames(tmp_path):
+    x = DRAW.normal(size=(6, 6, 2, 3)).astype(np.float32)
+    for axis, frames in ((2, 2), (3, 3)):
+        dataset = samples(tmp_path, {"grid": "2x3", "time_axis": axis}, x=x)
+        found = split_frames(dataset.x, frames)
+        assert dataset[0].num_frames == frames
+        assert np.array_equal(found.numpy(), x.swapaxes(2, 3) if axis == 3 else x)
+
+
 def test_numbers_stay_numbers(tmp_path):
     y = DRAW.normal(size=(6, 2))
     dataset = samples(tmp_path, y=y)
@@ -120,6 +149,17 @@ def test_missing_readings_stay_missing(tmp_path):
         ({"layout": "biotac"}, {}, r"'x' must have shape \(num_samples, 19, ...\)"),
         ({"layout": "biotac", "grid": "2x3"}, {}, "only one of 'layout' and 'grid'"),
         ({"grid": "2x3", "task": "guess"}, {}, "'task' must be one of"),
+        (
+            {"grid": "2x3", "time_axis": 0},
+            {},
+            r"'time_axis' must be a dimension of .* 1 to 1 \(got 0",
+        ),
+        (
+            {"grid": "2x3", "time_axis": 2},
+            {},
+            r"'time_axis' must be a dimension of .* 1 to 1 \(got 2",
+        ),
+        ({"grid": "2x3", "time_axis": 2}, {"x": X[:, :, None]}, "at least 2 frames, from 1 to 2"),
         (None, {"x": X * np.inf}, "infinity in sample 0, taxel 0"),
         (None, {"y": np.full(6, np.nan)}, "'y' must be finite"),
         (None, {"y": np.zeros(6, int)}, r"'y' must have at least 2 classes \(got only '0'\)"),

@@ -8,21 +8,12 @@ import torch
 from torch_geometric.nn import GCNConv, GraphNorm, LayerNorm, PairNorm
 from training_fixtures import quiet_trainer
 
-from torch_geometric_tactile.nn import (
-    MTCNN,
-    MTGCN,
-    GraspGCN,
-    HandCNN,
-    PosedTaxelNet,
-    SmallCNN,
-    TactileFNN,
-    TactileGCN,
-    TaxelNet,
-    TemporalTaxelNet,
-)
+from torch_geometric_tactile import nn
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.training import TactileDataModule, TactileModule
 from torch_geometric_tactile.training._checks import check_data, check_labels
+
+PAD = grid(2, 2, pitch=0.01)
 
 
 class Linear(torch.nn.Module):
@@ -120,9 +111,9 @@ def without_edges(labelled):
 
 
 EDGE_MODELS = {
-    "GraspGCN": lambda: GraspGCN(4, 3, in_channels=2, num_fingers=1),
-    "TactileGCN": lambda: TactileGCN(4, 3, channels={"tactile": 2}),
-    "MTGCN": lambda: MTGCN(4, 3, inputs=("tactile",), channels={"tactile": 2}),
+    "GraspGCN": lambda: nn.GraspGCN(4, 3, in_channels=2, num_fingers=1),
+    "TactileGCN": lambda: nn.TactileGCN(4, 3, channels={"tactile": 2}),
+    "MTGCN": lambda: nn.MTGCN(4, 3, inputs=("tactile",), channels={"tactile": 2}),
 }
 
 
@@ -159,14 +150,14 @@ def test_error_of_a_model_with_edges_stays_as_it_is(labelled):
 
 PLAIN_MODELS = {
     "own": Linear,
-    "TaxelNet": lambda: TaxelNet(grid(2, 2, pitch=0.01), 3, in_channels=2),
-    "PosedTaxelNet": lambda: PosedTaxelNet(grid(2, 2, pitch=0.01), 3, in_channels=2, posed=False),
-    "TemporalTaxelNet": lambda: TemporalTaxelNet(grid(2, 2, pitch=0.01), 3),
-    "SmallCNN": lambda: SmallCNN(grid(2, 2, pitch=0.01), 3, in_channels=2),
-    "TactileFNN": lambda: TactileFNN(4, 3, channels={"tactile": 2}, widths=(4,), pools=(2,)),
-    "HandCNN": lambda: HandCNN(grid(2, 2, pitch=0.01), 3, channels={"tactile": 2}),
-    "MTCNN": lambda: MTCNN(grid(2, 2, pitch=0.01), 3, inputs=("tactile",), channels={"tactile": 2}),
-    "MTGCN of own edges": lambda: MTGCN(
+    "TaxelNet": lambda: nn.TaxelNet(PAD, 3, in_channels=2),
+    "PosedTaxelNet": lambda: nn.PosedTaxelNet(PAD, 3, in_channels=2, posed=False),
+    "TemporalTaxelNet": lambda: nn.TemporalTaxelNet(PAD, 3),
+    "SmallCNN": lambda: nn.SmallCNN(PAD, 3, in_channels=2),
+    "TactileFNN": lambda: nn.TactileFNN(4, 3, channels={"tactile": 2}, widths=(4,), pools=(2,)),
+    "HandCNN": lambda: nn.HandCNN(PAD, 3, channels={"tactile": 2}),
+    "MTCNN": lambda: nn.MTCNN(PAD, 3, inputs=("tactile",), channels={"tactile": 2}),
+    "MTGCN of own edges": lambda: nn.MTGCN(
         4,
         3,
         inputs=("tactile",),

@@ -13,6 +13,7 @@ pytest.importorskip("lightning", reason="needs the extra 'train'")
 import torch
 import yaml
 from fake_configs import fake_config
+from hostile_pickle import Touch
 from hostile_settings import hidden, payload, small_checkpoint
 
 from torch_geometric_tactile import datasets, training
@@ -278,14 +279,6 @@ def test_other_model_in_the_checkpoint_is_an_error(run, tmp_path, monkeypatch, c
     said = capsys.readouterr().err
     assert "last.ckpt' must hold the model of the configuration" in said
     assert "'model.model.init_args.hidden_channels' is 5, in the checkpoint " in said
-
-
-class Touch:
-    def __init__(self, mark):
-        self.mark = mark
-
-    def __reduce__(self):
-        return Path.touch, (Path(self.mark),)
 
 
 def test_trainer_reads_checkpoints_as_plain_data(checkpoint, tmp_path):

@@ -108,6 +108,7 @@ def test_balanced_weights_are_of_the_training_part(labelled, joint_model):
     ],
 )
 def test_bad_settings_are_named(joint_model, kwargs, match):
+    TactileModule(joint_model(), class_weights=[0, 0.5, 2])
     with pytest.raises(ValueError, match=match):
         TactileModule(joint_model(), **kwargs)
 

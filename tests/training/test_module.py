@@ -2,7 +2,6 @@ from functools import partial
 
 import pytest
 import torch
-from torch_geometric.data import Batch
 
 pytest.importorskip("lightning", reason="needs the extra 'train'")
 
@@ -16,10 +15,8 @@ from torch_geometric_tactile.training import (
     AtomicCheckpointIO,
     TactileClassifier,
     TactileDataModule,
-    TactileModule,
     classifier_from_config,
 )
-from torch_geometric_tactile.training._collected_metrics import read_metrics
 from torch_geometric_tactile.transforms import KNNGraph, SessionZScore, ZScore
 
 CONFIG = {
@@ -47,14 +44,6 @@ def trained(tmp_path, num=120, **kwargs):
     return classifier, data, path
 
 
-def test_classifier_accepts_static_batches_and_pyg_batches():
-    classifier = TactileClassifier(GraspGCN())
-    dataset = fake()
-    expected = classifier(dataset.batch([0, 1, 2]))
-    actual = classifier(Batch.from_data_list([dataset[0], dataset[1], dataset[2]]))
-    torch.testing.assert_close(actual, expected, rtol=1e-5, atol=1e-3)  # logits of raw counts
-
-
 def test_classifier_learns_generated_grasps(tmp_path):
     classifier, data, _ = trained(tmp_path, num=600, max_epochs=20)
     (metrics,) = trainer(tmp_path).validate(classifier, data, verbose=False)
@@ -64,16 +53,6 @@ def test_classifier_learns_generated_grasps(tmp_path):
     assert len(by_session) == 3
     # The sessions of the generated test split have the same number of grasps.
     assert sum(by_session) / 3 == pytest.approx(metrics["test/accuracy"], abs=1e-6)
-
-
-def test_f1_is_macro_and_that_of_class_1_has_its_own_name():
-    classifier = TactileModule(torch.nn.Identity())
-    logits = torch.tensor([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0], [1.0, 0.0]])
-    classifier.test_metrics.update(logits, torch.tensor([1, 0, 0, 0]))
-    values = read_metrics(classifier.test_metrics)
-    # Class 1: one true positive, one false positive: 2 / (2 + 1). Class 0: 4 / (4 + 1).
-    assert float(values["f1_positive"]) == pytest.approx(2 / 3)
-    assert float(values["f1"]) == pytest.approx((2 / 3 + 4 / 5) / 2)
 
 
 def test_checkpoint_is_plain_data_and_builds_the_classifier_again(tmp_path):

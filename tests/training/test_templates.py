@@ -157,6 +157,7 @@ def test_lists_are_replaced_and_mappings_joined():
 def test_experiment_is_found_by_name():
     path = find_config("p1_table2/gcn_te")
     assert path.name == "gcn_te.yaml"
+    assert find_config("p1_table2/gcn_te") == path
     assert "&" not in path.read_text().partition("\n")[2]  # no aliases: to be read and edited
     assert yaml.safe_load(path.read_text()) == load_config("p1_table2/gcn_te")
     assert load_config("p1_table2/gcn_te") == expand_template("p1_table2")["gcn_te"]

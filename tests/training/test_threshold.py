@@ -55,6 +55,19 @@ def test_threshold_stays_where_nothing_is_better():
     assert decision == 0.0
 
 
+@pytest.mark.parametrize(
+    ("score", "y"),
+    [
+        ([0.1, 0.2, 0.3], [1, 0, 0]),  # best is class 0 for all
+        ([0.6, 0.7, 0.8], [1, 1, 0]),  # class 1 for all
+        ([0.5, 0.6], [0, 1]),  # which is not above itself
+    ],
+)
+def test_threshold_stays_outside_of_the_scores_and_on_one_of_them(score, y):
+    assert choose_threshold(np.array(score), np.array(y), "accuracy") == 0.5
+    assert choose_threshold(np.array([0.5, 0.6, 0.7]), np.array([1, 1, 0]), "accuracy") < 0.5
+
+
 def test_batches_give_the_threshold_of_all():
     score = torch.tensor([[0.9, 0.1], [0.8, 0.2], [0.7, 0.3], [0.6, 0.4]])
     y = torch.tensor([0, 0, 1, 1])
@@ -147,6 +160,8 @@ def test_validation_alone_changes_no_threshold():
     ],
 )
 def test_bad_thresholds(arguments, match):
+    for probability in (0, 1.0):
+        TactileModule(_Shifted(), threshold=probability)
     with pytest.raises(ValueError, match=match):
         TactileModule(_Shifted(), **arguments)
 

@@ -1,6 +1,6 @@
 r"""What there is of each letter."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import torch
@@ -10,16 +10,16 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.datasets.letter_shape import LetterShape
 
 
-@dataclass(repr=False)
+@dataclass(repr=False, kw_only=True)
 class LetterSummary(Summary):
     r"""PyG's summary of a data set, which knows letters and presses as well."""
 
-    num_presses: int = 0
-    copies: int = 1
-    num_samples_per_letter: dict[str, int] = field(default_factory=dict)
-    num_presses_per_letter: dict[str, int] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
-    synthetic: bool = False
+    num_presses: int
+    copies: int
+    num_samples_per_letter: dict[str, int]
+    num_presses_per_letter: dict[str, int]
+    left_out: list[str]
+    synthetic: bool
 
     @classmethod
     def from_letters(cls, dataset: "LetterShape") -> Self:
