@@ -202,9 +202,11 @@ def test_nothing_to_save(tmp_path, stream):
         read_mcap(path)
     with pytest.raises(ValueError, match=r"a.mcap' holds nothing to save"):
         repair_mcap(path, tmp_path / "b.mcap")
-    path.write_bytes(b"no such file" * 100)
-    with pytest.raises(ValueError, match=r"a.mcap' is no MCAP file"):
-        read_mcap(path)
+    footer = stream[2][-37:]
+    for content in (b"no such file" * 100, footer, footer[:9] + footer[-8:], b""):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"a.mcap' is no MCAP file"):
+            read_mcap(path)
     with pytest.raises(ValueError, match="must be another file"):
         repair_mcap(path, path)
     assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
