@@ -126,6 +126,15 @@ def test_edge_index_unknown_name_lists_the_known():
         TaxelLayout("bare", POS).edge_index("original")
 
 
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [(["ring", "original"], "original"), (["ring"], "ring"), (["ring", "star"], None), ([], None)],
+)
+def test_default_adjacency_is_the_original_or_the_only_one(names, expected):
+    adjacency = {name: torch.tensor([[0], [1]]) for name in names}
+    assert TaxelLayout("thumb", POS, adjacency=adjacency).default_adjacency == expected
+
+
 def test_segments_unknown_kind():
     with pytest.raises(ValueError, match=r"'by' must be one of .* \(got 'link'\)"):
         TaxelLayout("bare", POS).segments("link")

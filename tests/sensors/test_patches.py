@@ -217,6 +217,7 @@ LOW = described()["patches"][0]
         ({"shapes": {"tile": without("pitch", TILE)}}, "shape 'tile' must have the key 'pitch'"),
         ({"shapes": {"tile": DOME}}, "shape 'tile' must have the key 'column_angle'"),
         (shape(pitch=-2), r"'pitch' of shape 'tile' must not be negative \(got -2\)"),
+        (shape(pitch=0), "'pitch' of shape 'tile' must not be zero"),
         (shape(kind="ball"), r"must be one of \['capsule', 'planar'\] \(got 'ball'\)"),
         (shape(rows=[2, 1]), r"must be all even or all odd.*\(got \[2, 1\]\)"),
         (shape(rows=[]), r"must count at least one taxel each \(got \[\]\)"),
