@@ -212,13 +212,6 @@ def test_refuses(changes, message, tmp_path):
         read_bigs(path)
 
 
-@pytest.mark.parametrize("value", [np.zeros((60, 19, 3), complex), np.array([None, 1])])
-def test_array_of_no_numbers_is_named(value, tmp_path):
-    path = write_npz(tmp_path / "a.npz", {**readings(), **values(), "electrodes": value})
-    with pytest.raises(ValueError, match=r"a.npz' cannot be .*'electrodes' is of type (comp|obj)"):
-        read_bigs(path)
-
-
 def test_unequal_lengths_of_what_is_flat(tmp_path):
     content = foreign(readings(500), **{"bio/pac": np.zeros((10_999, 3))})
     with pytest.raises(

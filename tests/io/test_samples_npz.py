@@ -69,9 +69,3 @@ def test_arrays_of_more_than_a_gibibyte_and_200_times_the_file_must_be_allowed(
     with pytest.raises(ValueError, match="allow_large=True"):
         read_samples_npz(path)
     assert read_samples_npz(path, allow_large=True)["x"].shape == (100_000, 3)
-
-
-def test_pickled_objects_are_refused(tmp_path):
-    path = write(tmp_path / "a.npz", x=X, y=np.array(["a", 1, None, 2.0], dtype=object))
-    with pytest.raises(ValueError, match="only numbers and texts are read"):
-        read_samples_npz(path)

@@ -1,10 +1,9 @@
-import pickle
 from dataclasses import FrozenInstanceError
 
 import pytest
 import torch
 
-from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 POS = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.003, 0.004], [0.01, 0.0, 0.0]])
 XY = torch.eye(3)[:2].expand(3, 2, 3)
@@ -65,12 +64,6 @@ def test_layout_matches_same_places_only():
     assert layout.matches(TaxelLayout("other name", POS + 5e-10))
     assert not layout.matches(TaxelLayout("thumb", POS + torch.tensor([0.0, 0.0, 1e-6])))
     assert not layout.matches(TaxelLayout("thumb", POS[:2]))
-
-
-def test_layout_pickles():
-    layout = pickle.loads(pickle.dumps(biotac_sp()))
-    assert layout.matches(biotac_sp())
-    assert layout.normal.equal(biotac_sp().normal)
 
 
 @pytest.mark.parametrize(

@@ -260,25 +260,10 @@ def test_expand_patches_rejects(changes, message):
         expand_patches(described(**changes))
 
 
-def test_facing_rows_of_different_length():
-    content = described()
-    content["shapes"]["wide"] = {**TILE, "rows": [4, 4]}
-    content["patches"][1]["shape"] = "wide"
-    with pytest.raises(ValueError, match=r"must be equally long \(got 2 and 4\)"):
-        expand_patches(content)
-
-
 @pytest.mark.parametrize("key", ["shapes", "patches"])
 def test_missing_key(key):
     with pytest.raises(ValueError, match=f"a layout of patches must have the key '{key}'"):
         expand_patches(without(key, described()))
-
-
-def test_load_names_the_file(tmp_path):
-    path = tmp_path / "mine.json"
-    path.write_text(json.dumps(without("shapes", described())))
-    with pytest.raises(ValueError, match=r"mine\.json' is not a taxel layout: .* key 'shapes'"):
-        TaxelLayout.load(path)
 
 
 def test_places_and_normals_have_nine_digits():
