@@ -104,6 +104,13 @@ def test_labels_that_are_not_of_these_episodes_are_refused(root, change, match):
         read_lerobot(root)
 
 
+def test_twenty_features_are_listed_for_one_that_is_missing(root):
+    features = {letter: {} for letter in "abcdefghijklmnopqrstuvw"}
+    change_info(root, features=features)
+    with pytest.raises(ValueError, match=rf"got {', '.join([*features][:20])}\)"):
+        read_lerobot(root)
+
+
 def test_names_have_the_shape_where_another_program_left_out_our_file(root):
     (root / "meta/tactile.json").unlink()
     assert read_lerobot(root)[0].tactile.shape == (6, 2, 3)

@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import McapWriter, read_mcap, repair_mcap
+from torch_geometric_tactile.io.mcap_reader import first_problems
 
 RATE = 100
 SECONDS = 3
@@ -102,6 +103,10 @@ def test_stock_reader_reads_no_cut_file_but_each_repaired_one(stream, tmp_path):
         reader = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages(topics="tactile.Frame")) == frames
     assert no_wrong_frame(read_mcap(out, recover=False)) == list(range(frames))
+
+
+def test_five_of_many_problems_are_told():
+    assert first_problems([*"abcdefg"]) == "a; b; c; d; e; and 2 more"
 
 
 def test_repair_of_a_whole_file_says_so(stream, tmp_path):
