@@ -121,23 +121,3 @@ def test_from_dict_missing_key(key):
     del content[key]
     with pytest.raises(ValueError, match=f"a layout must have the key '{key}'"):
         TaxelLayout.from_dict(content)
-
-
-@pytest.mark.parametrize("text", ["", '{"name": "cut", ', "\x00\x01", "not json"])
-def test_load_broken_json_names_the_file(text, tmp_path):
-    path = tmp_path / "broken.json"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"broken\.json' is not a taxel layout"):
-        TaxelLayout.load(path)
-
-
-def test_load_json_that_is_no_object(tmp_path):
-    path = tmp_path / "list.json"
-    path.write_text("[1, 2]")
-    with pytest.raises(ValueError, match=r"must be a JSON object \(got list\)"):
-        TaxelLayout.load(path)
-
-
-def test_load_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.json"):
-        TaxelLayout.load(tmp_path / "gone.json")

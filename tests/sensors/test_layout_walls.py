@@ -45,6 +45,10 @@ def join(**changes):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        ("", "Expecting value"),
+        ('{"name": "cut", ', "Expecting property name"),
+        ("\x00\x01", "Expecting value"),
+        ("[1, 2]", r"must be a JSON object \(got list\)"),
         ("[" * 100_000, "must not be nested this deeply"),
         ('{"name": NaN}', r"numbers must be finite \(got NaN\)"),
         ('{"name": -Infinity}', r"numbers must be finite \(got -Infinity\)"),
