@@ -51,7 +51,7 @@ def test_a_pad_is_seen_from_its_normals_or_along_its_least_extent(pos, normal, a
 
 
 def test_pads_are_side_by_side_a_third_of_the_largest_apart():
-    pads = torch.tensor([[0, 0, 0], [7, 7, 7], [4, 0, 0], [8, 7, 7], [0, 2, 0], [7, 10, 7]])
+    pads = torch.tensor([[1, 0, 0], [7, 7, 7], [5, 0, 0], [8, 7, 7], [1, 2, 0], [7, 10, 7]])
     normal = torch.tensor([Z] * 6).float()
     link = {"link": [0, 1] * 3, "link_names": ("wide", "high")}
     layout = TaxelLayout("two", pads.float(), normal, **link)
@@ -59,5 +59,5 @@ def test_pads_are_side_by_side_a_third_of_the_largest_apart():
     assert (wide.tolist(), high.tolist()) == ([0, 2, 4], [1, 3, 5])
     assert first.equal(second)
     assert first.equal(torch.eye(3).double())
-    assert shift.tolist() == [0, -1, 0]
+    assert shift.tolist() == [-1, -1, 0]
     assert more.tolist() == pytest.approx([4 + 0.3 * 4 - 7, -8.5, -7])
