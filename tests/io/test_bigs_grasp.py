@@ -144,6 +144,19 @@ def test_other_rates(tmp_path):
         read_bigs(path)
 
 
+@pytest.mark.parametrize("rate", [91, 109])
+@pytest.mark.parametrize("angle", [-2 * np.pi, 2 * np.pi])
+def test_a_rate_within_a_tenth_and_angles_of_a_full_turn_are_read(rate, angle, tmp_path):
+    content = {
+        "electrodes": readings()["electrodes"],
+        "time": np.arange(60) / rate,
+        "robot_joint": np.full((60, 3, 7), angle),
+        **values(pickup_time=0.1),
+    }
+    rec = read_bigs(write_npz(tmp_path / "a.npz", content))
+    assert rec.extra["robot_joint"].max() == np.float32(angle)
+
+
 @pytest.mark.parametrize(
     "outcome", [1, 1.0, True, "1", "success", "Success ", [1], np.ones((1, 1))]
 )
@@ -197,7 +210,9 @@ def test_truth_values(outcome, tmp_path):
         ({"pac": np.zeros((60, 3, 21))}, r"'pac' must have 22 rows of 'step'"),
         ({"robot_joint": np.zeros((180, 7))}, r"'robot_joint' must have 3 dimensions"),
         ({"robot_joint": np.zeros((60, 3, 0))}, r"'robot_joint' must have any number rows of 'jo"),
-        ({"robot_joint": np.full((60, 3, 7), 45.0)}, r"must be in radians \(got 45, .*angle_unit"),
+        ({"robot_joint": np.full((60, 3, 7), 6.29)}, r"in radians \(got 6.29, .*angle_unit"),
+        ({"time": np.arange(60) / 111}, r"'time' must fit the rate of 100 frames .*\(got 111\)"),
+        ({"time": np.arange(60) / 89}, r"'time' must fit the rate of 100 frames .*\(got 89\)"),
         ({"object_pose": np.ones((60, 7))}, r"a quaternion of length 1 \(got 2 in frame 0\)"),
         ({"object_pose": np.zeros((60, 6))}, r"'object_pose' must have 7 rows of 'value'"),
         ({"phase": np.zeros(60)}, r"'phase' must hold the name of a phase for each of 60 frames"),
@@ -209,13 +224,6 @@ def test_refuses(changes, message, tmp_path):
     content = {**readings(), **values(), **changes}
     path = write_npz(tmp_path / "a.npz", {k: v for k, v in content.items() if v is not None})
     with pytest.raises(ValueError, match=r"a.npz': .*" + message):
-        read_bigs(path)
-
-
-@pytest.mark.parametrize("value", [np.zeros((60, 19, 3), complex), np.array([None, 1])])
-def test_array_of_no_numbers_is_named(value, tmp_path):
-    path = write_npz(tmp_path / "a.npz", {**readings(), **values(), "electrodes": value})
-    with pytest.raises(ValueError, match=r"a.npz' cannot be .*'electrodes' is of type (comp|obj)"):
         read_bigs(path)
 
 

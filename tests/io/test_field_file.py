@@ -38,6 +38,33 @@ def test_arrays_texts_and_attributes(file):
     assert names == ["@done", "g/numbers", "g/texts", "one"]
 
 
+def test_texts_of_an_attribute_take_no_more_memory_than_arrays(file, monkeypatch):
+    file.attrs["words"] = ["a" * 10, "b", "c"]
+    path = Path(file.filename)
+    file.close()
+    monkeypatch.setattr("torch_geometric_tactile.io._field_file.ARRAY_BYTES", 4 * 10 * 3)
+    assert read_fields(path, ["@words"]).arrays["@words"].tolist() == ["a" * 10, "b", "c"]
+    monkeypatch.setattr("torch_geometric_tactile.io._field_file.ARRAY_BYTES", 4 * 10 * 3 - 1)
+    with pytest.raises(ValueError, match=r"a.h5' must hold short texts in '@words'"):
+        read_fields(path, ["@words"])
+
+
+@pytest.mark.parametrize("num_attributes", [0, 3, 13])
+def test_twelve_names_are_listed_attributes_first(file, num_attributes):
+    del file.attrs["done"]
+    for number in range(num_attributes):
+        file.attrs[f"a{number:02}"] = 1
+    for number in range(13):
+        file[f"b{number:02}"] = np.zeros(1)
+    names = [f"@a{number:02}" for number in range(num_attributes)]
+    assert read(file).names == [*names, *(f"b{number:02}" for number in range(13))][:12]
+
+
+def test_twelve_names_of_an_npz_file_are_listed(tmp_path):
+    write_npz(tmp_path / "a.npz", {letter: np.zeros(1) for letter in "abcdefghijklm"})
+    assert read_fields(tmp_path / "a.npz", []).names == [*"abcdefghijkl"]
+
+
 def test_nothing_but_what_is_asked_for_is_looked_at(file):
     file["outside"] = h5py.ExternalLink("/etc/passwd", "/")
     file["odd"] = np.zeros(2, "f4,f4")

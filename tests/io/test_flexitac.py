@@ -28,12 +28,6 @@ def test_a_frame_by_hand():
     assert FlexiTacDecoder().shape == (12, 32)
 
 
-@pytest.mark.parametrize("shape", [(0, 3), (2,), (2, 2000)])
-def test_shape_is_two_positive_numbers(shape):
-    with pytest.raises(ValueError, match=r"'shape' must be rows and columns, from 1 to 1024 each"):
-        FlexiTacDecoder(shape=shape)
-
-
 def test_split_at_every_byte():
     data = b"\x55" + packet(0) + packet(1) + packet(2) + HEADER
     assert numbers(assert_split_anywhere(FlexiTacDecoder, data)) == [0, 1, 2]

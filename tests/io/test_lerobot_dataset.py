@@ -269,18 +269,24 @@ def test_frames_since_the_last_step_come_before_it_and_the_newest_last(tmp_path)
     assert stats["observation.tactile_frames"]["max"] == [4] * 4
 
 
-def test_long_sets_have_several_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(lerobot_dataset, "_DATA_MB", 0.0005)
+@pytest.mark.parametrize(
+    ("most_bytes", "files"),
+    [
+        (680, [(0, 0), (0, 0), (0, 1)]),  # 6 + 4 frames of 68 bytes
+        (679, [(0, 0), (0, 1), (0, 1)]),
+        (1, [(0, 0), (0, 1), (1, 0)]),
+    ],
+)
+def test_long_sets_have_several_files(tmp_path, monkeypatch, most_bytes, files):
+    monkeypatch.setattr(lerobot_dataset, "_DATA_MB", most_bytes / 2**20)
     monkeypatch.setattr(lerobot_dataset, "_FILES_PER_CHUNK", 2)
     write_lerobot(three(), tmp_path / "set", fps=10)
-    files = sorted(str(p.relative_to(tmp_path / "set/data")) for p in tmp_path.rglob("data/*/*"))
-    assert files == [
-        "chunk-000/file-000.parquet",
-        "chunk-000/file-001.parquet",
-        "chunk-001/file-000.parquet",
+    found = sorted(str(p.relative_to(tmp_path / "set/data")) for p in tmp_path.rglob("data/*/*"))
+    assert found == [
+        f"chunk-{chunk:03d}/file-{file:03d}.parquet" for chunk, file in sorted(set(files))
     ]
     rows = pq.read_table(tmp_path / "set/meta/episodes").to_pylist()
-    assert [(r["data/chunk_index"], r["data/file_index"]) for r in rows] == [(0, 0), (0, 1), (1, 0)]
+    assert [(row["data/chunk_index"], row["data/file_index"]) for row in rows] == files
     assert [found.num_frames for found in read_lerobot(tmp_path / "set")] == [6, 4, 5]
 
 

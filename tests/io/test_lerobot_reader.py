@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.io import read_lerobot, write_lerobot
+from torch_geometric_tactile.io._lerobot_content import step_times
 
 DATA = "data/chunk-000/file-000.parquet"
 TIME = np.arange(6) / 10
@@ -103,6 +104,13 @@ def test_labels_that_are_not_of_these_episodes_are_refused(root, change, match):
         read_lerobot(root)
 
 
+def test_twenty_features_are_listed_for_one_that_is_missing(root):
+    features = {letter: {} for letter in "abcdefghijklmnopqrstuvw"}
+    change_info(root, features=features)
+    with pytest.raises(ValueError, match=rf"got {', '.join([*features][:20])}\)"):
+        read_lerobot(root)
+
+
 def test_names_have_the_shape_where_another_program_left_out_our_file(root):
     (root / "meta/tactile.json").unlink()
     assert read_lerobot(root)[0].tactile.shape == (6, 2, 3)
@@ -138,6 +146,19 @@ def test_episodes_come_in_their_order_and_times_may_jitter(root):
     found = read_lerobot(root)
     assert [one.label for one in found] == ["mug", "cup"]
     assert found[1].time.tolist() == jitter
+
+
+@pytest.mark.parametrize(
+    ("time", "is_right"),
+    [([0, 0.67], True), ([0, 2 / 3], False), ([0, 1.49], True), ([0, 1.5], False), ([7], True)],
+)
+def test_steps_may_be_a_third_shorter_or_half_longer_than_info_json_says(time, is_right):
+    table = pa.table({"frame_index": range(len(time)), "timestamp": np.array(time, float)})
+    if is_right:
+        assert step_times(DATA, table, 1.0).tolist() == time
+    else:
+        with pytest.raises(ValueError, match="'timestamp' must advance by 1 s"):
+            step_times(DATA, table, 1.0)
 
 
 def test_an_episode_in_two_files_is_refused(root):

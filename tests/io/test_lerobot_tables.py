@@ -1,4 +1,5 @@
 import struct
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -85,3 +86,37 @@ def test_damaged_headers_are_refused(tmp_path, place, data, match):
     path.write_bytes(content[:place] + (data or b"") + rest)
     with pytest.raises(ValueError, match=match):
         check_pages(path, declared)
+
+
+def field(number, kind, content):
+    """A field of a header, by its number."""
+    return bytes([kind, 2 * number]) + content
+
+
+NUMBERS = b"".join(field(number, 5, b"\0") for number in (1, 2, 3))  # a page of no bytes
+COUNTED = field(5, 12, field(1, 5, unsigned(2 * 7)) + b"\0")
+
+
+@pytest.mark.parametrize(
+    ("fields", "num_values"),
+    [
+        (NUMBERS + COUNTED, 7),
+        (NUMBERS, 0),
+        (NUMBERS + field(5, 12, b"\0"), 0),
+        (NUMBERS + field(20, 1, b"") + COUNTED, 7),
+        (NUMBERS + field(20, 2, b"") + COUNTED, 7),
+        (NUMBERS + field(20, 3, b"\7") + COUNTED, 7),
+        (NUMBERS + field(20, 7, b"\7" * 8) + COUNTED, 7),
+        (NUMBERS + field(20, 8, b"\3abc") + COUNTED, 7),
+    ],
+    ids=["counted", "no count", "empty count", "true", "false", "byte", "double", "text"],
+)
+def test_values_of_a_page_are_counted_by_its_header(tmp_path, fields, num_values):
+    """Fields that a newer version may add are passed over."""
+    path = tmp_path / "a.parquet"
+    path.write_bytes(b"PAR1" + fields + b"\0")
+    size = {"total_compressed_size": len(fields) + 1, "total_uncompressed_size": 0}
+    place = {"data_page_offset": 4, "dictionary_page_offset": None}
+    check_pages(path, [SimpleNamespace(num_values=num_values, **place, **size)])
+    with pytest.raises(ValueError, match=f"got {num_values} in 0"):
+        check_pages(path, [SimpleNamespace(num_values=8, **place, **size)])

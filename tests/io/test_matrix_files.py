@@ -239,6 +239,32 @@ def test_numbers_of_mat_that_do_not_fit_their_type(tmp_path):
         read_matrix_mat(path, SIZE)
 
 
+@pytest.mark.parametrize(
+    ("place", "number", "match"),
+    [
+        (136, 5, "a variable has no description"),  # another type
+        (140, 4, "a variable has no description"),  # shorter
+        (152, 6, "a variable has no size"),
+        (156, 4, "a variable has no size"),  # of one dimension
+        (156, 6, "a variable has no size"),  # of one and a half
+        (160, -1, r"a variable has the size \(-1, 4\)"),
+        (168, 0x00010002, "a variable has no name"),  # another type
+        (172, -1, "a variable has no name"),  # not ASCII
+        (168, 0x00050001, "a small part must have 4 bytes at most"),
+        (176, 11, "'x' has numbers of the unknown type 11"),
+        (180, 11, r"'x' must have 12 bytes of numbers \(got 11"),
+        (180, 100, "a part must have 100 bytes"),
+    ],
+)
+def test_parts_of_a_variable_of_mat_must_be_what_the_format_says(tmp_path, place, number, match):
+    path = big_endian(tmp_path / "a.mat", np.zeros(SIZE, np.uint8))
+    data = bytearray(path.read_bytes())
+    struct.pack_into(">i", data, place, number)
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=match):
+        read_matrix_mat(path, SIZE)
+
+
 def test_packed_mat_that_ends_early(tmp_path):
     """The numbers are whole, but not the checksum behind them."""
     data = mat(tmp_path / "a.mat", do_compression=True).read_bytes()
@@ -257,6 +283,10 @@ def test_variables_of_mat(tmp_path):
         with pytest.raises(ValueError, match=rf"must have one numeric array '{name}' \(got 'a'"):
             read_matrix_mat(path, SIZE, name)
     assert np.array_equal(read_matrices(path, SIZE, "a"), MATRIX[None])
+    mat(path, dict.fromkeys("abcdefghijk", MATRIX))
+    for name in (None, "z"):
+        with pytest.raises(ValueError, match=r"\(got 'a', .*, 'i', 'j'\)"):  # ten of them
+            read_matrix_mat(path, SIZE, name)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 
 from torch_geometric_tactile.data import LiveFrame
 from torch_geometric_tactile.io import McapWriter, read_mcap, repair_mcap
+from torch_geometric_tactile.io.mcap_reader import first_problems
 
 RATE = 100
 SECONDS = 3
@@ -102,6 +103,10 @@ def test_stock_reader_reads_no_cut_file_but_each_repaired_one(stream, tmp_path):
         reader = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages(topics="tactile.Frame")) == frames
     assert no_wrong_frame(read_mcap(out, recover=False)) == list(range(frames))
+
+
+def test_five_of_many_problems_are_told():
+    assert first_problems([*"abcdefg"]) == "a; b; c; d; e; and 2 more"
 
 
 def test_repair_of_a_whole_file_says_so(stream, tmp_path):
@@ -202,9 +207,11 @@ def test_nothing_to_save(tmp_path, stream):
         read_mcap(path)
     with pytest.raises(ValueError, match=r"a.mcap' holds nothing to save"):
         repair_mcap(path, tmp_path / "b.mcap")
-    path.write_bytes(b"no such file" * 100)
-    with pytest.raises(ValueError, match=r"a.mcap' is no MCAP file"):
-        read_mcap(path)
+    footer = stream[2][-37:]
+    for content in (b"no such file" * 100, footer, footer[:9] + footer[-8:], b""):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"a.mcap' is no MCAP file"):
+            read_mcap(path)
     with pytest.raises(ValueError, match="must be another file"):
         repair_mcap(path, path)
     assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]

@@ -69,6 +69,7 @@ def test_read_recording_finds_the_format_by_header_or_options(write):
         ),
         ([HEADER, "1,1,2,3,"], {"label": "grasp"}, r"label in every frame in 'grasp' .* frame 0"),
         ([HEADER, "1,1,2,3,4"], {"label": "y"}, r"must have the column 'y' \(got Time, thumb,"),
+        (["a,b,c,d,e,f,g", "1"], {"label": "y"}, r"\(got a, b, c, d, e, f, \.\.\.\)"),
         (
             [HEADER, "1,1,2,3,4"],
             {"tactile": "pad.*"},

@@ -219,11 +219,6 @@ def test_append_refuses_what_does_not_go_on(changed, message, tmp_path):
     assert path.read_bytes() == before
 
 
-def test_hdf5_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone.h5' does not exist"):
-        read_hdf5(tmp_path / "gone.h5")
-
-
 @pytest.mark.parametrize("content", [b"", b"time,taxel_0_x\n", b"\x89HDF\r\n\x1a\n"])
 def test_hdf5_of_something_else(content, tmp_path):
     (tmp_path / "a.h5").write_bytes(content)

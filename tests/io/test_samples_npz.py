@@ -27,6 +27,16 @@ def test_other_usual_names_are_found(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         assert set(read_samples_npz(path)) == {"x", "y", "trial", "group"}
     assert "not used: 'note'" in caplog.text
+    write(path, x=X, y=Y, **dict.fromkeys("abcdefghijk", Y))
+    with caplog.at_level(logging.WARNING):
+        read_samples_npz(path)
+    assert caplog.text.endswith("'i', 'j'\n")  # ten of them
+
+
+def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):
+    path = write(tmp_path / "a.npz", **dict.fromkeys("abcdefghijk", Y))
+    with pytest.raises(ValueError, match=r"'x' is missing \(got 'a', .*, 'i', 'j'\)"):
+        read_samples_npz(path)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +60,12 @@ def test_what_is_no_data_set_is_refused(tmp_path, arrays, match):
     assert str(path) in str(error.value)
 
 
-def test_pickled_objects_are_refused(tmp_path):
-    path = write(tmp_path / "a.npz", x=X, y=np.array(["a", 1, None, 2.0], dtype=object))
-    with pytest.raises(ValueError, match="only numbers and texts are read"):
+def test_arrays_of_more_than_a_gibibyte_and_200_times_the_file_must_be_allowed(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("torch_geometric_tactile.io._npz_arrays.ARRAY_BYTES", 10_000)
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, x=np.zeros((100_000, 3)), y=np.zeros(100_000))
+    with pytest.raises(ValueError, match="allow_large=True"):
         read_samples_npz(path)
+    assert read_samples_npz(path, allow_large=True)["x"].shape == (100_000, 3)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from streams import assert_same_in_pieces, assert_split_anywhere, fed, numbers
 
-from torch_geometric_tactile.io import TextRowsDecoder
+from torch_geometric_tactile.io import FlexiTacDecoder, TextRowsDecoder
 
 
 def counts(number, shape=(16, 16)):
@@ -113,7 +113,10 @@ def test_garbage_takes_no_memory():
         assert_same_in_pieces(small, b"\n" + row + b"\r\n" + FRAME + row * 9 + b"\n" + FRAME)
 
 
-@pytest.mark.parametrize("shape", [(0, 3), (16,), (2, 2000), (2, 3, 4)])
-def test_refuses_shapes(shape):
-    with pytest.raises(ValueError, match=r"'shape' must be rows and columns, .*\(got \("):
-        TextRowsDecoder(shape)
+@pytest.mark.parametrize("decoder", [TextRowsDecoder, FlexiTacDecoder])
+@pytest.mark.parametrize("shape", [(0, 3), (16,), (2, 1025), (2, 3, 4)])
+def test_shapes_are_rows_and_columns_up_to_1024_each(decoder, shape):
+    assert decoder((2, 1024)).shape == (2, 1024)
+    message = r"'shape' must be rows and columns, from 1 to 1024 each .*\(got \("
+    with pytest.raises(ValueError, match=message):
+        decoder(shape)

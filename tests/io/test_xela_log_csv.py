@@ -78,9 +78,13 @@ def test_read_drops_and_counts_repeats(write, rows, times, stale):
     ("text", "forces", "message"),
     [
         ("time,taxel_0_x\n0,1\n", False, r"must have the column 'Send time', as a log of xela_log"),
-        ("Send time,1X,1Y,1Z\n0,1,2,3\n", False, r"must have the column 'Message number'"),
+        (
+            "Send time,1X,1Y,1Z\n",
+            False,
+            r"column 'Message number', .*\(got 'Send time', '1X', '1Y'\)",
+        ),
         (HEADER[:-6] + "\n", False, r"must have the column '1Y', as it has taxel 1"),
-        (HEADER[:-9] + "\n", False, r"must have the column '1X' \(got"),
+        (f"{HEADER[:-9]},a,b,c,d\n", False, r"the column '1X' \(got 'Receive .*, 'a', 'b', 'c'\)"),
         (f"{HEADER},3X,3Y,3Z\n", False, r"the column '2X', as it has taxel 3 \(got 6 of 9"),
         (f"{HEADER}\n0,1,1,1,2,3\n", True, r"'Force 1X' for forces .* \(got counts only\)"),
         (f"{HEADER},Force 1X\n", False, r"must have the column 'Force 1Y'"),
@@ -100,6 +104,11 @@ def test_read_drops_and_counts_repeats(write, rows, times, stale):
 def test_read_refuses(write, text, forces, message):
     with pytest.raises(ValueError, match=message):
         read_xela_log_csv(write(text), forces=forces)
+
+
+def test_six_columns_that_are_not_read_are_named(write, caplog):
+    read_xela_log_csv(write(f"{HEADER},a,b,c,d,e,f,g\n0,1,1,1,2,3,4,5,6,7,8,9,10\n"))
+    assert "columns that are not read: 'a', 'b', 'c', 'd', 'e', 'f'\n" in caplog.text
 
 
 def test_read_columns_that_count_from_zero(write):

@@ -29,6 +29,13 @@ def test_parse_by_hand():
     )
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_parse_takes_numbers_of_eight_bytes_and_times_up_to_the_year_5000(sign):
+    number, time = sign * (2**63 - 1), sign * (1e11 - 1)
+    frame = parse_xela_message(message(message=number, time=time))
+    assert (frame.number, frame.time) == (number, time)
+
+
 def test_parse_forces_with_a_missing_one():
     reading = parse_xela_message(message(), forces=True).reading
     assert np.array_equal(reading, np.float32([[0.5, -0.25, 1], [np.nan, 0, 2]]), equal_nan=True)
@@ -59,6 +66,10 @@ def test_parse_takes_what_may_be_left_out():
     [
         ({"message": "Welcome"}, r"'message' of a XELA message must be an integer \(got 'Welcome'"),
         ({"message": True}, r"must be an integer \(got True\)"),
+        ({"message": 2**63}, r"must be an integer \(got 9223372036854775808\)"),
+        ({"message": -(2**63)}, r"must be an integer \(got -9223372036854775808\)"),
+        ({"time": 1e11}, r"'time' of XELA message 7 must be a number of seconds"),
+        ({"time": -1e11}, r"'time' of XELA message 7 must be a number of seconds"),
         ({"message": ...}, r"must be an integer \(got None\)"),
         ({"time": "now"}, r"'time' of XELA message 7 must be a number of seconds \(got 'now'\)"),
         ({"time": ..., "sendtime": ...}, r"'time' of XELA message 7 must .*\(got None\)"),

@@ -163,7 +163,7 @@ def test_layout_whose_links_are_not_in_order_by_hand():
 
 @pytest.mark.parametrize("dtype", [torch.float, torch.double])
 def test_batch_is_the_loop_over_frames(dtype):
-    joint = angles(7, 16, dtype=dtype)
+    joint = angles(9, 16, dtype=dtype)  # more than the few that are posed in another way
     posed = HAND.taxel_pose(LAYOUT, joint)
     assert posed.pos.dtype == posed.normal.dtype == dtype
     one_by_one = [HAND.taxel_pose(LAYOUT, frame) for frame in joint]
@@ -189,15 +189,6 @@ def test_leading_dimensions_are_kept(shape):
     assert torch.allclose(pos.reshape(-1, 384, 3), flat, atol=1e-12)
 
 
-def test_few_frames_are_posed_as_many():
-    joint = angles(9, 16)
-    many = HAND.taxel_pose(LAYOUT, joint)
-    for i in range(9):
-        few = HAND.taxel_pose(LAYOUT, joint[i])
-        assert torch.allclose(few.pos, many.pos[i], atol=1e-12)
-        assert torch.allclose(few.normal, many.normal[i], atol=1e-12)
-
-
 @pytest.mark.parametrize("num_frames", [4, 8, 9])
 def test_more_frames_than_a_chunk(num_frames, monkeypatch):
     monkeypatch.setattr(kinematics, "_CHUNK", 4)
@@ -218,12 +209,37 @@ def test_gradients_agree_with_differences():
     assert torch.autograd.gradcheck(lambda angle: hand.taxel_pose(SMALL, angle), joint)
 
 
-def test_layout_without_normals_has_none():
+@pytest.mark.parametrize("num_frames", [3, 20])
+def test_normals_are_left_out_where_a_layout_has_none_or_they_are_not_wanted(num_frames):
     bare = TaxelLayout("bare", SMALL.pos, link=SMALL.link, link_names=SMALL.link_names)
-    hand, joint = HandKinematics(CHAIN), angles(3, 2)
-    posed = hand.taxel_pose(bare, joint)
-    assert posed.normal is None
-    assert posed.pos.equal(hand.taxel_pose(SMALL, joint).pos)
+    hand, joint = HandKinematics(CHAIN), angles(num_frames, 2)
+    for posed in (hand.taxel_pose(bare, joint), hand.taxel_pose(SMALL, joint, normal=False)):
+        assert posed.normal is None
+        assert posed.pos.equal(hand.taxel_pose(SMALL, joint).pos)
+
+
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_axes_of_taxels_turn_as_normals_do(shape):
+    hand, joint = HandKinematics(CHAIN), angles(*shape, 2)
+    with torch.inference_mode():
+        hand.taxel_axes(SMALL, joint)  # what is kept of it takes part in gradients later
+    found = hand.taxel_axes(SMALL, joint.requires_grad_())
+    assert found.shape == (*shape, 4, 3, 3)
+    assert found.requires_grad
+    for i, axis in enumerate(SMALL.axes().unbind(1)):
+        turned = hand.taxel_pose(replace(SMALL, normal=axis.float()), joint).normal
+        torch.testing.assert_close(found[..., i, :], turned, atol=1e-6, rtol=0)
+
+
+def test_layout_whose_links_are_in_order_is_posed_as_any_other():
+    order = SMALL.link.argsort()
+    ordered = replace(
+        SMALL, pos=SMALL.pos[order], normal=SMALL.normal[order], link=SMALL.link[order]
+    )
+    hand, joint = HandKinematics(CHAIN), angles(20, 2)
+    posed, expected = hand.taxel_pose(ordered, joint), hand.taxel_pose(SMALL, joint)
+    assert torch.allclose(posed.pos, expected.pos[:, order], atol=1e-12)
+    assert torch.allclose(posed.normal, expected.normal[:, order], atol=1e-12)
 
 
 def test_links_are_rigid_and_normals_keep_their_length():

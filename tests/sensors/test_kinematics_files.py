@@ -115,7 +115,7 @@ JOINT = {"name": "a", "parent": "base", "child": "tip", "axis": [0, 0, 1]}
         ([], "must be a JSON object with the key 'joints'"),
         ({"name": "hand"}, "must be a JSON object with the key 'joints'"),
         ({"joints": []}, "at least one joint that moves"),
-        ({"joints": [{"name": "a"}]}, "missing 2 required positional arguments"),
+        ({"joints": [{"name": "a"}]}, "must list the arguments of Joint: .* missing 2 required"),
         ({"joints": [{**JOINT, "color": "red"}]}, "unexpected keyword argument 'color'"),
         ({"joints": [{**JOINT, "xyz": [0, 0]}]}, "'xyz' of joint 'a' must be three"),
         ({"joints": [{**JOINT, "xyz": None}]}, "is not a table of joints"),
@@ -171,20 +171,6 @@ def test_slanted_axis_survives_copies_exactly():
     assert Joint(**joint.to_dict()) == joint
     assert math.hypot(*joint.axis) == pytest.approx(1.0, abs=1e-15)
     assert "lower" not in joint.to_dict()
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ({"name": "hand"}, "the key 'joints'"),
-        ([], "the key 'joints'"),
-        ({"joints": [{"name": "a"}]}, "'joints' must list the arguments of Joint: .*missing"),
-        ({"joints": []}, "at least one joint that moves"),
-    ],
-)
-def test_from_dict_rejects(content, message):
-    with pytest.raises(ValueError, match=message):
-        HandKinematics.from_dict(content)
 
 
 def test_missing_files_are_named(tmp_path):

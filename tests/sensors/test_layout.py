@@ -1,10 +1,9 @@
-import pickle
 from dataclasses import FrozenInstanceError
 
 import pytest
 import torch
 
-from torch_geometric_tactile.sensors import TaxelLayout, biotac_sp, grid
+from torch_geometric_tactile.sensors import TaxelLayout, grid
 
 POS = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.003, 0.004], [0.01, 0.0, 0.0]])
 XY = torch.eye(3)[:2].expand(3, 2, 3)
@@ -67,12 +66,6 @@ def test_layout_matches_same_places_only():
     assert not layout.matches(TaxelLayout("thumb", POS[:2]))
 
 
-def test_layout_pickles():
-    layout = pickle.loads(pickle.dumps(biotac_sp()))
-    assert layout.matches(biotac_sp())
-    assert layout.normal.equal(biotac_sp().normal)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -124,6 +117,15 @@ def test_edge_index_unknown_name_lists_the_known():
         grid(2, 2, pitch=0.01).edge_index("round")
     with pytest.raises(ValueError, match="none; see KNNGraph"):
         TaxelLayout("bare", POS).edge_index("original")
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [(["ring", "original"], "original"), (["ring"], "ring"), (["ring", "star"], None), ([], None)],
+)
+def test_default_adjacency_is_the_original_or_the_only_one(names, expected):
+    adjacency = {name: torch.tensor([[0], [1]]) for name in names}
+    assert TaxelLayout("thumb", POS, adjacency=adjacency).default_adjacency == expected
 
 
 def test_segments_unknown_kind():

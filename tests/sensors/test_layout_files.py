@@ -89,9 +89,7 @@ def test_from_dict_names_segments_in_order_of_appearance():
         ({"taxels": [{"pos": [0, 0]}, {"pos": [0, 0, 0]}]}, "'pos' must have as many numbers at e"),
         ({"taxels": [{"pos": [0, 0, 0]}, {}]}, r"taxel 1 must have a 'pos' .* \(got None\)"),
         ({"taxels": [{"pos": 5}]}, r"taxel 0 must have a 'pos' of two or three numbers \(got 5\)"),
-        ({"taxels": [{"pos": [0, 0, None]}]}, "taxel 0 must have a 'pos' of two or three numbers"),
         ({"taxels": [{"pos": [0, 0, "1"]}]}, "taxel 0 must have a 'pos' of two or three numbers"),
-        ({"taxels": [[0, 0, 0]]}, r"taxel 0 must have a 'pos' .* \(got \[0, 0, 0\]\)"),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}, {"pos": [0, 0, 1]}]},
             r"'link' must be given for every taxel or for none \(not for 1\)",
@@ -123,23 +121,3 @@ def test_from_dict_missing_key(key):
     del content[key]
     with pytest.raises(ValueError, match=f"a layout must have the key '{key}'"):
         TaxelLayout.from_dict(content)
-
-
-@pytest.mark.parametrize("text", ["", '{"name": "cut", ', "\x00\x01", "not json"])
-def test_load_broken_json_names_the_file(text, tmp_path):
-    path = tmp_path / "broken.json"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"broken\.json' is not a taxel layout"):
-        TaxelLayout.load(path)
-
-
-def test_load_json_that_is_no_object(tmp_path):
-    path = tmp_path / "list.json"
-    path.write_text("[1, 2]")
-    with pytest.raises(ValueError, match=r"must be a JSON object \(got list\)"):
-        TaxelLayout.load(path)
-
-
-def test_load_missing_file(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"gone\.json"):
-        TaxelLayout.load(tmp_path / "gone.json")

@@ -217,6 +217,7 @@ LOW = described()["patches"][0]
         ({"shapes": {"tile": without("pitch", TILE)}}, "shape 'tile' must have the key 'pitch'"),
         ({"shapes": {"tile": DOME}}, "shape 'tile' must have the key 'column_angle'"),
         (shape(pitch=-2), r"'pitch' of shape 'tile' must not be negative \(got -2\)"),
+        (shape(pitch=0), "'pitch' of shape 'tile' must not be zero"),
         (shape(kind="ball"), r"must be one of \['capsule', 'planar'\] \(got 'ball'\)"),
         (shape(rows=[2, 1]), r"must be all even or all odd.*\(got \[2, 1\]\)"),
         (shape(rows=[]), r"must count at least one taxel each \(got \[\]\)"),
@@ -259,25 +260,10 @@ def test_expand_patches_rejects(changes, message):
         expand_patches(described(**changes))
 
 
-def test_facing_rows_of_different_length():
-    content = described()
-    content["shapes"]["wide"] = {**TILE, "rows": [4, 4]}
-    content["patches"][1]["shape"] = "wide"
-    with pytest.raises(ValueError, match=r"must be equally long \(got 2 and 4\)"):
-        expand_patches(content)
-
-
 @pytest.mark.parametrize("key", ["shapes", "patches"])
 def test_missing_key(key):
     with pytest.raises(ValueError, match=f"a layout of patches must have the key '{key}'"):
         expand_patches(without(key, described()))
-
-
-def test_load_names_the_file(tmp_path):
-    path = tmp_path / "mine.json"
-    path.write_text(json.dumps(without("shapes", described())))
-    with pytest.raises(ValueError, match=r"mine\.json' is not a taxel layout: .* key 'shapes'"):
-        TaxelLayout.load(path)
 
 
 def test_places_and_normals_have_nine_digits():

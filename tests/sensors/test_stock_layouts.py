@@ -84,15 +84,3 @@ def test_grid_single_taxel_has_no_edges():
     for name in ("original", "slanted", "dense"):
         assert layout.edge_index(name).shape == (2, 0)
     assert layout.pos.tolist() == [[0.0, 0.0, 0.0]]
-
-
-@pytest.mark.parametrize(("rows", "cols"), [(0, 4), (4, 0), (-1, 2)])
-def test_grid_rejects_sizes(rows, cols):
-    with pytest.raises(ValueError, match=rf"must be at least 1 \(got {rows} and {cols}\)"):
-        grid(rows, cols, pitch=0.004)
-
-
-@pytest.mark.parametrize("pitch", [0, -0.1, float("inf"), float("nan")])
-def test_grid_rejects_pitch(pitch):
-    with pytest.raises(ValueError, match=r"'pitch' must be a positive length in metres"):
-        grid(2, 2, pitch)

@@ -88,6 +88,13 @@ def test_taxel_clusters_opposite_normals():
     assert torch.allclose(coarse.axes() @ coarse.axes().transpose(1, 2), torch.eye(3), atol=1e-6)
 
 
+@pytest.mark.parametrize(("axis", "expected"), [(0, [0, 0, 1, 1]), (1, [0, 0, 0, 0])])
+def test_taxel_clusters_of_opposite_normals_lie_along_the_axes_of_the_link(axis, expected):
+    normal = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]).repeat(2, 1)
+    layout = TaxelLayout("row", 1e-3 * torch.arange(4.0)[:, None] * torch.eye(3)[axis], normal)
+    assert taxel_clusters(layout, (0.002, 0.004)).cluster.tolist() == expected
+
+
 @pytest.mark.parametrize("by", [0.0, -1.0, float("inf"), (0.1,), (0.1, 0.1, 0.1), (0.1, 0.0)])
 def test_taxel_clusters_bad_length(by):
     with pytest.raises(ValueError, match=r"'by' must be one positive length in metres, or two"):

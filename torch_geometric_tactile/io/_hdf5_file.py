@@ -76,8 +76,10 @@ def _journal(path: Path) -> tuple[bytes, int] | None:
     # that were still to be changed when the process was killed. Its footer has the new size.
     with path.open("rb") as file:
         start = file.seek(0, os.SEEK_END) - _FOOTER.size
-        file.seek(max(start, 0))
-        footer = file.read() if start > 0 else b""
+        if start <= 0:
+            return None
+        file.seek(start)
+        footer = file.read()
         if not footer.startswith(_MAGIC):
             return None
         magic, length, size, journal_sum, footer_sum = _FOOTER.unpack(footer)

@@ -214,8 +214,10 @@ def _library(name: str) -> Any:
 
 def _summary(file: BinaryIO, size: int) -> tuple[list[tuple[int, Any]], str]:
     # What the end of a file repeats, if it has a right checksum, and what is wrong with it.
-    file.seek(max(0, size - _END_SIZE))
-    footer = file.read(_END_SIZE)
+    footer = b""
+    if size >= _END_SIZE:
+        file.seek(size - _END_SIZE)
+        footer = file.read(_END_SIZE)
     if footer[: _HEAD.size] != _HEAD.pack(FOOTER, _FOOTER.size) or footer[-len(MAGIC) :] != MAGIC:
         return [], "its end is damaged, or something else is behind it"
     start, _, expected = _FOOTER.unpack_from(footer, _HEAD.size)
