@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,13 +29,26 @@ def fill(rest, frames):
 def test_a_rest_is_the_mean_of_its_frames():
     rest = Rest(seconds=0.5)
     frames = still(80)
-    assert fill(rest, frames)[0] == 50  # the first that is half a second after the first
+    ready = list(range(50, 80))  # from the first that is half a second after the first
+    assert fill(rest, frames) == ready
     tactile = np.stack([one.tactile for one in frames[:51]]).astype(np.float64)
     np.testing.assert_allclose(rest.value, tactile.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(rest.noise, 3.0, rtol=0.5)
     assert rest.frames.tactile.shape == (51, 20, 3)
     assert [kind for _, kind, _ in rest.events] == ["rest"]
     assert repr(rest) == "Rest(seconds=0.5, min_frames=30, max_movement=5, ready=True)"
+
+
+def test_rest_without_settings():
+    rest = Rest()
+    assert repr(rest) == "Rest(seconds=1, min_frames=30, max_movement=5, ready=False)"
+    assert rest.max_drift == 5
+    assert Rest(min_frames=1).min_frames == 10  # two in each of its five parts
+
+
+def test_a_rest_of_any_length_has_at_most_20000_frames():
+    frames = [frame(i, np.zeros((1, 1))) for i in range(20_000)]
+    assert fill(Rest(seconds=1e9), frames) == [19_999]
 
 
 def test_a_rest_has_enough_frames():
@@ -110,11 +124,24 @@ def test_retare_collects_anew_and_is_an_event():
     assert told == rest.events
 
 
+def test_retare_is_told_at_the_last_frame():
+    rest = Rest(seconds=0.5)
+    rest.retare()
+    fill(rest, still(51))
+    rest.retare()
+    fill(rest, still(1, first=60))
+    rest.retare()
+    times = [time for time, kind, _ in rest.events if kind == "retare"]
+    assert times == pytest.approx([math.nan, 5.5, 5.6], nan_ok=True)
+
+
 def test_a_frame_that_was_given_before_is_ignored():
     rest = Rest(seconds=0.5)
     frames = [one for one in still(60) for _ in range(2)]
-    assert fill(rest, frames)
+    assert fill(rest, frames)[0] == 100
     assert len(rest.frames.tactile) == 51
+    at_once = [replace(one, received=0) for one in still(60)]  # frames of one read
+    assert fill(Rest(seconds=0.5), at_once)[0] == 50
 
 
 def test_joints_are_kept_if_all_frames_have_them():
@@ -140,6 +167,15 @@ def test_drift_is_told_once(caplog):
     assert 8 < far[-1].amount < 20
     assert [kind for _, kind, _ in rest.events] == ["rest", "drift"]
     assert len(caplog.records) == 1
+
+
+def test_readings_without_noise_that_change_are_a_drift():
+    rest = Rest(seconds=0.5, max_movement=0.5)
+    fill(rest, still(60, noise=0.0))
+    drifts = [rest.drift(one) for one in still(30, first=60, noise=0.0, base=30001.0)]
+    assert drifts[-1].amount == math.inf
+    assert drifts[-1].taxels.tolist() == list(range(20))
+    assert [kind for _, kind, _ in rest.events] == ["rest", "drift"]
 
 
 def test_movement_is_no_drift():
@@ -177,6 +213,18 @@ def test_readings_are_relative_to_the_mean_so_far_and_then_to_the_rest():
     assert rest.shape == (20, 3)
     wanted = (frames[59].tactile - rest.value).astype(np.float32)
     assert (rest.relative(frames[59]) == wanted).all()
+    rest.retare()
+    assert (rest.relative(frames[0]) == 0).all()
+
+
+def test_readings_relative_to_frames_that_were_refused():
+    rest = Rest(seconds=0.5)
+    frames = still(51)
+    frames[40].tactile[3, 1] += 1000
+    for one in frames[:50]:
+        rest.relative(one)
+    with pytest.raises(RuntimeError, match=r"there must be a rest \(got none\): .*taxel 3 by"):
+        rest.relative(frames[50])
 
 
 def test_what_is_shown_first_is_a_rest_whatever_moves():
