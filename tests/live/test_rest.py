@@ -75,6 +75,28 @@ def test_a_touch_is_no_rest(taxel):
     assert fill(rest, still(80, first=51, seed=1))[0] == 50  # once more, from the next frame on
 
 
+@pytest.mark.parametrize(
+    ("part", "last", "noise"),
+    [
+        ([0, 2], [0, 2], 2**0.5),
+        ([0, 3, 0], [0, 3, 0], 3**0.5),
+        ([0, 2], [0, 20], 2 * 2**0.5),  # a loud part is at most twice the usual noise
+    ],
+)
+def test_noise_by_hand(part, last, noise):
+    readings = [*part * 4, *last]
+    rest = Rest(seconds=0.01, min_frames=len(readings))
+    assert fill(rest, [frame(i, [[value]]) for i, value in enumerate(readings)])
+    assert rest.noise == pytest.approx(noise)
+
+
+def test_quiet_taxel_is_taken_to_have_the_noise_of_all():
+    rest = Rest(seconds=0.01, min_frames=10, max_movement=2.5)
+    # The noise of both is 0 and the root of 2: together 1.
+    assert not fill(rest, [frame(i, [[3 * (i > 7)], [i % 2 * 2]]) for i in range(10)])
+    assert rest.reason == "1 of 2 taxels move, taxel 0 by 3 times its noise (at most 2.5)"
+
+
 def test_noise_is_a_rest():
     for seed in range(20):
         rest = Rest(seconds=0.3)
@@ -172,9 +194,14 @@ def test_drift_is_told_once(caplog):
 def test_readings_without_noise_that_change_are_a_drift():
     rest = Rest(seconds=0.5, max_movement=0.5)
     fill(rest, still(60, noise=0.0))
-    drifts = [rest.drift(one) for one in still(30, first=60, noise=0.0, base=30001.0)]
-    assert drifts[-1].amount == math.inf
-    assert drifts[-1].taxels.tolist() == list(range(20))
+    frames = still(62, first=60, noise=0.0)
+    drifts = [rest.drift(one) for one in frames[:30]]
+    assert [drift.taxels.tolist() for drift in drifts] == [[]] * 30
+    assert drifts[-1].amount == 0
+    for one in frames[30:]:
+        one.tactile[3] += 1
+    drifts = [rest.drift(one) for one in frames[30:]]
+    assert [(drift.amount, drift.taxels.tolist()) for drift in drifts[29:]] == [(math.inf, [3])] * 3
     assert [kind for _, kind, _ in rest.events] == ["rest", "drift"]
 
 
@@ -204,17 +231,19 @@ def test_bad_frames():
 def test_readings_are_relative_to_the_mean_so_far_and_then_to_the_rest():
     rest = Rest(seconds=0.5)
     frames = still(60)
+    frames[0].tactile[4] = np.nan
     assert rest.shape is None
-    for count in (1, 2, 3):
+    assert np.isnan(rest.relative(frames[0])[4]).all()
+    for count in (2, 3):
         tactile = np.stack([one.tactile for one in frames[:count]]).astype(np.float64)
-        wanted = (frames[count - 1].tactile - tactile.mean(axis=0)).astype(np.float32)
+        wanted = (frames[count - 1].tactile - np.nanmean(tactile, axis=0)).astype(np.float32)
         assert (rest.relative(frames[count - 1]) == wanted).all()
     fill(rest, frames[3:])
     assert rest.shape == (20, 3)
     wanted = (frames[59].tactile - rest.value).astype(np.float32)
     assert (rest.relative(frames[59]) == wanted).all()
     rest.retare()
-    assert (rest.relative(frames[0]) == 0).all()
+    assert (rest.relative(frames[1]) == 0).all()
 
 
 def test_readings_relative_to_frames_that_were_refused():
