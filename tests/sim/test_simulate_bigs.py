@@ -113,6 +113,8 @@ def test_slip_begins_in_the_air_and_before_the_loss(recordings):
             assert meta["slip_time"] <= meta["pickup_time"] + meta["lost"] + 1e-6
             first = recording.time[slip == 1][0]
             assert first - meta["slip_time"] == pytest.approx(0.005, abs=0.006)
+            after = recording.time[-1] - meta["pickup_time"] - meta["lost"]
+            assert after == pytest.approx(0.3, abs=0.011)  # seconds that are recorded after it
 
 
 def test_without_friction_all_fall_and_with_much_all_hold():
