@@ -203,6 +203,11 @@ def test_readings_without_noise_that_change_are_a_drift():
     drifts = [rest.drift(one) for one in frames[30:]]
     assert [(drift.amount, drift.taxels.tolist()) for drift in drifts[29:]] == [(math.inf, [3])] * 3
     assert [kind for _, kind, _ in rest.events] == ["rest", "drift"]
+    rest.retare()
+    fill(rest, still(60, first=122, noise=0.0))
+    for one in frames[30:]:
+        rest.drift(one)
+    assert [kind for _, kind, _ in rest.events[2:]] == ["retare", "rest", "drift"]
 
 
 def test_movement_is_no_drift():
