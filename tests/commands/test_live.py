@@ -26,6 +26,7 @@ from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.sensors import biotac_sp, grid
 
 SHAPE = (24, 3)
+WHOLE = "whole.npz?speed=0"
 
 
 @pytest.fixture
@@ -65,18 +66,22 @@ def test_recording_is_judged_and_recorded(whole, model, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("arguments", "message"),
     [
-        (["--label", "mug"], "'--label' must come with '--record FILE' (got no file)"),
-        (["--tare"], "'--tare' must come with '--model FILE' (got no model)"),
-        (["--model", "none.onnx"], "none.onnx"),
-        (["--map", "none.json"], "none.json"),
-        (["--layout", "none.json", "--record", "a.mcap"], "none.json"),
+        ([WHOLE, "--label", "mug"], "'--label' must come with '--record FILE' (got no file)"),
+        ([WHOLE, "--tare"], "'--tare' must come with '--model FILE' (got no model)"),
+        ([WHOLE, "--model", "none.onnx"], "none.onnx"),
+        ([WHOLE, "--map", "none.json"], "none.json"),
+        ([WHOLE, "--layout", "none.json", "--record", "a.mcap"], "none.json"),
+        (["other.npz", "--model", "m.predictor"], "a frame must have shape (24, 3)"),
+        (["usb:3"], "serial:"),
+        (["serial:/dev/ttyNONE?protocol=cobs"], "/dev/ttyNONE"),
     ],
 )
-def test_mistakes_are_one_line(whole, tmp_path, monkeypatch, capsys, options, message):
+def test_mistakes_are_one_line(whole, model, tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
-    assert main(["live", "whole.npz?speed=0", *options]) == 1
+    write_npz(Recording(np.arange(9) / 100, np.zeros((9, 5, 3), dtype=np.float32)), "other.npz")
+    assert main(["live", *arguments]) == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
     assert len(lines) == 1
     assert message in lines[0]
@@ -99,23 +104,6 @@ def test_layout_of_the_model_is_shown_whatever_its_name(tmp_path, suffix):
     arguments = argparse.Namespace(view=True, record=None)
     found = live._layout_of(Judge(str(path)), arguments)
     assert found.matches(layout)
-
-
-def test_unknown_source_lists_what_there_is(capsys):
-    assert main(["live", "usb:3"]) == 1
-    assert "serial:" in capsys.readouterr().err
-
-
-def test_missing_port_is_named(capsys):
-    assert main(["live", "serial:/dev/ttyNONE?protocol=cobs"]) == 1
-    assert "/dev/ttyNONE" in capsys.readouterr().err
-
-
-def test_model_of_another_sensor_is_told(model, tmp_path, capsys):
-    frames = np.zeros((9, 5, 3), dtype=np.float32)
-    write_npz(Recording(np.arange(9) / 100, frames), tmp_path / "other.npz")
-    assert main(["live", str(tmp_path / "other.npz"), "--model", model]) == 1
-    assert "a frame must have shape (24, 3)" in capsys.readouterr().err
 
 
 @pytest.mark.slow

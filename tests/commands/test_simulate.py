@@ -21,7 +21,6 @@ from torch_geometric_tactile.sim import (
     plan_grasp,
     twenty,
 )
-from torch_geometric_tactile.sim import _trial_files as trial_files
 
 module = sys.modules["torch_geometric_tactile.sim.simulate"]
 
@@ -91,6 +90,9 @@ def test_run_goes_on_where_it_was(quick, capsys):
     assert run() == 0
     assert "\n4 trials (2 kept from before), 4 attempts" in capsys.readouterr().out
     assert len(files(out)) == 5
+    assert run("--seed", 1) == 1
+    error = f"tactile: error: '{out / 'plastic_tube_000.h5'}' was made with another 'seed' (0, not"
+    assert error in capsys.readouterr().err
 
 
 def test_trials_by_the_preset(quick, capsys):
@@ -116,13 +118,6 @@ def test_squeezes(quick, capsys):
     assert run("--motion", "squeeze", "--seconds", 1, "--max-attempts", 20) == 0
     assert capsys.readouterr().out.startswith("4 trials (0 kept from before)")
     assert json.loads((out / "simulation.json").read_text())["motion"] == "squeeze"
-
-
-def test_number_of_objects_of_a_fixed_set(quick, capsys):
-    out, run = quick
-    assert run("--num-objects", 3) == 1
-    assert "'num_objects' must be left out for objects other than" in capsys.readouterr().err
-    assert not out.exists()
 
 
 def test_given_up_trials_are_listed_and_the_status_is_1(quick, capsys, monkeypatch):
@@ -176,28 +171,6 @@ def test_preview_without_matplotlib_fails_before_the_run(quick, capsys, monkeypa
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(["simulate", "--out", str(out), "--preview"]) == 1
     assert 'pip install "torch-geometric-tactile[viz]"' in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_folder_of_another_seed_is_explained(quick, capsys):
-    out, run = quick
-    assert run() == 0
-    assert run("--seed", 1) == 1
-    error = capsys.readouterr().err
-    assert f"tactile: error: '{out / 'plastic_tube_000.h5'}' was made with another 'seed'" in error
-    assert "(0, not 1); choose another folder or delete the file" in error
-
-
-@pytest.mark.parametrize("package", ["mujoco", "h5py"])
-def test_missing_package_names_the_extra(quick, capsys, monkeypatch, package):
-    out, run = quick
-    find = trial_files.find_spec
-    monkeypatch.setattr(
-        trial_files, "find_spec", lambda name: None if name == package else find(name)
-    )
-    assert run() == 1
-    error = capsys.readouterr().err
-    assert f"needs {package}: pip install 'torch-geometric-tactile[sim]'" in error
     assert not out.exists()
 
 

@@ -1,4 +1,5 @@
 import math
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -67,7 +68,8 @@ def test_health_tells_the_first_reason_until_a_frame_comes():
 
 def test_health_before_the_first_frame():
     health = HealthMeter().snapshot("open", FakeSource())
-    assert (health.frames, health.rate) == (0, 0)
+    assert health == Health("open")
+    assert not any((*astuple(health)[1:11], health.reason))
     assert math.isnan(health.age)
     assert health.line() == "0.0 Hz  jitter 0.0 ms  lost 0  corrupt 0"
 
@@ -107,6 +109,14 @@ def test_health_stale_taxels_are_still_while_others_change():
     assert meter.snapshot("open", FakeSource(), last).stale_taxels == 3
 
 
+def test_health_taxel_that_comes_and_goes_is_not_stale():
+    tactiles = noise(300)
+    tactiles[:, 1] = 5
+    tactiles[::10, 1, 0] = math.nan
+    meter, last = fed(tactiles)
+    assert meter.snapshot("open", FakeSource(), last).stale_taxels == 0
+
+
 def test_health_is_not_stale_when_nothing_changes():
     meter, last = fed(np.ones((300, 4, 3)))
     assert meter.snapshot("open", FakeSource(), last).stale_taxels == 0
@@ -118,5 +128,8 @@ def test_health_takes_another_number_of_taxels():
     assert meter.snapshot("open", FakeSource()).frames == 201
 
 
-def test_health_old_frame_in_line():
-    assert Health("lost", age=12.34).line().endswith("age 12.3 s")
+@pytest.mark.parametrize(
+    ("age", "text"), [(0.999, "age 999 ms"), (1.0, "age 1.0 s"), (12.34, "age 12.3 s")]
+)
+def test_health_age_in_line(age, text):
+    assert Health("lost", age=age).line().endswith(text)

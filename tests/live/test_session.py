@@ -223,13 +223,6 @@ def test_stop_from_a_callback_and_from_a_thread():
     session.close()  # again
 
 
-def test_model_that_gets_other_taxels_says_so(predictor):
-    whole = Recording(time=np.arange(9) / 100, tactile=np.zeros((9, 5, 3), dtype=np.float32))
-    session = LiveSession(ReplaySource(whole, speed=0), judge=Judge(predictor))
-    with pytest.raises(ValueError, match=r"a frame must have shape \(24, 3\)"), session:
-        session.run()
-
-
 def judgement(probability, names, task="multiclass"):
     return Judgement(0, 0.0, 0, 0, np.array(probability), tuple(names), task, {})
 

@@ -281,7 +281,7 @@ def test_async_for_gives_all_frames_and_ends():
     stream = Stream(FakeSource())
 
     async def main():
-        subscription = stream.subscribe()
+        subscription = aiter(stream)
         stream.source.send(*frames(20))
         got = []
         async for one in subscription:
@@ -296,21 +296,6 @@ def test_async_for_gives_all_frames_and_ends():
         got, during = run(main())
     assert got == list(range(20))
     assert during == before
-
-
-def test_async_for_over_a_stream_subscribes():
-    stream = Stream(FakeSource())
-
-    async def main():
-        got = []
-        iterator = aiter(stream)
-        stream.source.send(frame(3), SourceEnded())
-        async for one in iterator:
-            got.append(one.sequence)
-        return got
-
-    with stream:
-        assert run(main()) == [3]
 
 
 def test_async_wait_is_cancelled_without_losing_a_frame():
@@ -458,16 +443,6 @@ def test_seconds_count_from_the_opening_and_then_from_the_first_frame():
         assert stream.seconds >= 0.1
 
 
-def test_silent_source_shows_and_comes_back():
-    source = FakeSource(frame(0))
-    with Stream(source, silent_after=0.05) as stream:
-        wait_until(lambda: stream.state == "silent")
-        subscription = stream.subscribe()
-        source.send(frame(1))
-        subscription.get(LONG)
-        wait_until(lambda: is_open_again(source, stream))
-
-
 def test_time_is_strictly_increasing_and_maps_the_clock_of_the_device():
     at = 10_000_000_000
     script = [frame(0, at, 1.0), frame(1, at, 1.0), frame(2, at, None), frame(3, at + 10**9, 2.0)]
@@ -497,11 +472,3 @@ def test_stream_maps_taxels_and_names_the_layout():
 def test_anchor_is_one_moment_on_both_clocks():
     unix, monotonic = Stream(FakeSource()).anchor
     assert abs((time.time_ns() - unix) - (time.perf_counter_ns() - monotonic)) < 1_000_000_000
-
-
-def test_many_streams_leave_no_thread():
-    for _ in range(5):
-        stream = Stream(FakeSource(frame(0)))
-        with stream:
-            pass
-    assert not stream_threads()

@@ -74,9 +74,10 @@ def test_taxel_map_bad_input_raises(arguments, match):
         TaxelMap(*arguments)
 
 
-def test_taxel_map_layout_must_be_a_text():
-    with pytest.raises(ValueError, match="'layout' must be a text"):
-        TaxelMap([0], 1, layout=3)
+@pytest.mark.parametrize("name", ["layout", "source"])
+def test_taxel_map_layout_and_source_are_texts(name):
+    with pytest.raises(ValueError, match=rf"'{name}' must be a text \(got int\)"):
+        TaxelMap([0], 1, **{name: 3})
 
 
 @pytest.mark.parametrize(

@@ -5,23 +5,11 @@ import pytest
 
 pytest.importorskip("websockets", reason="needs the extra 'live'")
 
-from viewer_pages import Page, ask, recording, unpack, wait
+from viewer_pages import Page, ask, unpack, wait
 from websockets.exceptions import InvalidStatus
 
-from torch_geometric_tactile.live import ReplaySource, Stream, Viewer
+from torch_geometric_tactile.live import Viewer
 from torch_geometric_tactile.live._viewer.page import pack_message
-
-
-@pytest.fixture
-def stream():
-    with Stream(ReplaySource(recording(meta={"unit": "count"}), loop=True)) as stream:
-        yield stream
-
-
-@pytest.fixture
-def viewer(stream):
-    with Viewer(stream) as viewer:
-        yield viewer
 
 
 def test_page_forbids_everything_that_is_not_in_it(viewer):

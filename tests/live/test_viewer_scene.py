@@ -53,11 +53,6 @@ def test_hand_has_names_and_bodies_on_its_links():
     assert all(body["link"] in carried for body in scene.bodies if body["sphere"])
 
 
-def test_wrong_number_of_joint_angles():
-    with pytest.raises(ValueError, match="'joint' must have shape"):
-        layout_scene(allegro_uskin(), joint=np.zeros(3))
-
-
 def test_layout_on_links_of_another_hand():
     with pytest.raises(ValueError, match="must have the links of layout 'biotac_sp'"):
         layout_scene(biotac_sp(), HandKinematics.allegro())

@@ -31,8 +31,9 @@ def test_killed_jobs_lose_nothing_and_leave_nothing_after_the_next_run():
     assert said.endswith("13 kills, 0 wrong\n"), said
 
 
-def test_killed_simulation_of_grasps_leaves_whole_files_and_goes_on():
+@pytest.mark.parametrize("job", ["simulate-bigs", "simulate-letters"])
+def test_killed_simulation_leaves_whole_files_and_goes_on(job):
     for package in ("mujoco", "h5py"):
         pytest.importorskip(package, reason="needs the extra 'sim'")
-    said = kill("3", "simulate-bigs")
+    said = kill("3", job)
     assert said.endswith("3 kills, 0 wrong\n"), said

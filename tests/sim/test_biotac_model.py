@@ -75,6 +75,17 @@ def test_part_of_the_response_is_late():
     assert fall[-1] == pytest.approx(400, abs=2)
 
 
+def test_fingertips_drift_by_so_much_in_ten_seconds():
+    model = BioTacModel(drift=100.0, noise=0.0)
+    drifts = []
+    for seed in range(100):
+        offsets, readings = read(model, np.zeros((1001, 19, 3)), np.zeros((1001, 3)), seed=seed)
+        drifts.append(readings.tactile[-1] - offsets.offset.round())
+    # Of a whole fingertip, and by 0.3 of that on some electrodes more than on others.
+    assert np.std(drifts) == pytest.approx(100 * 1.09**0.5, rel=0.1)
+    assert np.std(np.mean(drifts, axis=1)) == pytest.approx(100, rel=0.1)
+
+
 def test_pressure_grows_with_force():
     model = BioTacModel(drift=0.0, pressure_noise=0.0)
     normal = np.array([[0.0, 1.0, 5.0]])

@@ -1,9 +1,4 @@
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -118,6 +113,8 @@ def test_slip_begins_in_the_air_and_before_the_loss(recordings):
             assert meta["slip_time"] <= meta["pickup_time"] + meta["lost"] + 1e-6
             first = recording.time[slip == 1][0]
             assert first - meta["slip_time"] == pytest.approx(0.005, abs=0.006)
+            after = recording.time[-1] - meta["pickup_time"] - meta["lost"]
+            assert after == pytest.approx(0.3, abs=0.011)  # seconds that are recorded after it
 
 
 def test_without_friction_all_fall_and_with_much_all_hold():
@@ -191,26 +188,6 @@ def test_finished_grasps_are_kept_and_summed_up(made, tmp_path):
     assert summary["objects"]["cylinder"]["grasps"] == 4
     early = [report.lost is not None and report.lost < 2 for report in reports]
     assert summary["lost_before_input_ends"] == sum(early)
-
-
-def test_killed_run_goes_on(made, tmp_path):
-    if os.name != "posix":
-        pytest.skip("kills a process")
-    command = [sys.executable, "-m", "torch_geometric_tactile", "simulate", "--objects", "bigs"]
-    command += ["--out", str(tmp_path), "--grasps", str(GRASPS), "--jobs", "2"]
-    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120
-    while not list(tmp_path.glob("*.h5")) and time.monotonic() < deadline:
-        assert process.poll() is None
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    finished = set(tmp_path.glob("*.h5"))
-    assert finished
-    reports = list(simulate_bigs(tmp_path, GRASPS))
-    assert {report.path for report in reports if report.kept} == finished
-    assert all(same(report.path, made[0] / report.path.name) for report in reports)
-    assert not list(tmp_path.glob(".*"))
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,7 @@
 import json
-import os
-import signal
 import subprocess
 import sys
 import textwrap
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +10,6 @@ import torch
 from torch_geometric_tactile.sensors import TaxelLayout, grid, letter_array
 from torch_geometric_tactile.sim import LETTERS, LetterPress, num_letter_files, simulate_letters
 
-ROOT = Path(__file__).parents[2]
 module = sys.modules["torch_geometric_tactile.sim.simulate_letters"]
 
 
@@ -138,43 +133,6 @@ def test_stopped_run_keeps_what_tells_how_it_was_made(tmp_path, small_blocks):
     with pytest.raises(ValueError, match="another 'seed'"):
         run(tmp_path, presses=7, seed=1)
     assert [report.kept for report in run(tmp_path, presses=7, letters="A")] == [True, False, False]
-
-
-SCRIPT = """
-from torch_geometric_tactile.sim import simulate_letters
-
-if __name__ == "__main__":
-    list(simulate_letters({out!r}, 300, letters="ABC"))
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="sends signals")
-def test_killed_run_leaves_whole_files_and_goes_on(tmp_path, wait_until_gone):
-    out = tmp_path / "out"
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(out=str(out)))
-    with subprocess.Popen(
-        [sys.executable, str(script)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    ) as process:
-        deadline = time.monotonic() + 300
-        while len(list(out.rglob("*.npy"))) < 2:
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
-        os.kill(process.pid, signal.SIGKILL)
-    wait_until_gone(process.pid, 30)
-    finished = {path: path.stat().st_mtime_ns for path in out.rglob("*.npy")}
-    assert len(finished) >= 2
-    reports = run(out, presses=300, letters="ABC")
-    assert {report.path for report in reports if report.kept} == set(finished)
-    assert {path: path.stat().st_mtime_ns for path in finished} == finished
-    run(tmp_path / "whole", presses=300, letters="ABC")
-    assert content(out) == content(tmp_path / "whole")
-    assert not list(out.rglob(".*"))
 
 
 def test_other_layout_lies_beside_its_presses(tmp_path):

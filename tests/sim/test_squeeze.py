@@ -64,7 +64,9 @@ def test_hand_closes_three_to_five_times(seed):
     middle = (smooth.max() + smooth.min()) / 2
     inner = smooth[(smooth > middle).argmax() :] > middle
     assert 2 <= 1 + (np.diff(inner.astype(int)) == 1).sum() <= 5
-    assert np.ptp(smooth) > 0.05
+    level = (smooth - 0.30) / (1.25 - 0.30)  # from open to closed
+    assert 0.5 < level.min() < 0.95
+    assert 0.9 < level.max() < 1.45
 
 
 def test_fingers_have_times_of_their_own():
@@ -82,13 +84,6 @@ def test_lazy_finger_hardly_closes():
     spread = GraspSpread(posture=0.0, lazy_finger=1.0)
     closing = [np.ptp(plan(seed, spread=spread).joint[:, 1:12:4], axis=0) for seed in range(6)]
     assert all(finger.min() < 0.75 * finger.max() for finger in closing)
-
-
-def test_step_must_fit():
-    with pytest.raises(ValueError, match=r"'step' must be positive and below .* \(got 0, 10.0\)"):
-        plan(step=0)
-    with pytest.raises(ValueError, match=r"'step' must be positive and below .* \(got 2, 1.0\)"):
-        plan(duration=1.0, step=2)
 
 
 def test_carton_is_pressed_again_and_again_and_not_lifted():

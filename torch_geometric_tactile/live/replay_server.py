@@ -101,12 +101,14 @@ class ReplayServer(WebServer):
         super().close()
 
     async def _show(self, client: Any) -> None:
+        now = time.perf_counter()
         if self._began is None:
-            self._began = time.perf_counter()
+            self._began = now
+        first = self._next_after(now)  # before the greeting, which may take longer than a frame
         finished = False
         try:
             await client.send(json.dumps({"message": "Welcome"}))
-            finished = await self._send_all(client, self._next_after(time.perf_counter()))
+            finished = await self._send_all(client, first)
         finally:
             self._finished = self._finished or finished
             if self._finished and self.clients == 1:  # the last one
