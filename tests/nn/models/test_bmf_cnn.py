@@ -139,6 +139,16 @@ def test_images_are_readings(fusion):
     assert model(images[:0]).shape == (0, 3)
 
 
+def test_readings_of_the_size_of_an_image_are_readings():
+    cells = torch.arange(20).view(-1, 1).repeat(1, 2)
+    cells[-1, 1] = 20  # twenty taxels with 21 channels, on 20 x 21 cells
+    layout = TaxelLayout("diagonal", torch.rand(20, 3), image_map=cells)
+    model, x = small(layout, in_channels=21).eval(), samples(3, 20, 21)
+    images = torch.zeros(3, 21, 20, 21)
+    images[..., cells[:, 0], cells[:, 1]] = x.transpose(1, 2)
+    assert torch.allclose(model(x), model(images), atol=1e-6)
+
+
 def test_training_is_the_same_in_all_forms():
     model = small().double()
     given = {"x": samples(4, 440, 2, dtype=torch.double), "edge_index": EDGES}

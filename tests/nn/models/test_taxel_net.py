@@ -236,6 +236,8 @@ def test_taxel_net_on_the_meta_device():
         ({"head": "sum"}, r"'head' must be one of \('flat', 'mean', .*\(got 'sum'\)"),
         ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ({"widths": (4, 0)}, r"'widths' must be at least one width .*\(got \(4, 0\)\)"),
+        ({"direct_channels": -1}, r"'direct_channels' must not be negative \(got -1\)"),
+        ({"num_joints": -1}, r"'num_joints' must not be negative \(got -1\)"),
     ],
 )
 def test_taxel_net_bad_argument(arguments, match):
