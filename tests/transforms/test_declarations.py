@@ -155,6 +155,33 @@ def test_only_what_is_declared_is_read(make, given):
             assert same(found[key], expected[key]), key
 
 
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_no_samples_stay_none(make, given):
+    data = given()
+    transform, none = ready(make, data), torch.empty(0, dtype=torch.long)
+    some, empty = transform(copy.copy(data)), transform(data.index_select(none))
+    for key in transform.writes:
+        if isinstance(getattr(some, key, None), torch.Tensor):
+            expected = some[key] if some.is_shared(key) else some[key][:0]
+            assert empty[key].shape == expected.shape, key
+
+
+OPTIONAL = {("KNNGraph", "edge_index"), ("TaxelPose", "x")}
+
+
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_what_is_missing_is_named(make, given):
+    transform = ready(make, given())
+    for key in {"x", "pos", "normal", "tangent", "joint", "edge_index"} & {*transform.reads}:
+        name = type(transform).__name__
+        if (name, key) in OPTIONAL or getattr(transform, "attr", key) != key:
+            continue
+        data = given()
+        del data[key]
+        with pytest.raises(ValueError, match=rf"^{name} needs '{key}' \(got none\)"):
+            transform(data)
+
+
 @NOT_RANDOM
 def test_what_is_not_random_gives_the_same_again(make, given):
     data = given()
