@@ -77,20 +77,9 @@ def test_absolute_morphology_type_of_the_readings():
     assert AbsoluteMorphology(cat=True)(data).x.is_floating_point()
 
 
-@pytest.mark.parametrize("cat", [False, True])
-def test_absolute_morphology_nothing_there(cat):
-    empty = random_poses().index_select(torch.empty(0, dtype=torch.long))
-    out = AbsoluteMorphology(cat=cat)(empty)
-    assert (out.x if cat else out.absolute).shape == (0, 5, 6 if cat else 4)
-
-
 def test_absolute_morphology_bad_input():
-    with pytest.raises(ValueError, match=r"needs 'pos' \(got none\)"):
-        AbsoluteMorphology()(Data(x=torch.zeros(3, 1)))
     with pytest.raises(ValueError, match=r"'pos' must have shape .* \(got \(3, 2\)\)"):
         AbsoluteMorphology()(Data(pos=torch.zeros(3, 2)))
-    with pytest.raises(ValueError, match=r"needs 'x' \(got none\)"):
-        AbsoluteMorphology(cat=True)(Data(pos=torch.zeros(3, 3)))
     for wrong in ((0.0, 0.0), (0.0, 0.0, float("nan"))):
         with pytest.raises(ValueError, match="'origin' must be three finite numbers"):
             AbsoluteMorphology(wrong)

@@ -81,9 +81,7 @@ def test_static_batched_and_one_by_one_are_one(dtype):
         assert_transform_static_equals_batched(crop, data, atol=0)
     assert data.x.isfinite().all()  # the caller's
     one = ContactCrop()(Data(x=data.x[1], num_frames=150, valid_frames=149))
-    assert one.x.equal(
-        ContactCrop()(data).x[1],
-    ) or one.x.nan_to_num().equal(ContactCrop()(data).x[1].nan_to_num())
+    torch.testing.assert_close(one.x, ContactCrop()(data).x[1], rtol=0, atol=0, equal_nan=True)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.5, 3.0])
@@ -176,12 +174,10 @@ def test_crop_and_resample_end_at_the_last_frame():
     assert out.contact_frame.shape == (6,)
 
 
-def test_whole_counts_and_no_samples():
+def test_whole_counts():
     data, _ = grasps(3)
     counts = StaticData(x=data.x.long(), num_frames=150)
     assert ContactCrop()(counts).x.nan_to_num().equal(ContactCrop()(data).x.nan_to_num())
-    none = data.index_select(torch.empty(0, dtype=torch.long))
-    assert ContactCrop()(none).x.shape == (0, 19, 450)
 
 
 @pytest.mark.parametrize(

@@ -86,30 +86,6 @@ def test_dead_taxels_random(index):
     assert not torch.equal(first.dropped[:, 0], first.dropped[:, 1])
 
 
-@pytest.mark.parametrize("index", [0, 1])
-def test_dead_taxels_random_alike_for_static_and_batch(index):
-    data = samples(5)
-    transform = drawn(0.5)[index]
-    torch.manual_seed(0)
-    static = transform(data)
-    torch.manual_seed(0)
-    batch = transform(Batch.from_data_list(data.to_data_list()))
-    assert torch.equal(static.dropped.view(-1), batch.dropped)
-    assert torch.equal(static.x.view(-1, 2), batch.x)
-
-
-@pytest.mark.parametrize("index", [0, 1])
-def test_dead_taxels_generator(index):
-    outs = []
-    for seed in (0, 0, 1):
-        transform = drawn(0.5, generator=torch.Generator().manual_seed(seed))[index]
-        state = torch.get_rng_state()
-        outs.append(transform(samples(20)).dropped)
-        assert torch.equal(torch.get_rng_state(), state)
-    assert torch.equal(outs[0], outs[1])
-    assert not torch.equal(outs[0], outs[2])
-
-
 def test_dead_taxels_never_and_always():
     for never, always in zip(drawn(0.0), drawn(1.0), strict=True):
         assert not never(samples()).dropped.any()
@@ -127,13 +103,6 @@ def test_drop_taxels_batch_of_sensors():
     assert out.dropped.tolist() == [False, True, False, True, False]
     with pytest.raises(ValueError, match=r"'taxels' must be below 2 \(got 2\)"):
         DropTaxels(taxels=[2])(batch)
-
-
-@pytest.mark.parametrize("transform", [*fixed(), *drawn(0.5)], ids=str)
-def test_dead_taxels_nothing_there(transform):
-    out = transform(samples(0))
-    assert out.x.shape == (0, 4, 2)
-    assert out.dropped.shape == (0, 4)
 
 
 def test_dead_taxels_single_taxel_and_types():
@@ -171,8 +140,6 @@ def test_dead_taxels_bad_input():
     for transform in (DropPatches(LAYOUT), DropPatches(LAYOUT, patches=[0])):
         with pytest.raises(ValueError, match=r"4 taxels, as layout 'trio' \(got 5\)"):
             transform(samples(num_taxels=5))
-        with pytest.raises(ValueError, match=r"DropPatches needs 'x' \(got none\)"):
-            transform(Data(pos=LAYOUT.pos))
     with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \(4,\)\)"):
         DropTaxels()(Data(x=torch.zeros(4)))
 

@@ -7,7 +7,13 @@ import torch
 from predictor.test_round_trip import GRID, HAND, LAYOUT, OURS, WINDOWED, samples, windows
 
 from torch_geometric_tactile import transforms
-from torch_geometric_tactile.data import StaticData, StaticDataset, apply_transform
+from torch_geometric_tactile.data import (
+    StaticData,
+    StaticDataset,
+    apply_transform,
+    join_frames,
+    split_frames,
+)
 from torch_geometric_tactile.nn import TaxelNet
 from torch_geometric_tactile.predictor import Predictor
 from torch_geometric_tactile.sensors import grid
@@ -16,6 +22,9 @@ from torch_geometric_tactile.transforms import FittedTransform, TactileTransform
 ALL = [(make, samples) for makes in OURS.values() for make in makes]
 ALL += [(make, windows) for makes in WINDOWED.values() for make in makes]
 IDS = [f"{make()!r}".replace("\n", "") for make, _ in ALL]
+NOT_RANDOM = pytest.mark.parametrize(
+    ("make", "given"), [(make, given) for make, given in ALL if not make().is_random]
+)
 DRAWN = [
     transforms.DropTaxels(p=0.5),
     transforms.DropPatches(grid(2, 3, pitch=0.01), p=0.5),
@@ -147,13 +156,93 @@ def test_only_what_is_declared_is_read(make, given):
 
 
 @pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_no_samples_stay_none(make, given):
+    data = given()
+    transform, none = ready(make, data), torch.empty(0, dtype=torch.long)
+    some, empty = transform(copy.copy(data)), transform(data.index_select(none))
+    for key in transform.writes:
+        if isinstance(getattr(some, key, None), torch.Tensor):
+            expected = some[key] if some.is_shared(key) else some[key][:0]
+            assert empty[key].shape == expected.shape, key
+
+
+OPTIONAL = {("KNNGraph", "edge_index"), ("TaxelPose", "x")}
+
+
+@pytest.mark.parametrize(("make", "given"), ALL, ids=IDS)
+def test_what_is_missing_is_named(make, given):
+    transform = ready(make, given())
+    for key in {"x", "pos", "normal", "tangent", "joint", "edge_index"} & {*transform.reads}:
+        name = type(transform).__name__
+        if (name, key) in OPTIONAL or getattr(transform, "attr", key) != key:
+            continue
+        data = given()
+        del data[key]
+        with pytest.raises(ValueError, match=rf"^{name} needs '{key}' \(got none\)"):
+            transform(data)
+
+
+@NOT_RANDOM
 def test_what_is_not_random_gives_the_same_again(make, given):
     data = given()
     transform = ready(make, data)
-    if transform.is_random:
-        return
     first, again = (transform(copy.copy(data)).to_dict() for _ in range(2))
     assert all(same(first[key], again[key]) for key in first)
+
+
+@NOT_RANDOM
+def test_only_what_is_per_frame_does_the_same_to_each_frame(make, given):
+    data = windows()
+    transform = ready(make, data)
+    if isinstance(transform, transforms.TaxelForce):
+        data.x = data.x[..., :3]  # it takes no windows
+        data.num_frames = 1
+    frames, whole = split_frames(data.x, data.num_frames), transform(copy.copy(data))
+    outs = []
+    for t in range(data.num_frames):
+        data.x, data.num_frames = frames[:, :, t], 1
+        try:
+            outs.append(transform(copy.copy(data)))
+        except ValueError:  # has a number for each frame, or needs more than one
+            assert not transform.per_frame
+            return
+    x = join_frames(torch.stack([out.x for out in outs], dim=2))
+    is_same = x.shape == whole.x.shape and torch.allclose(x, whole.x, 0, 1e-5, equal_nan=True)
+    assert is_same == transform.per_frame
+    for key in {*transform.writes} - {"x"}:
+        assert not is_same or all(same(out.get(key), whole.get(key)) for out in outs), key
+
+
+def test_of_what_is_random_only_noise_and_dead_taxels_are_per_frame():
+    drawn = [make() for make, _ in ALL]
+    found = {type(one).__name__ for one in drawn if one.is_random and one.per_frame}
+    assert found == {"RandomNoise", "DropTaxels", "DropPatches"}
+
+
+@pytest.mark.parametrize("shared", [True, False], ids=["one for all", "one each"])
+@NOT_RANDOM
+def test_step_of_an_exported_graph_does_what_the_transform_does(make, given, shared):
+    data = given()
+    transform = ready(make, data)
+    if getattr(transform, "key", None) is not None:
+        return  # a graph is given the rest of the session
+    data.x[0, 1] = torch.nan
+    data.x[1, 2, 3::4] = torch.nan
+    if not shared:
+        data.edge_attr = data.edge_attr.expand(8, -1, -1)
+        data.dropped = torch.arange(48).view(8, 6) % 5 == 0
+    known = data.index_select(slice(0, 1))
+    if isinstance(transform, transforms.ContactCrop):
+        with pytest.raises(NotImplementedError, match="the length of its windows depends on"):
+            transform.graph_step(known, set())
+        return
+    for _ in range(2):  # the second time from what was kept of the first
+        expected = transform(copy.copy(data)).to_dict()
+        found = transform.graph_step(known, set())(copy.copy(data)).to_dict()
+        assert found.keys() == expected.keys()
+        for key, value in expected.items():
+            value, other = torch.as_tensor(value), torch.as_tensor(found[key])
+            assert torch.allclose(other.expand_as(value), value, 1e-5, 1e-5, equal_nan=True), key
 
 
 @pytest.mark.parametrize("transform", DRAWN, ids=repr)

@@ -49,12 +49,6 @@ def test_fill_missing_behind_others():
     assert out.missing.sum(0).tolist() == [0, 1, 3, 1]  # the second one found nothing more
 
 
-def test_fill_missing_nothing_there():
-    out = FillMissing()(samples(0))
-    assert out.x.shape == (0, 4, 2)
-    assert out.missing.shape == (0, 4)
-
-
 def test_fill_missing_single_taxel_and_types():
     out = FillMissing()(Data(x=torch.tensor([[NAN]], dtype=torch.double)))
     assert out.x.dtype == torch.double
@@ -65,7 +59,5 @@ def test_fill_missing_single_taxel_and_types():
 def test_fill_missing_bad_input():
     with pytest.raises(ValueError, match=r"'value' must be finite \(got nan\)"):
         FillMissing(NAN)
-    with pytest.raises(ValueError, match=r"FillMissing needs 'x' \(got none\)"):
-        FillMissing()(Data(pos=torch.zeros(3, 3)))
     with pytest.raises(ValueError, match=r"'x' must have shape .* \(got \(3,\)\)"):
         FillMissing()(Data(x=torch.zeros(3)))

@@ -119,11 +119,6 @@ def test_knn_graph_batch_of_sensors():
     assert torch.equal(batch.edge_index, torch.cat(parts, dim=1))
 
 
-def test_knn_graph_empty_batch():
-    data = KNNGraph(2)(StaticData(x=torch.zeros(0, 24, 3), pos=biotac_sp().pos))
-    assert torch.equal(data.edge_index, edges(biotac_sp().pos))
-
-
 def test_knn_graph_caller_unedited():
     data = Data(
         pos=grid(1, 3, 0.002).pos, edge_index=torch.tensor([[0], [2]]), edge_attr=torch.ones(1, 4)
@@ -145,8 +140,6 @@ def test_knn_graph_bad_input():
             edges(torch.randn(3, 3), k)
     with pytest.raises(ValueError, match=r"below the number of taxels, 1 \(got 1\)"):
         edges(torch.zeros(1, 3), 1)
-    with pytest.raises(ValueError, match=r"needs 'pos' \(got none\)"):
-        KNNGraph(2)(Data(x=torch.zeros(3, 1)))
     with pytest.raises(ValueError, match=r"'pos' must have shape .* \(got \(5, 2\)\)"):
         edges(torch.zeros(5, 2))
     with pytest.raises(ValueError, match=r"one for all samples \(got \(4, 5, 3\)\)"):

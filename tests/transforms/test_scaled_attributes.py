@@ -133,13 +133,6 @@ def test_state_of_old_checkpoints_is_taken_over():
     assert transform(Data(x=torch.full((4, 2), 10.0))).x.unique().tolist() == [2]
 
 
-def test_state_of_an_attribute_is_taken_over():
-    transform = ZScore("joint").fit(hand())
-    other = ZScore("joint")
-    other.load_state_dict(transform.state_dict())
-    assert other(hand()).joint.equal(transform(hand()).joint)
-
-
 @pytest.mark.parametrize(
     ("attr", "size"),
     [

@@ -8,8 +8,6 @@ from torch_geometric_tactile.data import StaticData, join_frames, split_frames
 from torch_geometric_tactile.sensors import grid
 from torch_geometric_tactile.testing import assert_transform_static_equals_batched
 from torch_geometric_tactile.transforms import (
-    CommonMode,
-    DropTaxels,
     FillMissing,
     Normalize,
     RandomGain,
@@ -152,12 +150,6 @@ def test_channels_are_selected_with_all_their_frames():
         SelectChannels([3])(data)
 
 
-def test_common_mode_is_of_each_frame_and_channel():
-    out = split_frames(CommonMode()(windows()).x, T)
-    expected = frames() - frames().mean(dim=1, keepdim=True)
-    assert out.allclose(expected, atol=1e-12)
-
-
 def test_gains_and_offsets_stay_over_time():
     for transform, drawn in (
         (RandomGain(0.5), lambda out: out / frames()),
@@ -176,12 +168,6 @@ def test_gains_and_offsets_stay_over_time():
 def test_noise_is_of_each_frame():
     noise = seeded(RandomNoise(1.0), windows()) - frames()
     assert noise.diff(dim=2).abs().min() > 0
-
-
-def test_dead_taxels_are_dead_in_all_frames():
-    out = DropTaxels(taxels=[1, 4])(windows())
-    assert out.dropped.tolist() == [[False, True, False, False, True, False]] * 8
-    assert split_frames(out.x, T)[:, [1, 4]].eq(0).all()
 
 
 def test_mirror_turns_a_channel_round_in_all_frames():

@@ -41,8 +41,6 @@ class AbsoluteMorphology(TactileTransform):
         tensor([[0.0500, 0.0000, 0.0300, 0.0400]])
     """
 
-    per_frame = True
-
     @property
     def reads(self) -> tuple[str, ...]:
         r"""Positions, and the readings that they join."""
@@ -52,6 +50,11 @@ class AbsoluteMorphology(TactileTransform):
     def writes(self) -> tuple[str, ...]:
         r"""What it sets."""
         return ("x",) if self.cat else ("absolute",)
+
+    @property
+    def per_frame(self) -> bool:
+        r"""Whether readings stay as they are: appended columns are there once in a window."""
+        return not self.cat
 
     def __init__(self, origin: Sequence[float] = (0.0, 0.0, 0.0), cat: bool = False) -> None:
         self.origin = tuple(float(number) for number in origin)

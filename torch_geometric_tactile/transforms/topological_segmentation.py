@@ -147,7 +147,7 @@ class TopologicalSegmentation(TactileTransform):
         # Both ends of an edge of a batch are in one graph.
         edges = (mask[source] & mask[target]).nonzero().view(-1)
         num_graphs = data.num_graphs if isinstance(data, Batch) else 1
-        num_taxels = len(taxels) // num_graphs if num_graphs else 0
+        num_taxels = len(taxels) // max(1, num_graphs)
         counts = torch.full((num_graphs,), num_taxels)
         for key, dim in _row_dims(part, "node", len(mask)).items():
             part[key] = part[key].index_select(dim, taxels)

@@ -10,37 +10,18 @@ import copy
 
 import pytest
 import torch
+from gcn_pairs import LEADS, STAR, VALUE, close, pair
+from small_models import samples
 from torch_geometric import EdgeIndex
 from torch_geometric.nn import GCNConv, aggr
 from torch_geometric.utils import to_torch_csc_tensor
 
 from torch_geometric_tactile.nn.conv import StaticGCNConv
 
-STAR = torch.tensor([[0, 0, 0, 1, 2, 3], [1, 2, 3, 0, 0, 0]])
-VALUE = torch.tensor([0.3, 0.9, 0.1, 0.7, 0.2, 0.6])
-LEADS = [(), (3,), (2, 3)]
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Sparse"),
     pytest.mark.filterwarnings("ignore:Converting sparse tensor to CSR"),
 ]
-
-
-def samples(*size):
-    return torch.randn(size, generator=torch.Generator().manual_seed(0))
-
-
-def pair(*args, **kwargs):
-    torch.manual_seed(0)
-    theirs = GCNConv(*args, **kwargs)
-    ours = StaticGCNConv(*args, **kwargs)
-    if theirs.bias is not None:
-        torch.nn.init.normal_(theirs.bias)
-    ours.load_state_dict(theirs.state_dict())
-    return ours, theirs
-
-
-def close(a, b):
-    return torch.allclose(a, b, atol=1e-6)
 
 
 def test_my_conv_basic():

@@ -158,14 +158,12 @@ def test_segmented_thread_gradients(weight):
 
     fast = of(thread(dtype=torch.double))
     assert_close(of(thread(fast=False, dtype=torch.double)), fast)
-    batch = [
-        gradients(
-            thread(dtype=torch.double),
-            given,
-            lambda g: [{**g, "x": x, "edge_weight": weight} for x in g["x"].unsqueeze(1)],
-        )
-    ]
-    assert_close(batch[0], fast)
+    rows = gradients(
+        thread(dtype=torch.double),
+        given,
+        lambda g: [{**g, "x": x, "edge_weight": weight} for x in g["x"].unsqueeze(1)],
+    )
+    assert_close(rows, fast)
 
 
 def test_segmented_thread_weights_that_learn():
@@ -250,21 +248,12 @@ def test_segmented_bad_features(size):
 
 
 @pytest.mark.parametrize("size", [(11, 3), (2, 11, 3), (9, 11, 3)])
-@pytest.mark.parametrize(
-    ("edge_index", "match"),
-    [
-        (torch.zeros(7, 2, dtype=torch.long), r"have shape \(2, num_edges\) \(got \(7, 2\)\)"),
-        (torch.zeros(2, 3), r"hold integers \(got torch.float32\)"),
-        (torch.tensor([[11], [0]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
-        (torch.tensor([[0], [11]]), r"hold node numbers from 0 to 10, .* \(got 0 to 11\)"),
-        (torch.tensor([[-1], [0]]), r"hold node numbers from 0 to 10, .* \(got -1 to 0\)"),
-        (torch.tensor([[0], [-1]]), r"hold node numbers from 0 to 10, .* \(got -1 to 0\)"),
-    ],
-)
-def test_segmented_bad_edges(size, edge_index, match):
+def test_segmented_bad_edges(size):
     for layer in (conv(), thread(), thread(fast=False)):
-        with pytest.raises(ValueError, match=f"'edge_index' must {match}"):
-            layer(torch.zeros(size), edge_index)
+        with pytest.raises(ValueError, match=r"'edge_index' must hold node numbers .* 0 to 11\)"):
+            layer(torch.zeros(size), torch.tensor([[11], [0]]))
+        with pytest.raises(ValueError, match=r"'edge_index' must have shape \(2, num_edges\)"):
+            layer(torch.zeros(size), torch.zeros(7, 2, dtype=torch.long))
 
 
 def test_segmented_bad_weights():

@@ -115,19 +115,6 @@ def test_gcn_thread_makes_its_adjacency_once():
     assert layer._kept.current is not kept
 
 
-def test_gcn_thread_second_derivative():
-    def twice(layer):
-        x = samples(9, 11, 3, dtype=torch.double).requires_grad_()
-        out = layer(x, EDGE_INDEX).square().sum()
-        (grad,) = torch.autograd.grad(out, x, create_graph=True)
-        grad.square().sum().backward()
-        return x.grad
-
-    assert twice(thread(fast=False, dtype=torch.double)).abs().max() > 0
-    with pytest.raises(RuntimeError, match="once_differentiable"):
-        twice(thread(dtype=torch.double))
-
-
 def test_gcn_thread_copies_and_reset():
     layer, x = thread(), samples(9, 11, 3)
     expected = layer(x, EDGE_INDEX)

@@ -126,44 +126,6 @@ def test_gradients_reach_all_weights_and_it_overfits():
     assert model(x).argmax(1).equal(y)
 
 
-def test_compiles_in_one_graph_with_gradients():
-    torch.compiler.reset()
-    model, x = small(), join_frames(frames(num_frames=3))
-    compiled = torch.compile(model, fullgraph=True, backend="aot_eager")
-    weights = list(model.parameters())
-    expected = torch.autograd.grad(model(x).square().sum(), weights)
-    out = compiled(x)
-    assert out.allclose(model(x), atol=1e-6)
-    for found, other in zip(
-        torch.autograd.grad(out.square().sum(), weights), expected, strict=True
-    ):
-        assert found.allclose(other, atol=1e-5)
-
-
-def test_onnx(tmp_path):
-    for name in ("onnx", "onnxscript"):
-        pytest.importorskip(name)
-    runtime = pytest.importorskip("onnxruntime")
-    model, path = small(), tmp_path / "lstm.onnx"
-    torch.onnx.export(
-        model,
-        (),
-        path,
-        kwargs={"x": join_frames(frames(3, 4))},
-        dynamo=True,
-        opset_version=18,
-        dynamic_shapes={"x": {0: "batch"}},
-        verbose=False,
-    )
-    session = runtime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    for size in (1, 3, 10):
-        x = join_frames(frames(size, 4))
-        with torch.no_grad():
-            expected = model(x).numpy()
-        (out,) = session.run(None, {"x": x.numpy()})
-        assert np.abs(out - expected).max() < 1e-5
-
-
 @pytest.mark.parametrize("finger", [-1, 3])
 def test_bad_finger(finger):
     with pytest.raises(ValueError, match=rf"'finger' must be between 0 and 2 \(got {finger}\)"):

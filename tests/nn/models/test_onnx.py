@@ -6,6 +6,7 @@ from torch_geometric_tactile.nn.models import (
     BMFCNN,
     MSCNN,
     MTGCN,
+    GraspLSTM,
     PosedTaxelNet,
     TactileGCN,
     TaxelNet,
@@ -130,6 +131,12 @@ def test_onnx_temporal_taxel_net(tmp_path):
     # The three numbers of a taxel are frames.
     model = TemporalTaxelNet(LAYOUT, 3, filter_size=2, dilation=1, max_taxels=6, widths=(4,))
     assert_onnx_equals(model, tmp_path / "model.onnx", LAYOUT.edge_index("original"), 12)
+
+
+def test_onnx_grasp_lstm(tmp_path):
+    model = GraspLSTM(4, 2, hidden_channels=5)
+    edge_index = LAYOUT.edge_index("original")
+    assert_onnx_equals(model, tmp_path / "model.onnx", edge_index, 4, x=(4, 12))
 
 
 @pytest.mark.parametrize("x", [(1024, 1), (1, 32, 32)], ids=["readings", "images"])

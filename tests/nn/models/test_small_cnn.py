@@ -49,6 +49,12 @@ def test_maps_of_any_size_are_halved(rows, cols):
     assert small(grid(rows, cols, 0.01))(torch.zeros(2, rows * cols, 2)).shape == (2, 3)
 
 
+def test_eight_widths_are_the_most():
+    assert SmallCNN(GRID, 2, widths=[1] * 8)(torch.zeros(2, 20, 3)).shape == (2, 2)
+    with pytest.raises(ValueError, match="'widths' must be 1 to 8 positive numbers"):
+        SmallCNN(GRID, 2, widths=[1] * 9)
+
+
 @pytest.mark.parametrize(
     ("make", "match"),
     [

@@ -236,6 +236,8 @@ def test_taxel_net_on_the_meta_device():
         ({"head": "sum"}, r"'head' must be one of \('flat', 'mean', .*\(got 'sum'\)"),
         ({"widths": ()}, r"'widths' must be at least one width of at least 1 \(got \(\)\)"),
         ({"widths": (4, 0)}, r"'widths' must be at least one width .*\(got \(4, 0\)\)"),
+        ({"direct_channels": -1}, r"'direct_channels' must not be negative \(got -1\)"),
+        ({"num_joints": -1}, r"'num_joints' must not be negative \(got -1\)"),
     ],
 )
 def test_taxel_net_bad_argument(arguments, match):
@@ -243,16 +245,19 @@ def test_taxel_net_bad_argument(arguments, match):
         small(**arguments)
 
 
-@pytest.mark.parametrize("size", [(20, 2), (5, 20, 2), (3,), (1, 5, 20, 3)])
-def test_taxel_net_bad_features(size):
-    with pytest.raises(ValueError, match=r"'x' must have 3 features \(got shape"):
-        small()(torch.zeros(size))
-
-
-@pytest.mark.parametrize("size", [(21, 3), (5, 19, 3)])
-def test_taxel_net_bad_taxels(size):
-    with pytest.raises(ValueError, match=r"'x' must have 20 taxels in each sample \(got shape"):
-        small()(torch.zeros(size))
+@pytest.mark.parametrize(
+    ("size", "match"),
+    [
+        *((size, r"'x' must have 3 features \(got shape") for size in ((20, 2), (5, 20, 2), (3,))),
+        ((1, 5, 20, 3), r"'x' must have 3 features \(got shape"),
+        ((21, 3), r"'x' must have 20 taxels in each sample \(got shape"),
+        ((5, 19, 3), r"'x' must have 20 taxels in each sample \(got shape"),
+        ((2, 20, 3), r"'joint' must be given"),
+    ],
+)
+def test_taxel_net_bad_input(size, match):
+    with pytest.raises(ValueError, match=match):
+        small("direct")(torch.zeros(size))
 
 
 @pytest.mark.parametrize("name", ["pooled", "direct"])
@@ -282,8 +287,3 @@ def test_taxel_net_does_not_see_dropped_taxels(name):
     found = data["x"].grad.abs().sum(dim=-1)
     assert float(found[~seen].abs().max()) == 0
     assert float((found[seen] > 0).double().mean()) > 0.9
-
-
-def test_taxel_net_bad_joints():
-    with pytest.raises(ValueError, match=r"'joint' must be given"):
-        small("direct")(torch.zeros(2, 20, 3))

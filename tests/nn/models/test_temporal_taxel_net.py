@@ -176,17 +176,17 @@ def test_temporal_taxel_net_bad_argument(arguments, match):
         small(**arguments)
 
 
-@pytest.mark.parametrize("size", [(20, 3), (5, 20, 0), ()])
-def test_temporal_taxel_net_bad_frames(size):
-    match = r"'x' must have the frames of 2 channels side by side, at least one of each \(got"
-    with pytest.raises(ValueError, match=match):
-        small()(torch.zeros(size))
-
-
-@pytest.mark.parametrize("size", [(21, 4), (5, 19, 4)])
-def test_temporal_taxel_net_bad_taxels(size):
-    with pytest.raises(ValueError, match=r"'x' must have 20 taxels in each sample \(got shape"):
-        small()(torch.zeros(size))
+@pytest.mark.parametrize(
+    ("sizes", "match"),
+    [
+        (((20, 3), (5, 20, 0), ()), r"the frames of 2 channels side by side, at least one of each"),
+        (((21, 4), (5, 19, 4)), r"20 taxels in each sample"),
+    ],
+)
+def test_temporal_taxel_net_bad_sizes(sizes, match):
+    for size in sizes:
+        with pytest.raises(ValueError, match=rf"'x' must have {match} \(got"):
+            small()(torch.zeros(size))
 
 
 def test_temporal_taxel_net_bad_joints():
